@@ -1,0 +1,80 @@
+"""Public recordings with a reference, by name: `load("neura_sparse")`, `load("walking5m")`.
+
+Nothing is bundled and nothing is downloaded unasked: `fetch(name)` downloads, or `JGAIT_DATA_DIR` names a folder that
+holds the sets. A set may hold more recordings than this version of jgait knows; they are used, and marked as unverified.
+"""
+
+from collections.abc import Collection
+
+from jgait.datasets import neura_sparse, walking5m
+from jgait.datasets.registry import (
+    ChecksumError,
+    DatasetInfo,
+    DatasetUnavailable,
+    available,
+    fetch,
+    file,
+    info,
+    list_datasets,
+    missing,
+    path,
+    unavailable_reason,
+)
+from jgait.datasets.walks import Failure, Walk, Walks, load_each
+
+__all__ = [
+    "ChecksumError",
+    "DatasetInfo",
+    "DatasetUnavailable",
+    "Failure",
+    "Walk",
+    "Walks",
+    "available",
+    "fetch",
+    "file",
+    "info",
+    "list_datasets",
+    "load",
+    "missing",
+    "names",
+    "path",
+    "unavailable_reason",
+]
+
+_LOADERS = {"neura_sparse": neura_sparse, "walking5m": walking5m}
+
+
+def names(name: str) -> tuple[str, ...]:
+    """Names of the recordings of a data set that are there, those not known to this version of jgait included.
+
+    Raises:
+        DatasetUnavailable: if none is there; the message says how to get the set.
+    """
+    info(name)
+    found = tuple(_LOADERS[name].names())
+    if not found:
+        raise DatasetUnavailable(unavailable_reason(name))
+    return found
+
+
+def load(name: str, only: Collection[str] | None = None) -> Walks:
+    """Every recording of a data set that is there, with its reference.
+
+    Args:
+        name: data set, see `list_datasets`.
+        only: names of recordings (see `names`); None: all.
+
+    Returns:
+        The walks, a list; its attribute `failures` names each recording that could not be read and why.
+
+    Raises:
+        KeyError: if the data set, or a recording asked for, is not known.
+        DatasetUnavailable: if nothing of the set is there; the message says how to get it.
+    """
+    found = names(name)
+    if only is not None:
+        lacking = [one for one in only if one not in found]
+        if lacking:
+            raise KeyError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(found)}")
+        found = tuple(one for one in found if one in only)
+    return load_each(found, _LOADERS[name].load_one)

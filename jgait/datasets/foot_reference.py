@@ -1,0 +1,179 @@
+"""How far a foot travelled, from the sensor on it: strapdown between stances.
+
+Between two instants at which the foot stands, the gyroscope turns the sensor's axes with the exact rotation of each
+step, starting level (the accelerometer says which way is up at the first instant). At the second instant the foot
+stands again: the tilt that the accelerometer shows there, and the velocity that is left there, are drift, and are
+removed linearly in time. What remains is integrated to the displacement; its horizontal length is the stride.
+
+No magnetometer, no heading: strides are lengths, and their sum is the path of the foot. It makes a reference for
+estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.signal import true_runs
+from jgait.types import Imu
+
+STANCE_RATE = 1.0  # [rad/s] peak rate of a standing foot over 50 ms
+STANCE_ACC = 1.2  # [m/s²] standard deviation of a standing foot's specific force over 50 ms
+STANCE_TIME = 0.08  # [s] shortest stance
+STRIDE_TIME = (0.25, 3.0)  # [s] shortest and longest time between the quiet instants of two stances
+STRIDE_LENGTH = 0.05  # [m] a shorter displacement is a foot that was shifted, not a stride
+
+
+class FootPath(NamedTuple):
+    """Strides of one foot.
+
+    Attributes:
+        start: (n,) sample of the quiet instant before each stride.
+        end: (n,) sample of the quiet instant after it.
+        length: (n,) [m] horizontal displacement.
+        rise: (n,) [m] vertical displacement; near 0 on level ground, so its size tells how far to trust `length`.
+        distance: (T,) [m] path since the first sample, constant while the foot stands.
+        tilt: (n,) [rad] attitude drift removed from each stride.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    length: np.ndarray
+    rise: np.ndarray
+    distance: np.ndarray
+    tilt: np.ndarray
+
+
+def exponential(rotvec: np.ndarray) -> np.ndarray:
+    """Rotation matrices of rotation vectors, (n, 3) [rad] → (n, 3, 3): I + sin(θ)/θ K + (1-cos θ)/θ² K²."""
+    angle = np.linalg.norm(rotvec, axis=1)[:, None, None]
+    x, y, z = rotvec.T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    first = np.sinc(angle / np.pi)
+    second = np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.eye(3) + first * cross + second * (cross @ cross)
+
+
+def level(acc: np.ndarray) -> np.ndarray:
+    """The smallest rotation, sensor to level frame (z up), that turns a specific force at rest upwards, (3,) → (3, 3)."""
+    up = acc / np.linalg.norm(acc)
+    axis = np.array([up[1], -up[0], 0.0])
+    sine = np.linalg.norm(axis)
+    if sine < 1e-12:
+        return np.diag([1.0, 1.0, 1.0]) if up[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return exponential((axis / sine * np.arctan2(sine, up[2]))[None])[0]
+
+
+def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray, acc_end: np.ndarray
+              ) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Displacement between two instants of rest, in the level frame of the first.
+
+    Args:
+        gyr: (n, 3) [rad/s] from the first instant to the second, both included.
+        acc: (n, 3) [m/s²].
+        dt: sample time [s].
+        acc_start: (3,) [m/s²] at rest at the first instant.
+        acc_end: (3,) [m/s²] at rest at the second instant.
+
+    Returns:
+        (n, 3) [m] position, z up, with zero velocity at both ends; and the attitude drift that was removed [rad].
+    """
+    turns = exponential((gyr[1:] + gyr[:-1]) * (dt / 2))
+    attitude = np.empty((len(gyr), 3, 3))
+    attitude[0] = level(acc_start)
+    for k, turn in enumerate(turns):
+        attitude[k + 1] = attitude[k] @ turn
+    # At the second rest the specific force must point up: what it takes to turn it there has built up linearly.
+    correction = level(attitude[-1] @ acc_end)
+    angle = np.arccos(np.clip((np.trace(correction) - 1) / 2, -1.0, 1.0))
+    axis = np.array([correction[2, 1] - correction[1, 2], correction[0, 2] - correction[2, 0], 0.0])
+    axis = axis / max(np.linalg.norm(axis), 1e-12)
+    share = np.linspace(0.0, 1.0, len(gyr))
+    force = np.einsum("kij,kjl,kl->ki", exponential(share[:, None] * angle * axis), attitude, acc)
+    gravity = np.linalg.norm(acc_start) * (1 - share) + np.linalg.norm(acc_end) * share
+    acceleration = force - gravity[:, None] * np.array([0.0, 0.0, 1.0])
+    velocity = _integral(acceleration, dt)
+    velocity = velocity - share[:, None] * velocity[-1]
+    return _integral(velocity, dt), float(angle)
+
+
+def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
+    """Stretches in which the foot stands, (start, end) [samples], half-open.
+
+    It stands where the largest rate of 50 ms is below `STANCE_RATE` and the specific force's standard deviation over
+    50 ms is below `STANCE_ACC`, for at least `STANCE_TIME`, all samples there.
+    """
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    size = max(3, round(0.05 * rate_hz))
+    rate = maximum_filter1d(np.linalg.norm(imu.gyr, axis=1), size)
+    force = np.linalg.norm(imu.acc, axis=1)
+    mean = uniform_filter1d(force, size)
+    spread = np.sqrt(np.maximum(uniform_filter1d(force**2, size) - mean**2, 0.0))
+    still = (rate < STANCE_RATE) & (spread < STANCE_ACC) & imu.mask
+    return [run for run in true_runs(still) if run[1] - run[0] >= STANCE_TIME * rate_hz]
+
+
+def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -> FootPath:
+    """Strides of a foot from standing to standing.
+
+    Args:
+        imu: sensor on the foot; gyroscope [rad/s], accelerometer [m/s²].
+        rate_hz: sampling rate [Hz].
+        gyr_bias: (3,) [rad/s] taken off the gyroscope; None: the median while the foot stands longest.
+
+    Returns:
+        The strides.
+
+    Raises:
+        ValueError: if the foot has no accelerometer, never stands, or never strides; the message says which.
+    """
+    if imu.acc is None:
+        raise ValueError("the foot has no accelerometer")
+    standing = stances(imu, rate_hz)
+    if len(standing) < 2:
+        raise ValueError(f"the foot stands {len(standing)} times; a stride needs two stances")
+    if gyr_bias is None:
+        start, end = max(standing, key=lambda run: run[1] - run[0])
+        gyr_bias = np.median(imu.gyr[start:end], axis=0)
+    gyr = imu.gyr - gyr_bias
+    rows = []
+    distance = np.zeros(len(gyr))
+    for before, after in zip(standing[:-1], standing[1:], strict=True):
+        first = _quietest(gyr, max(before[0], before[1] - int(0.4 * rate_hz)), before[1])
+        last = _quietest(gyr, after[0], min(after[1], after[0] + int(0.4 * rate_hz)))
+        time = (last - first) / rate_hz
+        if not STRIDE_TIME[0] <= time <= STRIDE_TIME[1] or not imu.mask[first : last + 1].all():
+            continue
+        position, tilt = strapdown(
+            gyr[first : last + 1], imu.acc[first : last + 1], 1 / rate_hz, _rest(imu.acc, first), _rest(imu.acc, last)
+        )
+        length = float(np.hypot(*position[-1, :2]))
+        if length < STRIDE_LENGTH:
+            continue
+        forward = position[:, :2] @ (position[-1, :2] / length)
+        distance[first + 1 : last + 1] += forward[1:]
+        distance[last + 1 :] += length
+        rows.append((first, last, length, position[-1, 2], tilt))
+    if not rows:
+        raise ValueError(f"the foot stands {len(standing)} times and never strides between")
+    start, end, lengths, rise, tilts = (np.array(column) for column in zip(*rows, strict=True))
+    return FootPath(start, end, lengths, rise, distance, tilts)
+
+
+def _integral(rate: np.ndarray, dt: float) -> np.ndarray:
+    """Trapezoid rule along the first axis, from zero."""
+    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum((rate[1:] + rate[:-1]) * (dt / 2), axis=0)])
+
+
+def _quietest(gyr: np.ndarray, start: int, end: int) -> int:
+    """The sample around which the rate, averaged over five samples, is least."""
+    rate = np.linalg.norm(gyr, axis=1)
+    padded = np.pad(rate, 2, mode="edge")
+    smooth = np.convolve(padded, np.full(5, 0.2), mode="valid")
+    return start + int(np.argmin(smooth[start:end]))
+
+
+def _rest(acc: np.ndarray, sample: int) -> np.ndarray:
+    """Specific force at rest, averaged over five samples."""
+    return acc[max(0, sample - 2) : sample + 3].mean(axis=0)

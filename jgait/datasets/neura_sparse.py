@@ -1,0 +1,317 @@
+"""`neura_sparse`: IMUs on pelvis and both legs, with Vicon joint centres (Sy et al. 2020, gait-tech/gaittoolbox).
+
+Sensors: Xsens, 100 Hz, m/s² and rad/s, on pelvis, thighs, shanks (upstream `LowLeg2`, mid shank), ankles (upstream
+`LowLeg`, lower shank, turned about 90° round it) and feet. Reference: Vicon joint centres and markers, 100 Hz, mm, z up.
+
+The IMU lags Vicon by two samples, so the first two IMU samples and the last two Vicon frames are dropped; all indices
+in `info` count samples of the aligned recording from 0, half-open.
+
+Keys of `Walk.info`:
+    windows: name → (start, end): `whole` (the walk), `standing`, `end_standing`, `straight_1`, `straight_2` …
+    lengths: {"right": (thigh, shank), "left": …} [m] from the joint centres while standing.
+    joint_centres: {"right": {"hip" | "knee" | "ankle" | "heel" | "toe": (T, 3) [m]}, "left": …}, z up.
+    heading: (T,) [rad] of the pelvis, low-passed, counter-clockwise from the laboratory's x axis.
+    contact: {"right": (T,) bool, "left": …}, foot on the ground, upstream's own flags; {} where there are none.
+    ankle_strides: {"right": (n, 3) (stance sample, next stance sample, horizontal ankle displacement [m]), "left": …}.
+    forward_distance: (T,) [m] the pelvis' steps along the heading, summed; the reference's `distance` is instead the
+        length of its horizontal path, low-passed at 0.5 Hz so that sway adds nothing. On the straight parts the two
+        lie within 1 % of the net displacement; in the U-turn the pelvis also moves sideways, which only the path counts.
+    verified: whether every file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.walks import Walk
+from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError
+
+RATE_HZ = 100.0
+LAG = 2  # samples by which the IMU follows Vicon
+ROOT = "data/sample"
+LIST = f"{ROOT}/data-list.csv"
+HEADING_CUTOFF_HZ = 1.0
+PATH_CUTOFF_HZ = 0.5  # below the stride frequency, at which the pelvis sways from side to side
+
+SERIALS = {
+    "pelvis": "00B40B91",
+    "thigh_right": "00B40C3C",
+    "thigh_left": "00B40C45",
+    "shank_right": "00B40C35",
+    "shank_left": "00B40BA5",
+    "ankle_right": "00B40C47",
+    "ankle_left": "00B40C44",
+    "foot_right": "00B40C48",
+    "foot_left": "00B40C55",
+}
+
+# The parts of the published trial on which results are quoted, chosen by eye on the pelvis' path.
+_WINDOWS = {
+    "S02-Trial-Walk-1": {
+        "standing": (200, 1000),
+        "straight_1": (1120, 1440),
+        "straight_2": (1640, 2074),
+        "end_standing": (2200, 2450),
+    }
+}
+
+
+def names() -> list[str]:
+    """Trials in upstream's list whose raw IMU files are there, for example 'S02-Trial-Walk-1'."""
+    folder = registry.path("neura_sparse")
+    if not (folder / LIST).is_file():
+        return []
+    return [name for name in _trials() if any((folder / ROOT / "rawimu").glob(f"{name}-*.txt"))]
+
+
+def load_one(name: str) -> Walk:
+    """One trial: nine sensors, and Vicon as an `Estimate`."""
+    frames = _trials()[name]
+    found = {placement: registry.file("neura_sparse", path) for placement, path in _sensor_paths(name).items()}
+    if not found:
+        raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
+    vicon_path, vicon_known = registry.file("neura_sparse", f"{ROOT}/vicon/{name}.mat")
+    tables = {placement: _read_sensor(path) for placement, (path, _) in found.items()}
+    vicon = _read_vicon(vicon_path)
+    contact, contact_known = _read_contact(name)
+
+    sensors, lost = _on_one_clock(tables)
+    samples = min(len(next(iter(sensors.values())).time), len(vicon["RHJC"]) - LAG)
+    sensors = {p: Imu(*(None if part is None else part[:samples] for part in imu)) for p, imu in sensors.items()}
+    vicon = {key: values[:samples] for key, values in vicon.items()}
+    contact = {side: flags[:samples] for side, flags in contact.items()}
+
+    notes = [f"the IMU lags Vicon by {LAG} samples: first {LAG} IMU samples, last {LAG} Vicon frames dropped"]
+    notes += [f"{count} packets of {placement} were lost and are masked" for placement, count in lost.items() if count]
+    lacking = [placement for placement in SERIALS if placement not in sensors]
+    if lacking:
+        notes.append(f"no file for {', '.join(lacking)}")
+    recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(notes))
+    reference, details = _reference(name, frames, sensors, vicon, contact)
+    verified = all(known for _, known in found.values()) and vicon_known and contact_known
+    return Walk(recording, reference, {**details, "verified": verified})
+
+
+def _trials() -> dict[str, tuple[int, int]]:
+    """Trial name → (first, last + 1) frame of its walk, from upstream's list, which counts from 1, both ends in."""
+    import pandas as pd
+
+    table = pd.read_csv(registry.file("neura_sparse", LIST)[0])
+    return {f"{row.subj}-{row.act}": (int(row.startFrame) - 1, int(row.endFrame)) for row in table.itertuples()}
+
+
+def _sensor_paths(name: str) -> dict[str, str]:
+    folder = registry.path("neura_sparse") / ROOT / "rawimu"
+    paths = {}
+    for placement, serial in SERIALS.items():
+        files = sorted(folder.glob(f"{name}-*_{serial}.txt"))
+        if files:
+            paths[placement] = f"{ROOT}/rawimu/{files[0].name}"
+    return paths
+
+
+def _read_sensor(path: Path) -> np.ndarray:
+    """(n, 7): packet counter, gyroscope [rad/s], accelerometer [m/s²]."""
+    import pandas as pd
+
+    columns = ["PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z"]
+    table = pd.read_csv(path, comment="/")
+    lacking = [column for column in columns if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    values = table[columns].to_numpy(np.float64)
+    if len(values) < 2:
+        raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
+    return values
+
+
+def _on_one_clock(tables: dict[str, np.ndarray]) -> tuple[dict[str, Imu], dict[str, int]]:
+    """Sensors by packet counter on one time axis, the lag removed; and how many packets each lost."""
+    counters = {p: np.unwrap(table[:, 0], period=65536).astype(np.int64) for p, table in tables.items()}
+    first = min(counter[0] for counter in counters.values()) + LAG
+    length = max(counter[-1] for counter in counters.values()) + 1 - first
+    sensors, lost = {}, {}
+    for placement, table in tables.items():
+        row = counters[placement] - first
+        keep = (row >= 0) & np.isfinite(table).all(axis=1)
+        mask = np.zeros(length, bool)
+        signals = np.zeros((length, 6))
+        mask[row[keep]] = True
+        signals[row[keep]] = table[keep, 1:]
+        sensors[placement] = Imu(np.arange(length) / RATE_HZ, signals[:, :3], signals[:, 3:], mask)
+        lost[placement] = int(length - mask.sum())
+    return sensors, lost
+
+
+def _read_vicon(path: Path) -> dict[str, np.ndarray]:
+    """Marker or joint centre → (T, 3) [m]."""
+    from scipy.io import loadmat
+
+    needed = ["LASI", "RASI", "LPSI", "RPSI", *(side + joint for side in "RL" for joint in ("HJC", "KJC", "AJC"))]
+    content = loadmat(path, squeeze_me=True)
+    lacking = [key for key in needed if key not in content]
+    if lacking:
+        raise RecordingError(f"{path.name} has no {lacking[0]}; needed are {', '.join(needed)}")
+    needed += [side + marker for side in "RL" for marker in ("HEE", "TOE") if side + marker in content]
+    return {key: np.asarray(content[key], np.float64) / 1000.0 for key in needed}
+
+
+def _read_contact(name: str) -> tuple[dict[str, np.ndarray], bool]:
+    import pandas as pd
+
+    try:
+        path, known = registry.file("neura_sparse", f"{ROOT}/rawstep-detect/{name}-revStepDetect.csv")
+    except registry.DatasetUnavailable:
+        return {}, True
+    table = pd.read_csv(path)
+    return {"right": table["stepR"].to_numpy() == 1, "left": table["stepL"].to_numpy() == 1}, known
+
+
+def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float = RATE_HZ) -> np.ndarray:
+    """Second-order Butterworth, forwards and backwards along the first axis: no delay."""
+    from scipy.signal import butter, filtfilt
+
+    numerator, denominator = butter(2, cutoff_hz / (rate_hz / 2))
+    return filtfilt(numerator, denominator, values, axis=0)
+
+
+def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
+    """Where the pelvis faces in the horizontal plane, low-passed at 1 Hz without delay.
+
+    The lateral axis runs through the iliac spines, front and back averaged; forward is a quarter turn from it.
+
+    Args:
+        vicon: LASI, RASI, LPSI, RPSI, each (T, 3) [m], z up.
+
+    Returns:
+        (T,) [rad], unwrapped, counter-clockwise from x.
+    """
+    to_right = vicon["RASI"] - vicon["LASI"] + vicon["RPSI"] - vicon["LPSI"]
+    return low_pass(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), HEADING_CUTOFF_HZ)
+
+
+def leg_in_plane(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, heading: np.ndarray) -> LegTrajectory:
+    """Joint centres projected on the vertical plane through the heading.
+
+    Args:
+        hip: (T, 3) [m], z up.
+        knee: (T, 3) [m].
+        ankle: (T, 3) [m].
+        heading: (T,) [rad] of the plane.
+
+    Returns:
+        The leg's angles [rad] and the ankle relative to the hip [m].
+    """
+
+    def forward(vector: np.ndarray) -> np.ndarray:
+        return vector[:, 0] * np.cos(heading) + vector[:, 1] * np.sin(heading)
+
+    thigh, shank, leg = knee - hip, ankle - knee, ankle - hip
+    thigh_angle = np.unwrap(np.arctan2(forward(thigh), -thigh[:, 2]))
+    shank_angle = np.unwrap(np.arctan2(forward(shank), -shank[:, 2]))
+    return LegTrajectory(thigh_angle, thigh_angle - shank_angle, forward(leg), leg[:, 2])
+
+
+def forward_path(position: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Distance walked: the step along the heading, summed, so that sway to and fro adds nothing.
+
+    Args:
+        position: (T, 2) [m] horizontal.
+        heading: (T,) [rad].
+
+    Returns:
+        (T,) [m] since the first sample.
+    """
+    middle = (heading[1:] + heading[:-1]) / 2
+    step = np.diff(position, axis=0)
+    return np.concatenate([[0.0], np.cumsum(step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle))])
+
+
+def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
+    """Horizontal displacement of the ankle between the middles of successive stances.
+
+    Args:
+        contact: (T,) bool, foot on the ground.
+        ankle: (T, 3) [m].
+
+    Returns:
+        (n, 3): stance sample, next stance sample, displacement [m].
+    """
+    edges = np.diff(np.concatenate([[0], contact.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if len(starts) < 2:
+        return np.zeros((0, 3))
+    # Standing before and after the walk is long: take its inner end, where the foot left or came to rest.
+    middles = (starts + ends) // 2
+    middles[0], middles[-1] = max(middles[0], ends[0] - 30), min(middles[-1], starts[-1] + 30)
+    displacement = np.linalg.norm(np.diff(ankle[middles, :2], axis=0), axis=1)
+    return np.stack([middles[:-1], middles[1:], displacement], axis=1)
+
+
+def _reference(
+    name: str,
+    frames: tuple[int, int],
+    sensors: dict[str, Imu],
+    vicon: dict[str, np.ndarray],
+    contact: dict[str, np.ndarray],
+) -> tuple[Estimate, dict[str, Any]]:
+    heading = pelvis_heading(vicon)
+    pelvis = (vicon["LASI"] + vicon["RASI"] + vicon["LPSI"] + vicon["RPSI"])[:, :2] / 4
+    windows = _windows(name, frames, sensors, heading)
+    legs, lengths, centres = {}, {}, {}
+    stand = slice(*windows["standing"])
+    for side in SIDES:
+        hip, knee, ankle = (vicon[side[0].upper() + joint] for joint in ("HJC", "KJC", "AJC"))
+        legs[side] = leg_in_plane(hip, knee, ankle, heading)
+        lengths[side] = (
+            float(np.linalg.norm(knee - hip, axis=1)[stand].mean()),
+            float(np.linalg.norm(ankle - knee, axis=1)[stand].mean()),
+        )
+        centres[side] = {"hip": hip, "knee": knee, "ankle": ankle}
+        for key, marker in (("heel", "HEE"), ("toe", "TOE")):
+            if side[0].upper() + marker in vicon:
+                centres[side][key] = vicon[side[0].upper() + marker]
+    path = np.linalg.norm(np.diff(low_pass(pelvis, PATH_CUTOFF_HZ), axis=0), axis=1)
+    estimate = Estimate(
+        time=np.arange(len(heading)) / RATE_HZ,
+        legs=Legs(legs["right"], legs["left"]),
+        stddev=None,
+        distance=np.concatenate([[0.0], np.cumsum(path)]),
+        valid=np.ones(len(heading), bool),
+        diagnostics={"source": "Vicon joint centres in the pelvis' sagittal plane"},
+    )
+    return estimate, {
+        "windows": windows,
+        "lengths": lengths,
+        "joint_centres": centres,
+        "heading": heading,
+        "contact": contact,
+        "ankle_strides": {side: stance_strides(contact[side], centres[side]["ankle"]) for side in contact},
+        "forward_distance": forward_path(pelvis, heading),
+    }
+
+
+def _windows(
+    name: str, frames: tuple[int, int], sensors: dict[str, Imu], heading: np.ndarray
+) -> dict[str, tuple[int, int]]:
+    """Standing, walking and straight parts; by rule for trials that are not in `_WINDOWS`."""
+    if name in _WINDOWS:
+        return {"whole": frames, **_WINDOWS[name]}
+    from jgait.signal import longest_still
+
+    start, end = frames
+    pelvis = sensors.get("pelvis", next(iter(sensors.values())))
+    windows = {"whole": frames}
+    for key, low, high in (("standing", 0, start), ("end_standing", end, len(heading))):
+        still = longest_still(pelvis.gyr[low:high], RATE_HZ) if high - low > RATE_HZ else None
+        if still is not None:
+            windows[key] = (low + still[0], low + still[1])
+    windows.setdefault("standing", (start, start + 1))
+    turning = np.abs(np.gradient(heading[start:end]) * RATE_HZ) > np.deg2rad(20.0)
+    edges = np.diff(np.concatenate([[1], turning.astype(np.int8), [1]]))
+    runs = zip(np.flatnonzero(edges == -1), np.flatnonzero(edges == 1), strict=True)
+    straight = [(int(start + a), int(start + b)) for a, b in runs if b - a >= 1.5 * RATE_HZ]
+    windows.update({f"straight_{number}": run for number, run in enumerate(straight, 1)})
+    return windows

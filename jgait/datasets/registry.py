@@ -1,0 +1,221 @@
+"""Where public recordings come from, and where they lie: address, sha256, folder.
+
+Every file is named by its upstream address (repository, commit, path) and its sha256, listed in `registry.json`.
+Nothing is downloaded unless `fetch` is called. Files are looked for in `$JGAIT_DATA_DIR/<set>/<upstream path>`
+when that folder exists, otherwise in the download cache.
+"""
+
+import functools
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import quote
+
+DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
+
+
+class DatasetInfo(NamedTuple):
+    """What a data set is, where it comes from and on which terms.
+
+    Attributes:
+        name: short name, as in `load(name)`.
+        title: one line that says what was recorded.
+        repository: upstream repository, host/owner/name.
+        commit: upstream commit the files are taken from.
+        licence: upstream's licence, or what its absence means.
+        citation: whom to cite.
+        files: upstream path → sha256, the files this version of jgait can fetch.
+    """
+
+    name: str
+    title: str
+    repository: str
+    commit: str
+    licence: str
+    citation: str
+    files: dict[str, str]
+
+    def address(self, path: str) -> str:
+        """The upstream address of one file."""
+        host, owner, repository = self.repository.split("/")
+        if host != "github.com":
+            raise ValueError(f"only github.com repositories can be addressed; {self.name} is at {host}")
+        return f"https://raw.githubusercontent.com/{owner}/{repository}/{self.commit}/{quote(path)}"
+
+
+class DatasetUnavailable(LookupError):
+    """A data set, or a file of it, is neither in the data folder nor in the download cache."""
+
+
+class ChecksumError(ValueError):
+    """A file's content is not what its sha256 says it should be."""
+
+
+_DESCRIPTIONS = {
+    "neura_sparse": (
+        "Xsens IMUs on pelvis and both legs with Vicon joint centres, 100 Hz, walking with a U-turn",
+        "GPL-3.0 (the repository's LICENSE); no separate data licence",
+        "Sy et al. 2020, Estimating lower limb kinematics using a reduced wearable sensor count, "
+        "IEEE Transactions on Biomedical Engineering, doi 10.1109/TBME.2020.3026464",
+    ),
+    "walking5m": (
+        "IMUs on feet, shanks and thighs of young and elderly people walking about 5 m straight, 100 Hz",
+        "none stated: for local use only, never redistribute",
+        "Marpino, Walking-Dataset, github.com/Marpino/Walking-dataset",
+    ),
+}
+
+
+@functools.cache
+def _registry() -> dict[str, DatasetInfo]:
+    listed = json.loads(resources.files("jgait.datasets").joinpath("registry.json").read_text())
+    return {
+        name: DatasetInfo(name, title, listed[name]["repository"], listed[name]["commit"], licence, citation,
+                          listed[name]["files"])
+        for name, (title, licence, citation) in _DESCRIPTIONS.items()
+    }  # fmt: skip
+
+
+def list_datasets() -> tuple[str, ...]:
+    """Names of the data sets that can be loaded."""
+    return tuple(_registry())
+
+
+def info(name: str) -> DatasetInfo:
+    """Title, address, licence, citation and file list of a data set.
+
+    Raises:
+        KeyError: if there is no data set of that name; the message lists those there are.
+    """
+    known = _registry()
+    if name not in known:
+        raise KeyError(f"there is no data set {name!r}; known are {', '.join(known)}")
+    return known[name]
+
+
+def path(name: str) -> Path:
+    """The folder that holds a data set, files at their upstream paths; it may not exist yet.
+
+    `$JGAIT_DATA_DIR/<name>` when that folder exists, otherwise the download cache.
+    """
+    info(name)
+    root = os.environ.get(DATA_DIR_VARIABLE)
+    if root and (Path(root) / name).is_dir():
+        return Path(root) / name
+    return _cache(name)
+
+
+def missing(name: str) -> tuple[str, ...]:
+    """Upstream paths of the known files that are not in the data set's folder."""
+    folder = path(name)
+    return tuple(file for file in info(name).files if not (folder / file).is_file())
+
+
+def available(name: str) -> bool:
+    """Whether at least one file of the data set's recordings is there."""
+    folder = path(name)
+    return any((folder / file).is_file() for file in info(name).files if _is_data(file))
+
+
+def unavailable_reason(name: str) -> str:
+    """What to tell a person who lacks the data set: where it was looked for and how to get it."""
+    root = os.environ.get(DATA_DIR_VARIABLE)
+    looked = f"{DATA_DIR_VARIABLE}={root} has no folder {name}" if root else f"{DATA_DIR_VARIABLE} is not set"
+    return (
+        f"data set '{name}' is not there: {looked}, and {_cache(name)} holds none of it. "
+        f"Download it with `python -c \"import jgait.datasets as d; d.fetch('{name}')\"` "
+        f"(licence: {info(name).licence}), or set {DATA_DIR_VARIABLE} to a folder that has {name}/ "
+        "with the files at their upstream paths."
+    )
+
+
+def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = False) -> Path:
+    """Download a data set into the user's cache, each file checked against its sha256.
+
+    Only this call downloads; `load` never does. A set without a stated licence (`walking5m`) is fetched for the
+    caller's own use and must not be redistributed. Files already in the folder of `path(name)` are not fetched again.
+
+    Args:
+        name: data set.
+        files: upstream paths; None: every known file that is missing.
+        progress: show a progress bar (needs tqdm).
+
+    Returns:
+        The folder that holds the set.
+
+    Raises:
+        KeyError: if the data set, or a file of it, is not known.
+        ChecksumError: if what arrived is not what was expected.
+        OSError: if there is no network.
+    """
+    known = info(name)
+    wanted = missing(name) if files is None else tuple(files)
+    unknown = [file for file in wanted if file not in known.files]
+    if unknown:
+        raise KeyError(f"{name} has no known file {unknown[0]!r}; info({name!r}).files lists them")
+    if not wanted:
+        return path(name)
+    import pooch
+
+    hashes = {file: f"sha256:{known.files[file]}" for file in wanted}
+    urls = {file: known.address(file) for file in wanted}
+    getter = pooch.create(path=_cache(name), base_url="", registry=hashes, urls=urls)
+    for file in wanted:
+        try:
+            getter.fetch(file, progressbar=progress)
+        except ValueError as error:
+            raise ChecksumError(f"{known.address(file)} is not the file that was expected: {error}") from error
+    return _cache(name)
+
+
+def file(name: str, upstream_path: str) -> tuple[Path, bool]:
+    """One file of a data set, and whether its sha256 was verified.
+
+    Args:
+        name: data set.
+        upstream_path: path inside the upstream repository.
+
+    Returns:
+        The local path, and True if the file is listed and its sha256 agrees, False if it is not listed
+        (upstream has more files than this version of jgait knows).
+
+    Raises:
+        DatasetUnavailable: if the file is not there.
+        ChecksumError: if the file is listed and its sha256 differs.
+    """
+    local = path(name) / upstream_path
+    if not local.is_file():
+        raise DatasetUnavailable(f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it")
+    expected = info(name).files.get(upstream_path)
+    if expected is None:
+        return local, False
+    stat = local.stat()
+    found = _sha256(local, stat.st_size, stat.st_mtime_ns)
+    if found != expected:
+        raise ChecksumError(
+            f"{local} is not upstream's file: sha256 {found[:12]}… found, {expected[:12]}… expected "
+            f"(commit {info(name).commit[:7]} of {info(name).repository}); delete it and fetch it again"
+        )
+    return local, True
+
+
+def _is_data(upstream_path: str) -> bool:
+    return Path(upstream_path).suffix in (".txt", ".xlsx", ".mat", ".csv")
+
+
+def _cache(name: str) -> Path:
+    import pooch
+
+    return Path(pooch.os_cache("jgait")) / name
+
+
+@functools.lru_cache(maxsize=4096)
+def _sha256(local: Path, size: int, modified: int) -> str:
+    """sha256 of a file; size and time of change are part of the key, so that a changed file is read again."""
+    del size, modified
+    with local.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,209 @@
+"""`walking5m`: IMUs on both feet, shanks and thighs, straight walks of about 5 m (Marpino/Walking-dataset).
+
+Twenty young and twenty elderly people upstream, one walk each, 100 Hz, and some additional walks; the files are xlsx
+with raw counts. No licence is stated: the files are for local use and must never be redistributed; they are downloaded
+only when the user calls `fetch("walking5m")`.
+
+Scales: acceleration = raw / 10000 · 9.80665 m/s², rate = raw / 100 deg/s. x runs along the segment, z is mediolateral.
+Each sensor has its own time stamps [ms]; all are put on one 100 Hz clock. Gaps of up to 50 ms are interpolated, longer
+ones masked. Six left-foot sensors give a new value only every 20 ms and are interpolated between these. The back sensor
+(7) is not synchronised with the others and is left out.
+
+Reference: the authors' foot trajectories are not fetched; the distance comes from the foot sensors themselves
+(`jgait.datasets.foot_reference`), the mean of both feet. It tells about ±5 % between people.
+
+Leg lengths per person are in upstream's two PDFs, without the row of each file, so only the group's mean is given:
+table 4.3 (young): thigh T 48.5 cm, shank S 44.6 cm; table 4.2 (elderly): T 40.5 cm, S 41.7 cm.
+
+Keys of `Walk.info`:
+    group: 'young', 'elderly', or the folder of an additional walk ('marzia', 'long_distance', 'disability').
+    lengths: {"right": (thigh, shank), "left": …} [m], the group's mean; None for the additional walks.
+    insoles: {"right": (toe, heel), "left": (toe, heel)}, each (T,) raw pressure counts.
+    feet: {"right": FootPath, "left": FootPath}, those that gave strides.
+    no_reference: why there is no reference; None where there is one.
+    misplaced: what is wrong with the placement of the sensors, in words; empty where nothing was noticed.
+    verified: whether the file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.foot_reference import FootPath, foot_path
+from jgait.datasets.walks import Walk
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+
+RATE_HZ = 100.0
+MAX_GAP = 0.05  # [s] longest gap that is interpolated
+ROOT = "Dataset"
+SENSORS = {1: "foot_right", 2: "shank_right", 3: "thigh_right", 4: "thigh_left", 5: "shank_left", 6: "foot_left"}
+ACC_SCALE = 9.80665 / 10000.0  # raw count → m/s²
+GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
+LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
+
+
+def names() -> list[str]:
+    """Recordings that are there, for example 'Young/20180518_1'."""
+    folder = registry.path("walking5m") / ROOT
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.xlsx"))
+
+
+def load_one(name: str) -> Walk:
+    """One walk: six sensors, and the distance from the feet as an `Estimate`."""
+    path, verified = registry.file("walking5m", f"{ROOT}/{name}.xlsx")
+    table = _read_table(path)
+    group = Path(name).parent.name.lower().replace(" ", "_")
+    sensors, insoles, notes = _sensors(table, path.name)
+    # One file a person in the two groups; the additional walks of a folder are all of one person.
+    subject = name if group in LENGTHS else f"Additional/{group}"
+    recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
+    reference, feet, why = distance_reference(sensors)
+    lengths = LENGTHS.get(group)
+    return Walk(recording, reference, {
+        "group": group,
+        "lengths": None if lengths is None else dict.fromkeys(SIDES, lengths),
+        "insoles": insoles,
+        "feet": feet,
+        "no_reference": why,
+        "verified": verified,
+    })  # fmt: skip
+
+
+def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:
+    """Distance as the mean of both feet; what each foot gave; and why there is none.
+
+    Both feet are asked for: one alone may have started or stopped half a stride apart from the body.
+    """
+    feet, reasons = {}, []
+    for side in SIDES:
+        if f"foot_{side}" not in sensors:
+            reasons.append(f"{side}: there is no foot sensor")
+            continue
+        try:
+            feet[side] = foot_path(sensors[f"foot_{side}"], RATE_HZ)
+        except ValueError as error:
+            reasons.append(f"{side}: {error}")
+    if reasons:
+        return None, feet, "; ".join(reasons)
+    distance = (feet["right"].distance + feet["left"].distance) / 2
+    time = next(iter(sensors.values())).time
+    return (
+        Estimate(
+            time=time,
+            legs=Legs(None, None),
+            stddev=None,
+            distance=distance,
+            valid=np.ones(len(time), bool),
+            diagnostics={
+                "source": "mean of both foot sensors, strapdown between stances",
+                **{f"{side}_distance": float(feet[side].distance[-1]) for side in SIDES},
+                **{f"{side}_strides": len(feet[side].length) for side in SIDES},
+            },
+        ),
+        feet,
+        None,
+    )
+
+
+def _read_table(path: Path) -> dict[str, np.ndarray]:
+    """Column → (n,) values; what is no number becomes NaN."""
+    from python_calamine import CalamineWorkbook
+
+    rows = CalamineWorkbook.from_path(path).get_sheet_by_index(0).to_python()
+    if len(rows) < 3:
+        raise RecordingError(f"{path.name} has {max(len(rows) - 1, 0)} rows of data; at least 2 are needed")
+    header = [str(cell).strip() for cell in rows[0]]
+    columns = zip(*(row for row in rows[1:]), strict=True)
+    return {name: _numbers(cells) for name, cells in zip(header, columns, strict=True) if name}
+
+
+def _numbers(cells: Any) -> np.ndarray:
+    """Cells as floats; some are text such as ' 0.140000', some empty."""
+    try:
+        return np.array(cells, np.float64)
+    except ValueError:
+        return np.array([_number(cell) for cell in cells])
+
+
+def _number(cell: Any) -> float:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return np.nan
+
+
+def _columns(number: int) -> list[str]:
+    return [f"{kind}_read_{axis}_{number}" for kind in ("Gyro", "Acc") for axis in "xyz"]
+
+
+def _sensors(
+    table: dict[str, np.ndarray], file: str
+) -> tuple[dict[str, Imu], dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
+    """Every sensor on one clock, the insoles, and what was noticed on the way."""
+    notes: list[str] = []
+    raw = {}
+    for number, placement in SENSORS.items():
+        lacking = [column for column in [f"Time_{number}", *_columns(number)] if column not in table]
+        if lacking:
+            notes.append(f"{placement} left out: no column {lacking[0]}")
+            continue
+        extra = [column for column in (f"Ext1_{number}", f"Ext2_{number}") if column in table]
+        time = table[f"Time_{number}"] / 1000.0
+        values = np.stack([table[column] for column in [*_columns(number), *extra]], axis=1)
+        kept = _increasing(time, values, placement, notes)
+        if len(kept[0]) < 2:
+            notes.append(f"{placement} left out: its time does not run")
+            continue
+        raw[placement] = kept
+    if not raw:
+        raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
+    if "Time_7" in table:
+        notes.append("back sensor left out: it is not synchronised with the others")
+    first = min(time[0] for time, _ in raw.values())
+    last = max(time[-1] for time, _ in raw.values())
+    clock = np.arange(round((last - first) * RATE_HZ) + 1) / RATE_HZ
+    sensors, insoles = {}, {}
+    for placement, (time, values) in raw.items():
+        signals, mask = _on_clock(time - first, values, clock)
+        if not mask.all():
+            notes.append(f"{placement}: {int((~mask).sum())} of {len(mask)} samples are masked")
+        sensors[placement] = Imu(clock, signals[:, :3] * GYR_SCALE, signals[:, 3:6] * ACC_SCALE, mask)
+        if signals.shape[1] == 8:
+            insoles[placement.split("_")[1]] = (signals[:, 6], signals[:, 7])
+    return sensors, insoles, notes
+
+
+def _increasing(
+    time: np.ndarray, values: np.ndarray, placement: str, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Samples with a number in every column and a time later than all before; the others are dropped and noted."""
+    finite = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    if not finite.all():
+        notes.append(f"{placement}: {int((~finite).sum())} rows without a number dropped")
+    time, values = time[finite], values[finite]
+    if not len(time):
+        return time, values
+    later = np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+    repeated = int((np.diff(time) == 0).sum())
+    backward = int((~later).sum()) - repeated
+    if repeated > len(time) // 4:
+        step = np.median(np.diff(time[later])) * 1000
+        notes.append(f"{placement}: a new value only every {step:.0f} ms; interpolated between")
+    elif repeated > 1:  # the last row of sensor 1 always repeats its time
+        notes.append(f"{placement}: {repeated} repeated times dropped")
+    if backward > 0:
+        notes.append(f"{placement}: {backward} times that run backwards dropped")
+    return time[later], values[later]
+
+
+def _on_clock(time: np.ndarray, values: np.ndarray, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values interpolated on the clock, 0 and masked where the samples around lie further apart than `MAX_GAP`."""
+    right = np.clip(np.searchsorted(time, clock), 0, len(time) - 1)
+    left = np.clip(np.searchsorted(time, clock, side="right") - 1, 0, len(time) - 1)
+    tick = 0.5 / RATE_HZ
+    inside = (clock >= time[0] - tick) & (clock <= time[-1] + tick)
+    mask = inside & (time[right] - time[left] <= MAX_GAP + 1e-6)
+    signals = np.stack([np.interp(clock, time, column) for column in values.T], axis=1)
+    return np.where(mask[:, None], signals, 0.0), mask
