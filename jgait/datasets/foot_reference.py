@@ -5,6 +5,10 @@ step, starting level (the accelerometer says which way is up at the first instan
 stands again: the tilt that the accelerometer shows there, and the velocity that is left there, are drift, and are
 removed linearly in time. What remains is integrated to the displacement; its horizontal length is the stride.
 
+In a slow swing the gyroscope and the accelerometer can both be quiet for a moment. Gravity gives such a moment away:
+the accelerometer then disagrees with the attitude by 10–60°, at a stance by 0–5°. What disagrees is no stance, and
+the stride runs on to the next one.
+
 No magnetometer, no heading: strides are lengths, and their sum is the path of the foot. It makes a reference for
 estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
 """
@@ -20,6 +24,8 @@ STANCE_RATE = 1.0  # [rad/s] peak rate of a standing foot over 50 ms
 STANCE_ACC = 1.2  # [m/s²] standard deviation of a standing foot's specific force over 50 ms
 STANCE_TIME = 0.08  # [s] shortest stance
 STRIDE_TIME = (0.25, 3.0)  # [s] shortest and longest time between the quiet instants of two stances
+STANCE_TILT = 0.12  # [rad] most that the attitude may have drifted from the accelerometer's at the next stance
+CANDIDATES = 3  # stances tried as the end of a stride
 STRIDE_LENGTH = 0.05  # [m] a shorter displacement is a foot that was shifted, not a stride
 
 
@@ -139,26 +145,60 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
     gyr = imu.gyr - gyr_bias
     rows = []
     distance = np.zeros(len(gyr))
-    for before, after in zip(standing[:-1], standing[1:], strict=True):
-        first = _quietest(gyr, max(before[0], before[1] - int(0.4 * rate_hz)), before[1])
-        last = _quietest(gyr, after[0], min(after[1], after[0] + int(0.4 * rate_hz)))
-        time = (last - first) / rate_hz
-        if not STRIDE_TIME[0] <= time <= STRIDE_TIME[1] or not imu.mask[first : last + 1].all():
+    current = 0
+    while current < len(standing) - 1:
+        following, stride = _next_stride(gyr, imu, rate_hz, standing, current)
+        current = following
+        if stride is None or stride.length < STRIDE_LENGTH:
             continue
-        position, tilt = strapdown(
-            gyr[first : last + 1], imu.acc[first : last + 1], 1 / rate_hz, _rest(imu.acc, first), _rest(imu.acc, last)
-        )
-        length = float(np.hypot(*position[-1, :2]))
-        if length < STRIDE_LENGTH:
-            continue
-        forward = position[:, :2] @ (position[-1, :2] / length)
-        distance[first + 1 : last + 1] += forward[1:]
-        distance[last + 1 :] += length
-        rows.append((first, last, length, position[-1, 2], tilt))
+        distance[stride.first : stride.last + 1] += stride.forward
+        distance[stride.last + 1 :] += stride.length
+        rows.append((stride.first, stride.last, stride.length, stride.rise, stride.tilt))
     if not rows:
         raise ValueError(f"the foot stands {len(standing)} times and never strides between")
     start, end, lengths, rise, tilts = (np.array(column) for column in zip(*rows, strict=True))
     return FootPath(start, end, lengths, rise, distance, tilts)
+
+
+class _Stride(NamedTuple):
+    first: int
+    last: int
+    length: float
+    rise: float
+    tilt: float
+    forward: np.ndarray
+
+
+def _next_stride(
+    gyr: np.ndarray, imu: Imu, rate_hz: float, standing: list[tuple[int, int]], current: int
+) -> tuple[int, _Stride | None]:
+    """The stride from one stance to the next that gravity confirms, or to the best of those tried.
+
+    Returns:
+        Index of the stance to go on from, and the stride; None if samples are missing or the times are implausible.
+    """
+    tried: list[tuple[int, _Stride]] = []
+    before = standing[current]
+    reach = int(0.4 * rate_hz)
+    first = _quietest(gyr, max(before[0], before[1] - reach), before[1])
+    for following in range(current + 1, min(current + 1 + CANDIDATES, len(standing))):
+        after = standing[following]
+        last = _quietest(gyr, after[0], min(after[1], after[0] + reach))
+        time = (last - first) / rate_hz
+        if time > STRIDE_TIME[1] or not imu.mask[first : last + 1].all():
+            break
+        if time < STRIDE_TIME[0]:
+            continue
+        part = slice(first, last + 1)
+        position, tilt = strapdown(gyr[part], imu.acc[part], 1 / rate_hz, _rest(imu.acc, first), _rest(imu.acc, last))
+        length = float(np.hypot(*position[-1, :2]))
+        forward = position[:, :2] @ (position[-1, :2] / max(length, 1e-12))
+        tried.append((following, _Stride(first, last, length, float(position[-1, 2]), tilt, forward)))
+        if tilt <= STANCE_TILT:
+            return tried[-1]
+    if not tried:
+        return current + 1, None
+    return min(tried, key=lambda candidate: candidate[1].tilt)
 
 
 def _integral(rate: np.ndarray, dt: float) -> np.ndarray:

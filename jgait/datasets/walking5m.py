@@ -21,7 +21,8 @@ Keys of `Walk.info`:
     insoles: {"right": (toe, heel), "left": (toe, heel)}, each (T,) raw pressure counts.
     feet: {"right": FootPath, "left": FootPath}, those that gave strides.
     no_reference: why there is no reference; None where there is one.
-    misplaced: what is wrong with the placement of the sensors, in words; empty where nothing was noticed.
+    misplaced: pairs of placements that seem to have changed places, because the thigh turns faster than the shank:
+        (("thigh_left", "shank_left"),) in Elderly/20180417_2 and _4. The recording keeps upstream's labels.
     verified: whether the file's sha256 was known and agreed.
 """
 
@@ -58,6 +59,8 @@ def load_one(name: str) -> Walk:
     sensors, insoles, notes = _sensors(table, path.name)
     # One file a person in the two groups; the additional walks of a folder are all of one person.
     subject = name if group in LENGTHS else f"Additional/{group}"
+    swapped = _swapped(sensors)
+    notes += [f"{one} and {other} seem to have changed places" for one, other in swapped]
     recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
     reference, feet, why = distance_reference(sensors)
     lengths = LENGTHS.get(group)
@@ -67,8 +70,21 @@ def load_one(name: str) -> Walk:
         "insoles": insoles,
         "feet": feet,
         "no_reference": why,
+        "misplaced": swapped,
         "verified": verified,
     })  # fmt: skip
+
+
+def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
+    """Thigh and shank of a side, where the thigh turns faster; in walking the shank does, by half or more."""
+    found = []
+    for side in SIDES:
+        thigh, shank = f"thigh_{side}", f"shank_{side}"
+        if thigh in sensors and shank in sensors:
+            fast = [np.percentile(np.linalg.norm(sensors[p].gyr, axis=1), 99.0) for p in (thigh, shank)]
+            if fast[0] > fast[1]:
+                found.append((thigh, shank))
+    return tuple(found)
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:
@@ -161,8 +177,11 @@ def _sensors(
         raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
     if "Time_7" in table:
         notes.append("back sensor left out: it is not synchronised with the others")
-    first = min(time[0] for time, _ in raw.values())
-    last = max(time[-1] for time, _ in raw.values())
+    # The part that all sensors have; they start and stop within a few samples of each other.
+    first = max(time[0] for time, _ in raw.values())
+    last = min(time[-1] for time, _ in raw.values())
+    if last - first < 1.0:
+        raise RecordingError(f"the sensors of {file} have {max(last - first, 0.0):.2f} s in common; 1 s is needed")
     clock = np.arange(round((last - first) * RATE_HZ) + 1) / RATE_HZ
     sensors, insoles = {}, {}
     for placement, (time, values) in raw.items():
@@ -200,10 +219,9 @@ def _increasing(
 
 def _on_clock(time: np.ndarray, values: np.ndarray, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values interpolated on the clock, 0 and masked where the samples around lie further apart than `MAX_GAP`."""
-    right = np.clip(np.searchsorted(time, clock), 0, len(time) - 1)
-    left = np.clip(np.searchsorted(time, clock, side="right") - 1, 0, len(time) - 1)
-    tick = 0.5 / RATE_HZ
-    inside = (clock >= time[0] - tick) & (clock <= time[-1] + tick)
-    mask = inside & (time[right] - time[left] <= MAX_GAP + 1e-6)
+    tick = 1e-6  # stamps are whole milliseconds
+    right = np.clip(np.searchsorted(time, clock - tick), 0, len(time) - 1)
+    left = np.clip(np.searchsorted(time, clock + tick, side="right") - 1, 0, len(time) - 1)
+    mask = time[right] - time[left] <= MAX_GAP + tick
     signals = np.stack([np.interp(clock, time, column) for column in values.T], axis=1)
     return np.where(mask[:, None], signals, 0.0), mask
