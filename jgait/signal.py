@@ -156,9 +156,7 @@ def longest_still(
     rate = np.asarray(gyr)
     if len(rate) < window_size(window_s, sampling_rate_hz):
         return None
-    still = np.asarray(
-        still_mask(rate, sampling_rate_hz, mask=mask, threshold=threshold, window_s=window_s)
-    )
+    still = np.asarray(still_mask(rate, sampling_rate_hz, mask=mask, threshold=threshold, window_s=window_s))
     runs = [run for run in true_runs(still) if run[1] - run[0] >= max(1.0, at_least_s * sampling_rate_hz)]
     return max(runs, key=lambda run: run[1] - run[0], default=None)
 

@@ -27,6 +27,8 @@ STRIDE_TIME = (0.25, 3.0)  # [s] shortest and longest time between the quiet ins
 STANCE_TILT = 0.12  # [rad] most that the attitude may have drifted from the accelerometer's at the next stance
 CANDIDATES = 3  # stances tried as the end of a stride
 STRIDE_LENGTH = 0.05  # [m] a shorter displacement is a foot that was shifted, not a stride
+BOTH_STANDING = 0.4  # [s] both feet stand this long only between bouts of walking
+BOUT_LENGTH = 1.0  # [m] a shorter bout is steps on the spot
 
 
 class FootPath(NamedTuple):
@@ -39,6 +41,7 @@ class FootPath(NamedTuple):
         rise: (n,) [m] vertical displacement; near 0 on level ground, so its size tells how far to trust `length`.
         distance: (T,) [m] path since the first sample, constant while the foot stands.
         tilt: (n,) [rad] attitude drift removed from each stride.
+        standing: (T,) bool, whether the foot stands.
     """
 
     start: np.ndarray
@@ -47,6 +50,7 @@ class FootPath(NamedTuple):
     rise: np.ndarray
     distance: np.ndarray
     tilt: np.ndarray
+    standing: np.ndarray
 
 
 def exponential(rotvec: np.ndarray) -> np.ndarray:
@@ -156,8 +160,75 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
         rows.append((stride.first, stride.last, stride.length, stride.rise, stride.tilt))
     if not rows:
         raise ValueError(f"the foot stands {len(standing)} times and never strides between")
-    start, end, lengths, rise, tilts = (np.array(column) for column in zip(*rows, strict=True))
-    return FootPath(start, end, lengths, rise, distance, tilts)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return FootPath(
+        start=columns[0],
+        end=columns[1],
+        length=columns[2],
+        rise=columns[3],
+        distance=distance,
+        tilt=columns[4],
+        standing=_covered(standing, len(gyr)),
+    )
+
+
+def select(path: FootPath, keep: np.ndarray) -> FootPath:
+    """The same foot with some of its strides left out.
+
+    Args:
+        path: strides of a foot.
+        keep: (n,) bool, False for a stride to be left out.
+
+    Returns:
+        The strides kept; what the others travelled is taken off the distance.
+    """
+    step = np.diff(path.distance, prepend=0.0)
+    for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
+        step[start : end + 1] = 0.0
+    return FootPath(
+        start=path.start[keep],
+        end=path.end[keep],
+        length=path.length[keep],
+        rise=path.rise[keep],
+        distance=np.cumsum(step),
+        tilt=path.tilt[keep],
+        standing=path.standing,
+    )
+
+
+def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
+    """The strides of walking, without steps on the spot before and after it.
+
+    Where both feet stand for `BOTH_STANDING` or longer, a bout of walking ends and another may begin. A bout whose
+    path, the mean of the feet, is shorter than `BOUT_LENGTH` is turning round or shifting a foot.
+
+    Args:
+        feet: side → strides, of the same recording.
+        rate_hz: sampling rate [Hz].
+
+    Returns:
+        The same with the other strides left out.
+    """
+    both = np.logical_and.reduce([path.standing for path in feet.values()])
+    pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]
+    moving = true_runs(~_covered(pauses, len(both)))
+    keep = {side: np.zeros(len(path.length), bool) for side, path in feet.items()}
+    for start, end in moving:
+        inside = {}
+        for side, path in feet.items():
+            middle = (path.start + path.end) / 2
+            inside[side] = (middle >= start) & (middle < end)
+        if np.mean([path.length[inside[side]].sum() for side, path in feet.items()]) >= BOUT_LENGTH:
+            for side in feet:
+                keep[side] |= inside[side]
+    return {side: select(path, keep[side]) for side, path in feet.items()}
+
+
+def _covered(runs: list[tuple[int, int]], samples: int) -> np.ndarray:
+    flags = np.zeros(samples, bool)
+    for start, end in runs:
+        flags[start:end] = True
+    return flags
 
 
 class _Stride(NamedTuple):

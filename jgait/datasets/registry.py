@@ -59,8 +59,7 @@ _DESCRIPTIONS = {
     "neura_sparse": (
         "Xsens IMUs on pelvis and both legs with Vicon joint centres, 100 Hz, walking with a U-turn",
         "GPL-3.0 (the repository's LICENSE); no separate data licence",
-        "Sy et al. 2020, Estimating lower limb kinematics using a reduced wearable sensor count, "
-        "IEEE Transactions on Biomedical Engineering, doi 10.1109/TBME.2020.3026464",
+        "Sy et al. 2020, IEEE Transactions on Biomedical Engineering, doi 10.1109/TBME.2020.3026464",
     ),
     "walking5m": (
         "IMUs on feet, shanks and thighs of young and elderly people walking about 5 m straight, 100 Hz",
@@ -189,7 +188,9 @@ def file(name: str, upstream_path: str) -> tuple[Path, bool]:
     """
     local = path(name) / upstream_path
     if not local.is_file():
-        raise DatasetUnavailable(f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it")
+        raise DatasetUnavailable(
+            f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it"
+        )
     expected = info(name).files.get(upstream_path)
     if expected is None:
         return local, False

@@ -18,6 +18,8 @@ table 4.3 (young): thigh T 48.5 cm, shank S 44.6 cm; table 4.2 (elderly): T 40.5
 Keys of `Walk.info`:
     group: 'young', 'elderly', or the folder of an additional walk ('marzia', 'long_distance', 'disability').
     lengths: {"right": (thigh, shank), "left": …} [m], the group's mean; None for the additional walks.
+    windows: name → (start, end) [samples], half-open: `whole` (from the first stride to the last), `standing` and
+        `end_standing` (before and after it, where there is any); {} where there is no reference.
     insoles: {"right": (toe, heel), "left": (toe, heel)}, each (T,) raw pressure counts.
     feet: {"right": FootPath, "left": FootPath}, those that gave strides.
     no_reference: why there is no reference; None where there is one.
@@ -32,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.foot_reference import FootPath, foot_path
+from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
 from jgait.datasets.walks import Walk
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
 
@@ -67,12 +69,20 @@ def load_one(name: str) -> Walk:
     return Walk(recording, reference, {
         "group": group,
         "lengths": None if lengths is None else dict.fromkeys(SIDES, lengths),
+        "windows": _windows(feet, len(next(iter(sensors.values())).time)) if reference is not None else {},
         "insoles": insoles,
         "feet": feet,
         "no_reference": why,
         "misplaced": swapped,
         "verified": verified,
     })  # fmt: skip
+
+
+def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, int]]:
+    start = int(min(path.start[0] for path in feet.values()))
+    end = int(max(path.end[-1] for path in feet.values())) + 1
+    windows = {"whole": (start, end), "standing": (0, start), "end_standing": (end, samples)}
+    return {name: window for name, window in windows.items() if window[1] > window[0]}
 
 
 def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
@@ -103,6 +113,9 @@ def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[s
             reasons.append(f"{side}: {error}")
     if reasons:
         return None, feet, "; ".join(reasons)
+    feet = walking_strides(feet, RATE_HZ)
+    if not all(len(path.length) for path in feet.values()):
+        return None, feet, "neither foot walks: all strides are steps on the spot"
     distance = (feet["right"].distance + feet["left"].distance) / 2
     time = next(iter(sensors.values())).time
     return (

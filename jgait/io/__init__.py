@@ -1,0 +1,20 @@
+"""From a user's files and arrays to a `Recording`, and from an `Estimate` to tables and files.
+
+This is the only place where units are converted, NaN is turned into a mask, and a recording is judged: what its
+structure, its clock or its units make useless raises `RecordingError`; what is merely doubtful becomes a note.
+"""
+
+from jgait.io.checks import quality_notes, validate
+from jgait.io.read import read_csv, recording_from_arrays, recording_from_dataframe
+from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv
+
+__all__ = [
+    "quality_notes",
+    "read_csv",
+    "recording_from_arrays",
+    "recording_from_dataframe",
+    "recording_to_dataframe",
+    "to_dataframe",
+    "validate",
+    "write_csv",
+]

@@ -1,0 +1,195 @@
+"""What makes a recording unusable (an error) or doubtful (a note): units told by size, dead channels, clipping."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from jgait.signal import true_runs
+from jgait.types import Imu, Recording, RecordingError
+
+GRAVITY = 9.80665
+FASTEST = 35.0  # [rad/s] 2000 deg/s, the range of common gyroscopes; no part of a walking person turns faster
+SLOWEST_WALK = 0.3  # [rad/s] even the trunk of a slow walker turns faster than this
+MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which somebody moves; 0.05 when standing
+GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer, walking or not
+CLIP_RUN = 3  # samples in a row at the extreme value; noise does not repeat itself so exactly
+CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values without being clipped
+LONG_GAP_S = 0.1
+
+
+def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
+    """Refuse units that the signals' sizes contradict.
+
+    Args:
+        sensors: placement → `Imu`, already converted to SI.
+        gyr_unit: what the gyroscope was said to be in, 'deg/s' or 'rad/s'.
+        acc_unit: what the accelerometer was said to be in, 'm/s^2' or 'g'.
+        name: what messages call the recording.
+
+    Raises:
+        RecordingError: if a limb would turn impossibly fast, all of a moving person impossibly slowly, or gravity
+            is not there.
+    """
+    rates = {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
+    fastest = max(rates, key=lambda placement: rates[placement])
+    if rates[fastest] > FASTEST:
+        hint = ": it seems to be in deg/s; pass gyr_unit='deg/s'" if gyr_unit == "rad/s" else ""
+        raise RecordingError(
+            f"{name}: the gyroscope of {fastest} reaches {rates[fastest]:.4g} rad/s (99th percentile, given as "
+            f"{gyr_unit}), but nothing worn while walking exceeds {FASTEST:g} rad/s{hint}"
+        )
+    for placement, imu in sensors.items():
+        if imu.acc is not None:
+            _check_gravity(imu, placement, acc_unit, name)
+    if gyr_unit == "deg/s" and rates[fastest] < SLOWEST_WALK and _moves(sensors):
+        raise RecordingError(
+            f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
+            f"percentile, {fastest}), too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s' "
+            "(or check_sizes=False if nobody walks)"
+        )
+
+
+def _moves(sensors: dict[str, Imu]) -> bool:
+    """Whether an accelerometer says that somebody moves; without any, a recording is taken to be of walking."""
+    spread = [np.linalg.norm(imu.acc[imu.mask], axis=1).std() for imu in sensors.values() if imu.acc is not None]
+    return not spread or max(spread) > MOVING_ACC
+
+
+def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
+    force = float(np.median(np.linalg.norm(imu.acc[imu.mask], axis=1)))
+    low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
+    if low <= force <= high:
+        return
+    if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
+        hint = "it seems to be in g; pass acc_unit='g'"
+    elif acc_unit == "g" and low <= force / GRAVITY <= high:
+        hint = "it seems to be in m/s²; pass acc_unit='m/s^2'"
+    elif force < 0.3 * GRAVITY:
+        hint = "gravity seems to have been taken off; the raw specific force is needed"
+    else:
+        hint = "check the unit"
+    raise RecordingError(
+        f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² in the median (given as {acc_unit}), "
+        f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}"
+    )
+
+
+def quality_notes(recording: Recording) -> tuple[str, ...]:
+    """What is doubtful about the signals: missing stretches, clipped channels, channels that never change.
+
+    Args:
+        recording: a structurally sound recording.
+
+    Returns:
+        One sentence each; empty where nothing was noticed.
+    """
+    notes: list[str] = []
+    for placement, imu in recording.sensors.items():
+        notes += _missing_notes(placement, imu, recording.sampling_rate_hz)
+        for kind, signal, unit in (("gyr", imu.gyr, "rad/s"), ("acc", imu.acc, "m/s²")):
+            if signal is None:
+                continue
+            for axis, values in zip("xyz", np.asarray(signal).T, strict=True):
+                notes += _channel_notes(
+                    f"{placement} {kind}_{axis}", values, np.asarray(imu.mask), CLIP_FLOOR[kind], unit
+                )
+    return tuple(notes)
+
+
+def _missing_notes(placement: str, imu: Imu, rate_hz: float) -> list[str]:
+    mask = np.asarray(imu.mask)
+    if mask.all():
+        return []
+    notes = [f"{placement}: {int((~mask).sum())} of {len(mask)} samples are missing"]
+    for start, end in true_runs(~mask):
+        if end - start > LONG_GAP_S * rate_hz:
+            begin = float(imu.time[start] - imu.time[0])
+            notes.append(f"{placement}: {(end - start) / rate_hz:.2f} s missing from {begin:.2f} s")
+    return notes
+
+
+def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float, unit: str) -> list[str]:
+    there = values[mask]
+    if not len(there):
+        return []
+    if np.ptp(there) == 0.0:
+        return [f"{name} is constant at {there[0]:.4g} {unit}"]
+    notes = []
+    for extreme in (there.max(), there.min()):
+        if abs(extreme) < floor:
+            continue
+        at_extreme = mask & (np.abs(values - extreme) <= 1e-6 * abs(extreme))
+        clipped = sum(end - start for start, end in true_runs(at_extreme) if end - start >= CLIP_RUN)
+        if clipped:
+            notes.append(f"{name} is clipped at {extreme:.4g} {unit} in {clipped} samples")
+    return notes
+
+
+def check_alive(imu: Imu, placement: str, name: str) -> None:
+    """Refuse a gyroscope that recorded nothing: no sample, or all axes constant.
+
+    Raises:
+        RecordingError: naming the placement and what the gyroscope reads.
+    """
+    there = np.asarray(imu.gyr)[np.asarray(imu.mask)]
+    if not len(there):
+        raise RecordingError(f"{name}: {placement} has no usable sample; all {len(imu.gyr)} are missing")
+    if (np.ptp(there, axis=0) == 0.0).all():
+        reading = ", ".join(f"{value:.4g}" for value in there[0])
+        raise RecordingError(
+            f"{name}: the gyroscope of {placement} is constant at ({reading}) rad/s; it recorded nothing"
+        )
+
+
+def validate(
+    recording: Recording, needs: Sequence[str] = (), *, caller: str = "this estimator", acc: Iterable[str] = ()
+) -> None:
+    """Refuse a recording that lacks what is needed, or whose records are malformed.
+
+    Args:
+        recording: what was worn.
+        needs: placements that must be there, all on one clock.
+        caller: who needs them, the subject of the message.
+        acc: placements among them that must have an accelerometer.
+
+    Raises:
+        TypeError: if it is no `Recording`.
+        RecordingError: for example "leg_ekf needs 'thigh_right'; the recording has ['waist']".
+    """
+    if not isinstance(recording, Recording):
+        raise TypeError(f"{caller} needs a jgait.types.Recording; got {type(recording).__name__}")
+    has = list(recording.sensors)
+    for placement in needs:
+        if placement not in recording.sensors:
+            raise RecordingError(f"{caller} needs '{placement}'; the recording has {has}")
+    for placement in acc:
+        if placement not in recording.sensors or recording.sensors[placement].acc is None:
+            raise RecordingError(f"{caller} needs the accelerometer of '{placement}'; the recording has none there")
+    if not (np.isfinite(recording.sampling_rate_hz) and recording.sampling_rate_hz > 0):
+        raise RecordingError(f"{recording.name}: sampling_rate_hz must be positive; got {recording.sampling_rate_hz}")
+    used = {placement: recording.sensors[placement] for placement in needs or has}
+    for placement, imu in used.items():
+        _check_shapes(imu, placement, recording.name)
+        check_alive(imu, placement, recording.name)
+    lengths = {placement: len(imu.time) for placement, imu in used.items()}
+    if len(set(lengths.values())) > 1:
+        raise RecordingError(f"{caller} needs sensors on one clock; {recording.name} has samples {lengths}")
+
+
+def _check_shapes(imu: Imu, placement: str, name: str) -> None:
+    samples = len(np.atleast_1d(imu.time))
+    expected = {"time": (samples,), "gyr": (samples, 3), "acc": (samples, 3), "mask": (samples,)}
+    for field, shape in expected.items():
+        value = getattr(imu, field)
+        if field == "acc" and value is None:
+            continue
+        if np.shape(value) != shape:
+            raise RecordingError(f"{name}: {field} of {placement} must have shape {shape}; got {np.shape(value)}")
+        if field != "mask" and not np.isfinite(np.asarray(value)).all():
+            raise RecordingError(f"{name}: {field} of {placement} must be finite; missing samples belong in the mask")
+    if np.asarray(imu.mask).dtype != bool:
+        raise RecordingError(f"{name}: mask of {placement} must be bool; got {np.asarray(imu.mask).dtype}")
+    step = np.diff(np.asarray(imu.time))
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0)) + 1
+        raise RecordingError(f"{name}: time of {placement} must increase; it does not at sample {row} (the first is 0)")

@@ -1,0 +1,137 @@
+"""The clock of a recording: units of time, order, gaps."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.types import RecordingError, as_float
+
+MIN_SAMPLES = 10
+LONGEST_STEP_S = 0.5  # a longer time between samples, or a shorter one in ms, means the other unit
+LONGEST_GAP_S = 10.0
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+
+
+class Clock(NamedTuple):
+    """When each sample was taken.
+
+    Attributes:
+        time: (T,) [s] from 0, strictly increasing; steps are one sample time, but for jitter.
+        rows: (T,) row of the input that each sample comes from, -1 where one was inserted into a gap.
+        sampling_rate_hz: [Hz].
+        notes: what was deduced or inserted.
+    """
+
+    time: np.ndarray
+    rows: np.ndarray
+    sampling_rate_hz: float
+    notes: tuple[str, ...]
+
+
+def make_clock(
+    samples: int, time: object | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
+) -> Clock:
+    """The clock from a time column, a sampling rate, or both.
+
+    Missing samples are inserted where the time jumps by more than one and a half sample times; they have no row.
+
+    Args:
+        samples: number of rows.
+        time: (samples,) time stamps, or None.
+        sampling_rate_hz: nominal rate [Hz], or None to take it from the time stamps.
+        time_unit: 's' or 'ms'; None: deduced from the size of the steps, and noted.
+        name: what messages call the recording.
+
+    Returns:
+        The clock.
+
+    Raises:
+        RecordingError: if there are too few samples, no clock, or time that is missing, repeats, runs backwards,
+            is in neither unit, or contradicts the sampling rate.
+    """
+    if samples < MIN_SAMPLES:
+        raise RecordingError(f"{name} has {samples} samples; at least {MIN_SAMPLES} are needed")
+    if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
+        raise RecordingError(f"{name}: sampling_rate_hz must be positive; got {sampling_rate_hz}")
+    if time is None:
+        if sampling_rate_hz is None:
+            raise RecordingError(f"{name} has no 'time' column, so sampling_rate_hz is needed; got neither")
+        return Clock(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
+    stamps = as_float(time)
+    if stamps.shape != (samples,):
+        raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
+    _check_order(stamps, name)
+    scale, notes = _scale(stamps, time_unit, name)
+    seconds = (stamps - stamps[0]) * scale
+    step = float(np.median(np.diff(seconds)))
+    # The mean of the regular steps is finer than their median where time stamps are rounded to milliseconds.
+    steps = np.diff(seconds)
+    rate = 1.0 / float(steps[steps < 1.5 * step].mean())
+    if sampling_rate_hz is None:
+        notes.append(f"sampling rate {rate:.4g} Hz, from the time stamps")
+    elif abs(rate / sampling_rate_hz - 1.0) > 0.05:
+        raise RecordingError(
+            f"{name}: the time stamps run at {rate:.4g} Hz, but sampling_rate_hz is {sampling_rate_hz:.4g}; "
+            "give one of the two, or correct time_unit"
+        )
+    filled, rows = _fill_gaps(seconds, 1.0 / rate, name, notes)
+    return Clock(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
+
+
+def _check_order(stamps: np.ndarray, name: str) -> None:
+    """Every time stamp there, and later than the one before."""
+    lost = np.flatnonzero(~np.isfinite(stamps))
+    if len(lost):
+        raise RecordingError(
+            f"{name}: time is missing in {len(lost)} rows, first in row {lost[0]} (the first row is 0)"
+        )
+    step = np.diff(stamps)
+    wrong = np.flatnonzero(step <= 0)
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        what = "repeats" if step[row - 1] == 0 else "runs backwards"
+        raise RecordingError(
+            f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows {stamps[row - 1]:.15g}; "
+            f"{len(wrong)} such rows in all"
+        )
+
+
+def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float, list[str]]:
+    """Seconds per unit of the time stamps."""
+    step = float(np.median(np.diff(stamps)))
+    notes = []
+    if time_unit is None:
+        time_unit = "ms" if step > LONGEST_STEP_S else "s"
+        notes.append(f"time taken to be in {time_unit}, because its steps are {step:.4g}")
+    elif time_unit not in TIME_UNITS:
+        raise RecordingError(f"{name}: time_unit must be 's' or 'ms'; got {time_unit!r}")
+    scale = TIME_UNITS[time_unit]
+    if step * scale > LONGEST_STEP_S:
+        hint = "; it seems to be in ms" if time_unit == "s" and step * 1e-3 <= LONGEST_STEP_S else ""
+        raise RecordingError(
+            f"{name}: with time in {time_unit}, samples are {step * scale:.4g} s apart; "
+            f"walking needs at most {LONGEST_STEP_S} s{hint}"
+        )
+    return scale, notes
+
+
+def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Time with evenly spaced samples inserted into the gaps, and the row of each sample (-1 where inserted)."""
+    gaps = np.diff(seconds)
+    counts = np.where(gaps > 1.5 * step, np.rint(gaps / step).astype(int), 1)
+    if (counts == 1).all():
+        return seconds, np.arange(len(seconds))
+    longest = int(np.argmax(gaps))
+    if gaps[longest] > LONGEST_GAP_S:
+        raise RecordingError(
+            f"{name}: {gaps[longest]:.1f} s are missing after row {longest} (the first row is 0), more than "
+            f"{LONGEST_GAP_S:g} s; split the recording there"
+        )
+    position = np.concatenate([[0], np.cumsum(counts)])
+    rows = np.full(position[-1] + 1, -1)
+    rows[position] = np.arange(len(seconds))
+    notes.append(
+        f"{int((counts > 1).sum())} gaps in time, the longest {gaps[longest]:.3g} s after {seconds[longest]:.2f} s; "
+        f"{int((rows < 0).sum())} samples inserted and masked"
+    )
+    return np.interp(np.arange(len(rows)), position, seconds), rows

@@ -1,0 +1,332 @@
+"""A user's CSV, table or arrays to a `Recording` in SI units."""
+
+import difflib
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.io.checks import GRAVITY, check_alive, check_units, quality_notes
+from jgait.io.clock import Clock, make_clock
+from jgait.types import PLACEMENTS, Imu, Recording, RecordingError, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY}
+CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
+
+
+def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
+    """Factor to SI.
+
+    Raises:
+        ValueError: if the unit is not among those known; the message lists them.
+    """
+    if unit not in units:
+        raise ValueError(f"{argument} must be one of {', '.join(map(repr, units))}; got {unit!r}")
+    return units[unit]
+
+
+def recording_from_arrays(
+    sensors: Mapping[str, Mapping[str, Any]],
+    *,
+    time: Any = None,
+    sampling_rate_hz: float | None = None,
+    time_unit: str | None = None,
+    gyr_unit: str = "deg/s",
+    acc_unit: str = "m/s^2",
+    name: str = "recording",
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from arrays, all sensors on one clock.
+
+    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is
+    interpolated. Gaps in time are filled with masked samples.
+
+    Args:
+        sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
+        time: (T,) time stamps, or None.
+        sampling_rate_hz: rate [Hz], or None to take it from `time`.
+        time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
+        gyr_unit: 'deg/s' or 'rad/s'.
+        acc_unit: 'm/s^2' or 'g'.
+        name: what tables and figures call the recording.
+        subject: who walked.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units; its notes say what was deduced, filled or is doubtful.
+
+    Raises:
+        ValueError: for an unknown unit.
+        RecordingError: if the arrays, the clock or the units make no usable recording; the message says what was
+            expected and what came.
+    """
+    scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
+    if not sensors:
+        raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
+    samples = None
+    for placement, signals in sensors.items():
+        samples = _check_arrays(placement, signals, samples, name)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
+    imus = {placement: _imu(signals, scales, clock) for placement, signals in sensors.items()}
+    for placement, imu in imus.items():
+        check_alive(imu, placement, name)
+    if check_sizes:
+        check_units(imus, gyr_unit, acc_unit, name)
+    recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
+    return recording._replace(notes=clock.notes + quality_notes(recording))
+
+
+def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | None, name: str) -> int:
+    """Number of samples of one sensor, after its names and shapes were found right."""
+    if placement not in PLACEMENTS:
+        near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(PLACEMENTS)}"
+        raise RecordingError(f"{name}: there is no placement {placement!r}{hint}")
+    if signals.get("gyr") is None:
+        raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
+    for kind in ("gyr", "acc"):
+        if signals.get(kind) is None:
+            continue
+        shape = np.shape(signals[kind])
+        if len(shape) != 2 or shape[1] != 3:
+            raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
+        if samples is not None and shape[0] != samples:
+            raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
+        samples = shape[0]
+    return int(samples or 0)
+
+
+def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: Clock) -> Imu:
+    """One sensor in SI on the clock, what is missing masked."""
+    rate = as_float(signals["gyr"]) * scales["gyr"]
+    force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]
+    finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
+    mask = (clock.rows >= 0) & finite[clock.rows]
+    gyr = np.where(mask[:, None], rate[clock.rows], 0.0)
+    acc = None if force is None else _interpolated(clock.time, force[clock.rows], mask)
+    return Imu(clock.time, gyr, acc, mask)
+
+
+def _interpolated(time: np.ndarray, values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Masked samples from their neighbours in time, the ends held; zeros where there is none at all."""
+    if mask.all():
+        return values
+    if not mask.any():
+        return np.zeros_like(values)
+    return np.stack([np.interp(time, time[mask], column[mask]) for column in values.T], axis=1)
+
+
+def recording_from_dataframe(
+    table: "pd.DataFrame",
+    *,
+    columns: Mapping[str, str] | None = None,
+    placement: str | None = None,
+    needs: Iterable[str] = (),
+    sampling_rate_hz: float | None = None,
+    time_unit: str | None = None,
+    gyr_unit: str = "deg/s",
+    acc_unit: str = "m/s^2",
+    name: str = "recording",
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z` and perhaps `time`.
+
+    Names are compared without regard to case and surrounding blanks. Accelerometer columns are optional for each
+    placement, all three or none. Other columns are left out and noted.
+
+    Args:
+        table: one row a sample.
+        columns: the table's own name → the name expected here, for example {"Gx R": "thigh_right_gyr_x"}.
+        placement: where the sensor sat, for a table of one sensor with columns `gyr_x` … `acc_z`.
+        needs: placements that must be there.
+        sampling_rate_hz: as `recording_from_arrays`.
+        time_unit: as `recording_from_arrays`.
+        gyr_unit: as `recording_from_arrays`.
+        acc_unit: as `recording_from_arrays`.
+        name: what tables and figures call the recording.
+        subject: who walked.
+        check_sizes: as `recording_from_arrays`.
+
+    Returns:
+        The recording in SI units.
+
+    Raises:
+        ValueError: for an unknown unit.
+        RecordingError: if columns are missing (the message lists what was expected and found, and what was perhaps
+            meant), hold no numbers, or the data make no usable recording.
+    """
+    given = [str(column) for column in table.columns]
+    renamed = _renamed(given, columns or {}, placement, name)
+    position = {column: index for index, column in reversed(list(enumerate(renamed)))}
+    found = _placements(position, given, tuple(needs), name)
+    sensors: dict[str, dict[str, np.ndarray]] = {}
+    used = {position["time"]} if "time" in position else set()
+    for where, kinds in found.items():
+        sensors[where] = {}
+        for kind in kinds:
+            indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
+            used.update(indices)
+            sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
+    time = _numbers(table.iloc[:, position["time"]], "time", name) if "time" in position else None
+    recording = recording_from_arrays(
+        sensors,
+        time=time,
+        sampling_rate_hz=sampling_rate_hz,
+        time_unit=time_unit,
+        gyr_unit=gyr_unit,
+        acc_unit=acc_unit,
+        name=name,
+        subject=subject,
+        check_sizes=check_sizes,
+    )
+    others = [column for index, column in enumerate(given) if index not in used]
+    if others:
+        recording = recording._replace(notes=(*recording.notes, f"columns left out: {', '.join(others)}"))
+    return recording
+
+
+def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:
+    """The table's names as they are expected here."""
+    absent = [column for column in columns if column not in given]
+    if absent:
+        near = difflib.get_close_matches(absent[0], given, 1, 0.5)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise RecordingError(f"{name} has no column {absent[0]!r} (named in columns); it has {given}{hint}")
+    renamed = [columns.get(column, column).strip().lower() for column in given]
+    if placement is not None:
+        renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
+    return renamed
+
+
+def _placements(
+    position: Mapping[str, int], given: list[str], needs: tuple[str, ...], name: str
+) -> dict[str, list[str]]:
+    """Placement → kinds of signal that are there in full."""
+    found: dict[str, list[str]] = {}
+    for placement in PLACEMENTS:
+        for kind in ("gyr", "acc"):
+            expected = [f"{placement}_{kind}_{axis}" for axis in "xyz"]
+            lacking = [column for column in expected if column not in position]
+            if len(lacking) == 3 and (kind == "acc" or placement not in needs):
+                continue
+            if lacking:
+                raise RecordingError(_lacking_message(lacking, expected, given, name))
+            if kind == "acc" and placement not in found:
+                raise RecordingError(
+                    f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; a sensor needs its gyroscope"
+                )
+            found.setdefault(placement, []).append(kind)
+    if not found:
+        expected = [f"thigh_right_gyr_{axis}" for axis in "xyz"]
+        raise RecordingError(_lacking_message(expected, expected, given, name, "such as "))
+    return found
+
+
+def _lacking_message(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> str:
+    every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
+    unknown = [column for column in given if column.strip().lower() not in (*every, "time")]
+    meant = []
+    for column in unknown:
+        near = difflib.get_close_matches(column.strip().lower(), lacking if not such_as else every, 1, 0.6)
+        if near:
+            meant.append(f"{column!r} for {near[0]!r}")
+    hint = f"; did you mean {', '.join(meant[:3])}? Pass columns={{…}} to rename" if meant else ""
+    bare = [column for column in given if column.strip().lower() in CHANNELS]
+    if bare and not meant:
+        hint = "; for one sensor with bare names pass placement='…'"
+    return f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
+
+
+def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
+    """A column as floats; what is no number becomes NaN."""
+    import pandas as pd
+
+    values = pd.to_numeric(column, errors="coerce").to_numpy(np.float64, na_value=np.nan)
+    if len(values) and not np.isfinite(values).any() and column.notna().any():
+        raise RecordingError(
+            f"{name}: column {label!r} holds no numbers; its first value is {column.dropna().iloc[0]!r}"
+        )
+    return values
+
+
+def read_csv(
+    path: str | os.PathLike[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    placement: str | None = None,
+    needs: Iterable[str] = (),
+    sampling_rate_hz: float | None = None,
+    time_unit: str | None = None,
+    gyr_unit: str = "deg/s",
+    acc_unit: str = "m/s^2",
+    name: str | None = None,
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
+
+    Args:
+        path: the file.
+        columns: as `recording_from_dataframe`.
+        placement: as `recording_from_dataframe`.
+        needs: placements that must be there.
+        sampling_rate_hz: rate [Hz]; not needed where there is a `time` column.
+        time_unit: 's' or 'ms'; None: deduced, and noted.
+        gyr_unit: 'deg/s' or 'rad/s'.
+        acc_unit: 'm/s^2' or 'g'.
+        name: what tables and figures call it; None: the file's name without its ending.
+        subject: who walked.
+        check_sizes: as `recording_from_arrays`.
+
+    Returns:
+        The recording in SI units.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for an unknown unit.
+        RecordingError: if the file is empty, no text, has no rows, lacks columns, or holds no usable recording.
+    """
+    file = Path(path)
+    table = _read_table(file)
+    return recording_from_dataframe(
+        table,
+        columns=columns,
+        placement=placement,
+        needs=needs,
+        sampling_rate_hz=sampling_rate_hz,
+        time_unit=time_unit,
+        gyr_unit=gyr_unit,
+        acc_unit=acc_unit,
+        name=file.stem if name is None else name,
+        subject=subject,
+        check_sizes=check_sizes,
+    )
+
+
+def _read_table(file: Path) -> "pd.DataFrame":
+    import pandas as pd
+
+    try:
+        with file.open(encoding="utf-8-sig") as stream:
+            header, first = stream.readline(), stream.readline()
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{file.name} is no text file in UTF-8: {error}") from error
+    if not header.strip():
+        raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
+    separator = max((",", ";", "\t"), key=header.count)
+    decimal = "," if separator != "," and "," in first else "."
+    try:
+        table = pd.read_csv(file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True)
+    except (pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{file.name} is no table: {error}") from error
+    if not len(table):
+        raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
+    return table
