@@ -1,0 +1,220 @@
+r"""Which way is up, seen from a body segment: a Kalman filter on the gravity direction.
+
+The gyroscope turns the direction of gravity in the segment's axes, the accelerometer pulls it slowly back, and
+standing fixes it firmly. State: the unit vector that points up and the gyroscope's bias, both in segment axes
+(forward, up, right). With the rate ω − β over one interval as rotation vector w,
+
+    u ← exp(−[w]×) u,      z = acc / g = u + noise,      gyr = β + noise while standing.
+
+The noise of z is large while walking, because the accelerometer also feels the swing; 1 g weighs it like a
+complementary filter of several seconds. The angle in the sagittal plane is θ = atan2(u_forward, u_up), positive
+when the distal end swings forward.
+
+Sensors: one gyroscope and accelerometer on the segment. Gravity direction as a Kalman state: Sabatini (2011),
+Sensors 11(2), doi 10.3390/s110201489.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait import filtering
+from jgait.filtering import Belief, Covariance, Model
+
+
+class Vector(NamedTuple):
+    """Three components in segment axes: forward, up and to the right."""
+
+    forward: Any
+    up: Any
+    right: Any
+
+
+class InclinationState(NamedTuple):
+    """Direction of up [1] and gyroscope bias [rad/s], in segment axes."""
+
+    up: Vector
+    bias: Vector
+
+
+class InclinationObservation(NamedTuple):
+    """Accelerometer in units of gravity [1], and the gyroscope's reading while standing [rad/s]."""
+
+    acc: Vector
+    gyr: Vector
+
+
+class InclinationControl(NamedTuple):
+    """What the filter is told each sample: mean rate over the interval [rad/s], and whether the person stands."""
+
+    rate: Vector
+    still: Any
+    measured: Any
+
+
+class InclinationNoise(NamedTuple):
+    """Noise of the gravity direction.
+
+    Attributes:
+        gyro_noise: gyroscope white noise, soft tissue included [rad/√s].
+        bias_walk: bias random walk [rad/s/√s].
+        walking_acceleration: standard deviation of acc / g about up while walking [1].
+        standing_acceleration: the same while standing [1].
+        standing_rate: standard deviation of the gyroscope about its bias while standing [rad/s].
+    """
+
+    gyro_noise: Any = 0.02
+    bias_walk: Any = 2e-5
+    walking_acceleration: Any = 1.0
+    standing_acceleration: Any = 0.01
+    standing_rate: Any = 0.02
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Cross product a × b in the right-handed axes (forward, up, right)."""
+    return Vector(a.up * b.right - a.right * b.up, a.right * b.forward - a.forward * b.right,
+                  a.forward * b.up - a.up * b.forward)  # fmt: skip
+
+
+def _rotate_back(u: Vector, w: Vector) -> Vector:
+    """exp(−[w]×) u; the sine and cosine factors are power series in |w|², exact to 1e-9 for |w| ≤ 1 rad."""
+    a = w.forward * w.forward + w.up * w.up + w.right * w.right
+    sine = 1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0 * (1.0 - a / 72.0)))
+    cosine = 0.5 * (1.0 - a / 12.0 * (1.0 - a / 30.0 * (1.0 - a / 56.0)))
+    wu = cross(w, u)
+    wwu = cross(w, wu)
+    return Vector(*(x - sine * y + cosine * z for x, y, z in zip(u, wu, wwu, strict=True)))
+
+
+def _initial(params: InclinationNoise) -> Belief:
+    del params
+    zero = Vector(0.0, 0.0, 0.0)
+    mean = InclinationState(Vector(0.0, 1.0, 0.0), zero)
+    small = Vector(1e-4, 1e-4, 1e-4)
+    return Belief(mean, Covariance.from_variances(InclinationState(small, small)))
+
+
+def _transition(
+    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Any
+) -> InclinationState:
+    del params
+    w = Vector(*((rate - bias) * dt for rate, bias in zip(control.rate, state.bias, strict=True)))
+    return InclinationState(_rotate_back(state.up, w), state.bias)
+
+
+def _transition_noise(
+    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Any
+) -> InclinationState:
+    del state
+    # A lost sample leaves the rate unknown by about 2 rad/s over its interval.
+    angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, 4.0) * dt * dt
+    walk = params.bias_walk**2 * dt
+    return InclinationState(Vector(angle, angle, angle), Vector(walk, walk, walk))
+
+
+def _observation(
+    params: InclinationNoise, state: InclinationState, control: InclinationControl
+) -> InclinationObservation:
+    del params, control
+    return InclinationObservation(state.up, state.bias)
+
+
+def _observation_noise(
+    params: InclinationNoise, state: InclinationState, control: InclinationControl
+) -> InclinationObservation:
+    del state
+    acc = jnp.where(control.still, params.standing_acceleration**2, params.walking_acceleration**2)
+    rate = params.standing_rate**2
+    return InclinationObservation(Vector(acc, acc, acc), Vector(rate, rate, rate))
+
+
+MODEL = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
+
+
+class Inclination(NamedTuple):
+    """A segment's inclination in its sagittal plane.
+
+    Attributes:
+        angle: (T,) [rad], 0 at the pose that defined the segment axes, positive when the distal end is forward.
+        rate: (T,) [rad/s], its derivative, bias removed.
+        variance: (T,) [rad²] of `angle`.
+        bias: (T,) gyroscope bias about the sagittal axis [rad/s].
+    """
+
+    angle: Any
+    rate: Any
+    variance: Any
+    bias: Any
+
+
+def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
+    """Sagittal angle, rate and variance of the angle, for one sample or a whole recording.
+
+    The rate is the derivative of atan2(u_f, u_u) under u̇ = −ω × u:
+    θ̇ = ω_r − u_r (u_u ω_u + u_f ω_f) / (u_f² + u_u²), so a turn does not leak into a leaning segment's angle.
+    """
+    u = state.up
+    w = Vector(*(r - b for r, b in zip(rate, state.bias, strict=True)))
+    square = jnp.maximum(u.forward * u.forward + u.up * u.up, 1e-6)
+    angle = jnp.arctan2(u.forward, u.up)
+    slope = w.right - u.right * (u.up * w.up + u.forward * w.forward) / square
+    df, du = u.up / square, -u.forward / square
+    variance = (
+        df * df * cov["up.forward", "up.forward"]
+        + du * du * cov["up.up", "up.up"]
+        + 2.0 * df * du * cov["up.forward", "up.up"]
+    )
+    return Inclination(angle, slope, variance, state.bias.right)
+
+
+def run(
+    params: InclinationNoise,
+    gyr: Vector,
+    acc: Vector,
+    still: Any,
+    measured: Any,
+    dt: Any,
+    bias: Vector,
+    start_variance: Any,
+    *,
+    smooth: bool = True,
+    standing: bool = True,
+) -> Inclination:
+    """Filter (and smooth) one segment's inclination over a recording.
+
+    Args:
+        params: noise, see `InclinationNoise`.
+        gyr: (T,) components [rad/s] in segment axes.
+        acc: (T,) components in units of gravity [1] in segment axes.
+        still: (T,) bool, the person stands.
+        measured: (T,) bool, the sample is there.
+        dt: (T,) time from the sample before [s]; 0 at the first.
+        bias: gyroscope bias at the start [rad/s].
+        start_variance: of the direction at the first sample [rad²].
+        smooth: Rauch–Tung–Striebel smoothing after the filter.
+        standing: use the still samples to fix direction and bias.
+
+    Returns:
+        The inclination at every sample.
+    """
+    controls = controls_of(gyr, still, measured, dt, standing=standing)
+    observations = InclinationObservation(acc, gyr)
+    mask = InclinationObservation(
+        Vector(measured, measured, measured), Vector(*(3 * (controls.still & measured,)))
+    )
+    prior = Belief(
+        InclinationState(Vector(*(jnp.asarray(c, gyr.up.dtype) for c in (0.0, 1.0, 0.0))), bias),
+        Covariance.from_variances(
+            InclinationState(Vector(start_variance, start_variance, start_variance), Vector(1e-5, 1e-5, 1e-5))
+        ),
+    )
+    solve = filtering.kalman_smoother if smooth else filtering.kalman_filter
+    belief = solve(MODEL, params, observations, controls=controls, dt=dt, mask=mask, initial=prior)
+    return read_out(belief.mean, belief.cov, gyr)
+
+
+def controls_of(gyr: Vector, still: Any, measured: Any, dt: Any, *, standing: bool) -> InclinationControl:
+    """Mean rate over each interval (trapezoid) and the flags, as the filter's control input."""
+    del dt
+    mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
+    return InclinationControl(mean, still if standing else jnp.zeros_like(still), measured)

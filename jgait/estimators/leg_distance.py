@@ -1,0 +1,67 @@
+"""Distance walked from leg kinematics: who carries the hip, and how far.
+
+Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot; the stance-leg read-out
+replaces it where both legs are worn.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from jgait.types import Legs, LegTrajectory
+
+
+def _interval(values: Any) -> Any:
+    return jnp.diff(values, prepend=values[:1])
+
+
+def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Any:
+    """The paper's read-out: D = Σ max(Δx, 0) + Σ |Δy|, the foot's way forward and all its way up and down.
+
+    The sum of |Δy| is the reading that comes near the paper's figures (deviation 6). The read-out is biased by
+    construction: it leaves out how far the hip moves while the foot swings.
+
+    Args:
+        leg: (T,) foot relative to hip [m].
+        vertical: add the vertical way.
+
+    Returns:
+        (T,) distance [m] since the first sample.
+    """
+    forward = jnp.maximum(_interval(leg.x), 0.0)
+    way = forward + jnp.abs(_interval(leg.y)) if vertical else forward
+    return jnp.cumsum(way)
+
+
+def _backward(leg: LegTrajectory, rollover_radius: Any) -> Any:
+    """How far the hip would move over this foot in each interval if it were the stance foot [m].
+
+    The foot rolls: its ankle moves forward by r per radian that the shank leans forward, so the hip gains
+    −Δx − r Δ(shank angle), shank angle positive with the ankle in front.
+    """
+    return -_interval(leg.x) - rollover_radius * _interval(leg.hip_angle - leg.knee_angle)
+
+
+def stance_carried(legs: Legs, rollover_radius: Any, still: Any) -> Any:
+    """Σ max(−Δx_right, −Δx_left, 0): the leg whose foot goes back fastest stands, and carries the hip.
+
+    With one leg worn, its backward way is divided by the share of time in which it goes backward while walking, as
+    if the hip went on at the same mean speed while the foot swings.
+
+    Args:
+        legs: one or both legs, (T,) each.
+        rollover_radius: r, how far the ankle moves per radian of shank rotation in stance [m].
+        still: (T,) bool, the person stands: swaying is not walking.
+
+    Returns:
+        (T,) distance [m] since the first sample.
+    """
+    worn = [leg for leg in (legs.right, legs.left) if leg is not None]
+    ways = [_backward(leg, rollover_radius) for leg in worn]
+    if len(ways) == 2:
+        return jnp.cumsum(jnp.where(still, 0.0, jnp.maximum(jnp.maximum(ways[0], ways[1]), 0.0)))
+    back = jnp.where(still, 0.0, jnp.maximum(ways[0], 0.0))
+    moving = ~still & (jnp.abs(ways[0]) > 1e-3)  # more than 1 mm an interval
+    count = jnp.maximum(jnp.sum(jnp.where(moving, 1.0, 0.0)), 1.0)
+    share = jnp.sum(jnp.where(moving & (ways[0] > 0.0), 1.0, 0.0)) / count
+    return jnp.cumsum(back) / jnp.maximum(share, 0.2)

@@ -1,0 +1,310 @@
+r"""Hip and knee angles, foot displacement and walked distance from gyroscopes on thigh and shin.
+
+The paper's extended Kalman filter, and around it what makes it hold on real walks: a functional sagittal axis,
+sensors put right, inclination from gravity, kinematic closure, standing, smoothing, and a distance read-out in
+which the stance leg carries the hip. Each of these is an argument (`LegOptions`), and `PAPER` turns all of them off.
+
+Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
+distance", ACC 2013. The model is in `leg_model`, decisions about a recording in `leg_calibration`.
+
+Sensors:
+    `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers where there are;
+    on one clock, 25 Hz or more, with half a second of quiet standing.
+
+Outputs:
+    Hip and knee flexion [rad], ankle relative to hip [m], standard deviations, walked distance [m].
+
+Deviations from the paper, with their effect measured on `neura_sparse` by `experiments/leg_ekf.py`:
+    1. Element C of equation 6 is the derivative of equation 3 (autodiff); as printed (`literal=True`) y is wrong.
+    2. Q's angle blocks carry the sample time T; as printed they carry powers of σ_θ instead (`literal=True`).
+    3. R holds variances; the text says standard deviations.
+    4. x and y start on the forward kinematics instead of at 0.
+    5. Knee angles come out flexion positive, hip angles from the vertical; the filter's own state keeps the paper's.
+    6. Distance "accumulates" |Δy|; the paper leaves open which vertical displacement.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait import filtering, params
+from jgait.estimators import inclination, leg_distance, leg_model
+from jgait.estimators.inclination import InclinationNoise, Vector
+from jgait.estimators.leg_calibration import LegInputs, LegSignals, Preparation, Segment, has_gravity, prepare
+from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
+from jgait.filtering import Covariance
+from jgait.types import Estimate, Legs, LegTrajectory, Recording
+
+
+class BySide(NamedTuple):
+    """A value for each leg."""
+
+    right: Any
+    left: Any
+
+
+class LegParams(NamedTuple):
+    """Parameters of the leg estimator, in natural units.
+
+    Attributes:
+        thigh_length: hip to knee [m].
+        shank_length: knee to ankle [m].
+        standing_hip: hip flexion in the calibrating stance [rad].
+        standing_knee: knee flexion in the calibrating stance [rad].
+        thigh_gain: thigh rotation per rotation of the thigh sensor, which skin and muscle hold back [1].
+        position_noise: σ_xy, variance added to x and y each sample [m²].
+        angle_noise: σ_θ, spectral density of the angular acceleration [rad²/s³].
+        bias_noise: σ_β, variance added to the gyroscope biases each sample [rad²/s²].
+        gyro_noise: multiplies R, the gyroscopes' variance while standing [1].
+        closure_noise: standard deviation of x and y about the forward kinematics [m].
+        inclination: noise of the gravity direction, see `InclinationNoise`.
+        soft_tissue_thigh: standard deviation of the thigh about its sensor [rad]; enters the stated errors only.
+        soft_tissue_shank: the same of the shank [rad].
+        rollover_radius: how far the ankle moves forward per radian of the shank in stance [m].
+        distance_scale: personal scale of the walked distance [1].
+    """
+
+    thigh_length: Any = BySide(0.43, 0.43)
+    shank_length: Any = BySide(0.43, 0.43)
+    standing_hip: Any = BySide(0.0, 0.0)
+    standing_knee: Any = BySide(0.0, 0.0)
+    thigh_gain: Any = BySide(1.0, 1.0)
+    position_noise: Any = 1e-6
+    angle_noise: Any = 10.0
+    bias_noise: Any = 1e-12
+    gyro_noise: Any = 1.0
+    closure_noise: Any = 1e-3
+    inclination: Any = InclinationNoise()
+    soft_tissue_thigh: Any = 0.05
+    soft_tissue_shank: Any = 0.02
+    rollover_radius: Any = 0.07
+    distance_scale: Any = 1.0
+
+
+TRANSFORMS = LegParams(
+    thigh_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
+    shank_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
+    standing_hip=BySide(params.interval(-0.6, 0.6), params.interval(-0.6, 0.6)),
+    standing_knee=BySide(params.interval(-0.4, 0.8), params.interval(-0.4, 0.8)),
+    thigh_gain=BySide(params.interval(0.6, 1.6), params.interval(0.6, 1.6)),
+    position_noise=params.positive,
+    angle_noise=params.positive,
+    bias_noise=params.positive,
+    gyro_noise=params.positive,
+    closure_noise=params.positive,
+    inclination=InclinationNoise(*(params.positive,) * 5),
+    soft_tissue_thigh=params.positive,
+    soft_tissue_shank=params.positive,
+    rollover_radius=params.interval(0.0 - 1e-9, 0.3),
+    distance_scale=params.positive,
+)
+"""The range of every parameter."""
+
+
+class LegOptions(NamedTuple):
+    """Which improvements are on; each is measured alone by `experiments/leg_ekf.py`.
+
+    Attributes:
+        perpendicular_axis: make the functional sagittal axis perpendicular to gravity.
+        gravity: 3-D inclination from gyroscope and accelerometer instead of the sagittal rate alone.
+        closure: tie x and y to the forward kinematics.
+        standing: quiet standing fixes inclination and gyroscope bias.
+        smooth: Rauch–Tung–Striebel smoothing (offline).
+        stance_distance: the stance leg carries the hip; else the paper's accumulation.
+        literal: the printed F and Q, misprints included.
+        rate_hz: resample to this rate first [Hz]; None keeps the recording's.
+        median: width of a median filter on the gyroscopes in samples; 1 is none.
+        method: how the filter linearises, see `jgait.filtering`.
+    """
+
+    perpendicular_axis: bool = True
+    gravity: bool = True
+    closure: bool = True
+    standing: bool = True
+    smooth: bool = True
+    stance_distance: bool = True
+    literal: bool = False
+    rate_hz: float | None = None
+    median: int = 1
+    method: Any = filtering.EKF()
+
+
+DEFAULT = LegOptions()
+"""The best pipeline."""
+
+PAPER = LegOptions(
+    perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, stance_distance=False,
+    rate_hz=50.0, median=5,
+)  # fmt: skip
+"""The paper's pipeline: 50 Hz, five-sample median filter, two rates, accumulation."""
+
+
+def _vector(values: Any) -> Vector:
+    return Vector(values[..., 0], values[..., 1], values[..., 2])
+
+
+def _model_params(p: LegParams, side: int, leg: LegSignals) -> LegModelParams:
+    return LegModelParams(
+        thigh_length=p.thigh_length[side],
+        shank_length=p.shank_length[side],
+        position_noise=p.position_noise,
+        angle_noise=p.angle_noise,
+        bias_noise=p.bias_noise,
+        gyro_variance_thigh=p.gyro_noise * leg.thigh.variance,
+        gyro_variance_shin=p.gyro_noise * leg.shank.variance,
+        closure_noise=p.closure_noise**2,
+    )
+
+
+def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
+    """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
+    return inclination.run(
+        p.inclination,
+        _vector(segment.gyr),
+        _vector(segment.acc),
+        inputs.still,
+        segment.measured & inputs.valid,
+        inputs.dt,
+        _vector(segment.bias),
+        inputs.start_variance,
+        smooth=options.smooth,
+        standing=options.standing,
+    )
+
+
+def _leg(p: LegParams, side: int, leg: LegSignals, inputs: LegInputs, options: LegOptions) -> tuple[Any, Any, Any]:
+    """Posterior mean, covariance and log-likelihood of one leg's state."""
+    model = leg_model.LITERAL if options.literal else leg_model.MODEL
+    hip, knee, gain = p.standing_hip[side], p.standing_knee[side], p.thigh_gain[side]
+    measured = leg.thigh.measured & leg.shank.measured & inputs.valid
+    zero = jnp.zeros_like(inputs.dt)
+    off = jnp.zeros_like(inputs.valid)
+    if options.gravity:
+        thigh, shank = (_incline(p, s, inputs, options) for s in leg)
+        # Errors of the inclination persist for about a second: as white noise they weigh one over the interval.
+        spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
+        control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
+        signals = (gain * thigh.rate, shank.rate, STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
+        biases = (jnp.zeros_like(inputs.start_variance),) * 2
+        tilted = inputs.valid
+    else:
+        # Standing again means the standing pose again, to about three degrees.
+        control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
+        signals = (leg.thigh.gyr[:, 2], leg.shank.gyr[:, 2], zero + STANDING + hip, zero + STANDING + hip - knee)
+        biases = (leg.thigh.bias[2], leg.shank.bias[2])
+        tilted = inputs.still & inputs.valid if options.standing else off
+    observations = LegObservation(signals[0], signals[1], zero, zero, signals[2], signals[3])
+    closed = inputs.valid if options.closure else off
+    mask = LegObservation(measured, measured, closed, closed, tilted, tilted)
+    model_params = _model_params(p, side, leg)
+    prior = leg_model.standing_belief(
+        model_params, STANDING + hip, -knee, biases[0], biases[1], inputs.start_variance
+    )
+    if options.smooth:
+        smoothed = filtering.kalman_smoother(
+            model, model_params, observations, controls=control, dt=inputs.dt, mask=mask,
+            method=options.method, initial=prior,
+        )  # fmt: skip
+        return smoothed.mean, smoothed.cov, smoothed.filtered
+    posterior = filtering.kalman_filter(
+        model, model_params, observations, controls=control, dt=inputs.dt, mask=mask,
+        method=options.method, initial=prior,
+    )  # fmt: skip
+    return posterior.mean, posterior.cov, posterior
+
+
+def _trajectory(state: LegState) -> LegTrajectory:
+    return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
+
+
+def _deviation(p: LegParams, side: int, state: LegState, cov: Covariance) -> LegTrajectory:
+    """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics."""
+    thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
+    shin = state.thigh_angle + state.knee_angle
+    a1, a2 = p.thigh_length[side], p.shank_length[side]
+    along = (a1 * jnp.sin(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.sin(shin)) ** 2 * shank
+    upward = (a1 * jnp.cos(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.cos(shin)) ** 2 * shank
+    return LegTrajectory(
+        jnp.sqrt(cov["thigh_angle", "thigh_angle"] + thigh),
+        jnp.sqrt(cov["knee_angle", "knee_angle"] + thigh + shank),
+        jnp.sqrt(cov["x", "x"] + along),
+        jnp.sqrt(cov["y", "y"] + upward),
+    )
+
+
+def walked(p: LegParams, legs: Legs, still: Any, options: LegOptions) -> Any:
+    """Distance walked [m] at every sample; see `leg_distance`."""
+    if options.stance_distance:
+        return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
+    worn = [leg for leg in legs if leg is not None]
+    return p.distance_scale * sum(leg_distance.accumulated(leg) for leg in worn) / len(worn)
+
+
+def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
+        options: which improvements are on; static under jit.
+
+    Returns:
+        Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
+        innovations and the mean normalised innovation squared of each leg.
+    """
+    trajectories: list[LegTrajectory | None] = [None, None]
+    deviations: list[LegTrajectory | None] = [None, None]
+    diagnostics = {}
+    valid = inputs.valid
+    for side, (name, leg) in enumerate(zip(("right", "left"), (inputs.right, inputs.left), strict=True)):
+        if leg is None:
+            continue
+        mean, cov, posterior = _leg(p, side, leg, inputs, options)
+        trajectories[side] = _trajectory(mean)
+        deviations[side] = _deviation(p, side, mean, cov)
+        valid = valid & posterior.valid
+        diagnostics[f"log_likelihood_{name}"] = jnp.sum(posterior.log_likelihood)
+        diagnostics[f"nis_{name}"] = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1)
+    legs = Legs(*trajectories)
+    return Estimate(inputs.time, legs, Legs(*deviations), walked(p, legs, inputs.still, options), valid, diagnostics)
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation:
+    """The inputs of `run` for a recording, under the options' preprocessing.
+
+    Raises:
+        RecordingError: see `leg_calibration.prepare`.
+    """
+    return prepare(
+        recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis
+    )
+
+
+def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:
+    """Hip and knee angles, foot position and distance of one recording.
+
+    Without accelerometers the gravity part of the pipeline is left out, and the notes say so.
+
+    Args:
+        p: parameters; at least the leg lengths should be the person's own.
+        recording: thigh and shank sensors of one or both legs.
+        options: which improvements are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way.
+
+    Raises:
+        RecordingError: missing placement, clocks that differ, no standing, no walking.
+        ValueError: a parameter outside its range.
+    """
+    params.check_params(p, TRANSFORMS)
+    preparation = prepared(recording, options)
+    if options.gravity and not has_gravity(preparation.inputs):
+        options = options._replace(gravity=False)
+    result = _run_jit(p, jax.tree.map(jnp.asarray, preparation.inputs), options)
+    diagnostics = dict(result.diagnostics, notes=(*recording.notes, *preparation.notes), standing=preparation.standing)
+    return result._replace(diagnostics=diagnostics)

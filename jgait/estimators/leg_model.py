@@ -1,0 +1,210 @@
+r"""The two-link leg of Bennett et al. as a state-space model on named scalars.
+
+Thigh and shank are two revolute links of lengths a₁ and a₂; θ₁ is the thigh from the forward axis (−π/2 hanging
+down), θ₂ the shank relative to the thigh (flexion negative), ω₁ and ω₂ their rates, β₁ and β₂ the biases of the
+thigh's and shin's gyroscopes, (x, y) the ankle relative to the hip. Equation 5 of the paper, over one interval:
+
+    x ← x + T (−a₁ sin θ₁ ω₁ − a₂ sin(θ₁+θ₂)(ω₁+ω₂)),    θ₁ ← θ₁ + T ω₁,
+    y ← y + T ( a₁ cos θ₁ ω₁ + a₂ cos(θ₁+θ₂)(ω₁+ω₂)),    θ₂ ← θ₂ + T ω₂.
+
+The filter takes its Jacobians by autodiff. Beside the paper's two rates the model observes, each under a mask of
+its own: the closure of x and y with the forward kinematics, and the inclination of both segments.
+
+Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
+distance", ACC 2013, equations 3–14.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.filtering import Belief, Covariance, Model
+
+STANDING = -math.pi / 2
+"""θ₁ of a thigh that hangs straight down [rad]."""
+
+
+class LegState(NamedTuple):
+    """Equation 4: positions [m], angles [rad], rates [rad/s], gyroscope biases [rad/s]."""
+
+    x: Any
+    y: Any
+    thigh_angle: Any
+    thigh_rate: Any
+    knee_angle: Any
+    knee_rate: Any
+    thigh_gyro_bias: Any
+    shin_gyro_bias: Any
+
+
+class LegObservation(NamedTuple):
+    """What the leg filter can be told.
+
+    Attributes:
+        thigh_gyro: sagittal rate of the thigh [rad/s], ω₁ + β₁.
+        shin_gyro: sagittal rate of the shin [rad/s], ω₁ + ω₂ + β₂.
+        closure_x: always 0: x minus the forward kinematics [m].
+        closure_y: always 0: y minus the forward kinematics [m].
+        thigh_inclination: θ₁ from gravity [rad].
+        shin_inclination: θ₁ + θ₂ from gravity [rad].
+    """
+
+    thigh_gyro: Any
+    shin_gyro: Any
+    closure_x: Any
+    closure_y: Any
+    thigh_inclination: Any
+    shin_inclination: Any
+
+
+class LegModelParams(NamedTuple):
+    """Parameters of one leg's model.
+
+    Attributes:
+        thigh_length: a₁ [m].
+        shank_length: a₂ [m].
+        position_noise: σ_xy, variance added to x and y each sample [m²].
+        angle_noise: σ_θ, spectral density of the angular acceleration [rad²/s³].
+        bias_noise: σ_β, variance added to the biases each sample [rad²/s²].
+        gyro_variance_thigh: R of the thigh's gyroscope [rad²/s²].
+        gyro_variance_shin: R of the shin's gyroscope [rad²/s²].
+        closure_noise: variance of the kinematic closure [m²].
+    """
+
+    thigh_length: Any
+    shank_length: Any
+    position_noise: Any
+    angle_noise: Any
+    bias_noise: Any
+    gyro_variance_thigh: Any
+    gyro_variance_shin: Any
+    closure_noise: Any
+
+
+class LegControl(NamedTuple):
+    """Variances of the inclinations at this sample [rad²]."""
+
+    thigh_variance: Any
+    shin_variance: Any
+
+
+def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Any, Any]:
+    """Ankle relative to hip (x forward, y up) [m]: equation 3, last column."""
+    shin = state.thigh_angle + state.knee_angle
+    x = params.thigh_length * jnp.cos(state.thigh_angle) + params.shank_length * jnp.cos(shin)
+    y = params.thigh_length * jnp.sin(state.thigh_angle) + params.shank_length * jnp.sin(shin)
+    return x, y
+
+
+def _moved(params: LegModelParams, state: LegState, dt: Any, *, literal: bool) -> LegState:
+    shin = state.thigh_angle + state.knee_angle
+    thigh_sin, thigh_cos = params.thigh_length * jnp.sin(state.thigh_angle), params.thigh_length * jnp.cos(
+        state.thigh_angle
+    )
+    shank_sin, shank_cos = params.shank_length * jnp.sin(shin), params.shank_length * jnp.cos(shin)
+    # Element C of equation 6 as printed, −a₁ sin θ₁ + a₂ sin(θ₁+θ₂), is not the derivative of equation 3.
+    c = -thigh_sin + shank_sin if literal else thigh_cos + shank_cos
+    return state._replace(
+        x=state.x + dt * (-(thigh_sin + shank_sin) * state.thigh_rate - shank_sin * state.knee_rate),
+        y=state.y + dt * (c * state.thigh_rate + shank_cos * state.knee_rate),
+        thigh_angle=state.thigh_angle + dt * state.thigh_rate,
+        knee_angle=state.knee_angle + dt * state.knee_rate,
+    )
+
+
+def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
+    """Equations 5, 7 and 8 over one interval."""
+    del control
+    return _moved(params, state, dt, literal=False)
+
+
+def transition_literal(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
+    """The same with element C as printed in equation 6 (deviation 1)."""
+    del control
+    return _moved(params, state, dt, literal=True)
+
+
+def _angle_blocks(params: LegModelParams, angle: Any, cross: Any, rate: Any) -> Covariance:
+    variances = LegState(
+        params.position_noise, params.position_noise, angle, rate, angle, rate, params.bias_noise, params.bias_noise
+    )
+    return Covariance.from_variances(variances).with_entries(
+        {("thigh_angle", "thigh_rate"): cross, ("knee_angle", "knee_rate"): cross}
+    )
+
+
+def transition_noise(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> Covariance:
+    """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2)."""
+    del state, control
+    s = params.angle_noise
+    return _angle_blocks(params, s * dt**3 / 3.0, s * dt**2 / 2.0, s * dt)
+
+
+def transition_noise_literal(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> Covariance:
+    """Q with the angle blocks as printed: [σ_θ³/3, σ_θ²/2; σ_θ²/2, σ_θ]."""
+    del state, control, dt
+    s = params.angle_noise
+    return _angle_blocks(params, s**3 / 3.0, s**2 / 2.0, s)
+
+
+def observation(params: LegModelParams, state: LegState, control: LegControl) -> LegObservation:
+    """Equation 9, the kinematic closure, and both inclinations."""
+    del control
+    x, y = forward_kinematics(params, state)
+    return LegObservation(
+        thigh_gyro=state.thigh_rate + state.thigh_gyro_bias,
+        shin_gyro=state.thigh_rate + state.knee_rate + state.shin_gyro_bias,
+        closure_x=state.x - x,
+        closure_y=state.y - y,
+        thigh_inclination=state.thigh_angle,
+        shin_inclination=state.thigh_angle + state.knee_angle,
+    )
+
+
+def observation_noise(params: LegModelParams, state: LegState, control: LegControl) -> LegObservation:
+    """R: the gyroscopes' variances at rest, the closure's, and the inclinations' as they come."""
+    del state
+    return LegObservation(
+        params.gyro_variance_thigh,
+        params.gyro_variance_shin,
+        params.closure_noise,
+        params.closure_noise,
+        control.thigh_variance,
+        control.shin_variance,
+    )
+
+
+def initial(params: LegModelParams) -> Belief:
+    """Standing straight: θ₁ = −π/2, all else 0, the ankle where the forward kinematics puts it."""
+    return standing_belief(params, STANDING, 0.0, 0.0, 0.0, 1e-4)
+
+
+def standing_belief(
+    params: LegModelParams, thigh_angle: Any, knee_angle: Any, thigh_bias: Any, shin_bias: Any, angle_variance: Any
+) -> Belief:
+    """The belief before the first sample of a person who stands in a known pose.
+
+    Args:
+        params: of the leg.
+        thigh_angle: θ₁ [rad].
+        knee_angle: θ₂ [rad].
+        thigh_bias: gyroscope bias at rest [rad/s].
+        shin_bias: gyroscope bias at rest [rad/s].
+        angle_variance: of both angles [rad²].
+
+    Returns:
+        Mean and covariance; x and y start on the forward kinematics (deviation 4).
+    """
+    zero = jnp.zeros_like(jnp.asarray(thigh_bias) + thigh_angle)
+    mean = LegState(*(zero + v for v in (0.0, 0.0, thigh_angle, 0.0, knee_angle, 0.0, thigh_bias, shin_bias)))
+    x, y = forward_kinematics(params, mean)
+    variances = LegState(1e-8, 1e-8, angle_variance, 1e-4, angle_variance, 1e-4, 1e-8, 1e-8)
+    return Belief(mean._replace(x=x, y=y), Covariance.from_variances(variances))
+
+
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
+"""The corrected reading, the default."""
+
+LITERAL = Model(initial, transition_literal, transition_noise_literal, observation, observation_noise)
+"""The paper as printed: element C of equation 6 and the powers of σ_θ in Q."""

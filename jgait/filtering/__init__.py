@@ -1,0 +1,34 @@
+"""State estimation on named scalar states; knows nothing of gait.
+
+A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run it over a
+recording, `step` online over one sample; how they linearise is an argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
+"""
+
+from jgait.filtering.kalman import FIELDS, Posterior, Step, Updated, kalman_filter, predict, step, update
+from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
+from jgait.filtering.model import Belief, Covariance, Model, names_of
+from jgait.filtering.smoother import Smoothed, kalman_smoother, smooth_step
+
+__all__ = [
+    "CKF",
+    "EKF",
+    "FIELDS",
+    "KF",
+    "UKF",
+    "Belief",
+    "Covariance",
+    "IteratedEKF",
+    "Method",
+    "Model",
+    "Posterior",
+    "Smoothed",
+    "Step",
+    "Updated",
+    "kalman_filter",
+    "kalman_smoother",
+    "names_of",
+    "predict",
+    "smooth_step",
+    "step",
+    "update",
+]

@@ -1,0 +1,143 @@
+"""Parameters in natural units, and the transforms that let an optimiser move them freely.
+
+A parameter set is a NamedTuple of scalars (or arrays) in natural units. Beside it stands a tuple of the same
+type that holds a `Transform` for each field. `unconstrain` maps parameters to the whole real line and drops
+what is fixed; `constrain` maps back. What is fixed never reaches the optimiser.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+P = TypeVar("P")
+
+
+class Transform(NamedTuple):
+    """A smooth bijection between a parameter's range and the real line.
+
+    Attributes:
+        name: how the transform reads in tables, for example "positive".
+        to_free: natural value → free value on the real line; None when the parameter is fixed.
+        to_natural: free value → natural value; None when the parameter is fixed.
+        low: lower end of the open range.
+        high: upper end of the open range.
+    """
+
+    name: str
+    to_free: Callable[[Any], Any] | None
+    to_natural: Callable[[Any], Any] | None
+    low: float = -math.inf
+    high: float = math.inf
+
+
+def _identity(value: Any) -> Any:
+    return value
+
+
+real = Transform("real", _identity, _identity)
+"""Any real number."""
+
+positive = Transform("positive", jnp.log, jnp.exp, low=0.0)
+"""Greater than zero; the free value is the natural logarithm."""
+
+fixed = Transform("fixed", None, None)
+"""Kept at its value; never seen by the optimiser."""
+
+
+def interval(low: float, high: float) -> Transform:
+    """Between `low` and `high`, both excluded; the free value is the logit of the relative position.
+
+    Raises:
+        ValueError: if `low` is not below `high`, or either is not finite.
+    """
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"interval(low, high) needs finite low < high; got low={low!r}, high={high!r}")
+
+    def to_free(value: Any) -> Any:
+        return jnp.log((value - low) / (high - value))
+
+    def to_natural(free: Any) -> Any:
+        return low + (high - low) * jax.nn.sigmoid(free)
+
+    return Transform(f"interval({low:g}, {high:g})", to_free, to_natural, low, high)
+
+
+def _is_transform(node: Any) -> bool:
+    return isinstance(node, Transform)
+
+
+def _pairs(params: Any, transforms: Any) -> tuple[list[str], list[Any], list[Transform], Any]:
+    """Names, values and transforms side by side; raises where they do not match."""
+    flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
+    if not all(_is_transform(t) for t in flat):
+        odd = next(t for t in flat if not _is_transform(t))
+        raise TypeError(f"transforms must hold a jgait.params.Transform for every parameter; got {odd!r}")
+    try:
+        values = treedef.flatten_up_to(params)
+    except (ValueError, TypeError) as error:
+        raise TypeError(
+            f"params and transforms must have the same structure; got {type(params).__name__} "
+            f"and {type(transforms).__name__}: {error}"
+        ) from error
+    paths, _ = jax.tree_util.tree_flatten_with_path(transforms, is_leaf=_is_transform)
+    return [jax.tree_util.keystr(path).lstrip(".") for path, _ in paths], values, flat, treedef
+
+
+def check_params(params: Any, transforms: Any) -> None:
+    """Refuse concrete values outside their range, naming the parameter.
+
+    Raises:
+        TypeError: if the structures differ.
+        ValueError: if a value is not finite, or outside the open range of its transform.
+    """
+    names, values, flat, _ = _pairs(params, transforms)
+    for name, value, transform in zip(names, values, flat, strict=True):
+        if value is None or isinstance(value, jax.core.Tracer):
+            continue
+        array = jnp.asarray(value)
+        if not bool(jnp.all(jnp.isfinite(array))):
+            raise ValueError(f"parameter '{name}' must be finite; got {value}")
+        if not bool(jnp.all((array > transform.low) & (array < transform.high))):
+            raise ValueError(f"parameter '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {value}")
+
+
+def unconstrain(params: P, transforms: P) -> P:
+    """Map parameters to free values on the real line; fixed ones become None.
+
+    Args:
+        params: NamedTuple of parameters in natural units.
+        transforms: the same type, holding a `Transform` for each.
+
+    Returns:
+        The same type with free values; a fixed parameter is None, so that it is no leaf of the pytree.
+    """
+    _, values, flat, treedef = _pairs(params, transforms)
+    return jax.tree.unflatten(
+        treedef,
+        [None if t.to_free is None or v is None else t.to_free(jnp.asarray(v)) for v, t in zip(values, flat, strict=True)],
+    )
+
+
+def constrain(free: P, transforms: P, params: P) -> P:
+    """Map free values back to natural units; fixed ones are taken from `params`.
+
+    Args:
+        free: what `unconstrain` gave.
+        transforms: the same tuple of transforms.
+        params: parameters in natural units, the source of the fixed ones.
+
+    Returns:
+        Parameters in natural units.
+    """
+    _, values, flat, treedef = _pairs(params, transforms)
+    frees = treedef.flatten_up_to(free)
+    return jax.tree.unflatten(
+        treedef,
+        [
+            v if t.to_natural is None or f is None else t.to_natural(f)
+            for f, v, t in zip(frees, values, flat, strict=True)
+        ],
+    )

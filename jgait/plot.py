@@ -1,0 +1,211 @@
+"""Figures of estimates beside their reference, readable in grey, with units.
+
+Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.types import SIDES, Estimate, LegTrajectory
+
+ESTIMATE = {"color": "#c0392b", "linewidth": 1.4}
+REFERENCE = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
+FIELDS = (
+    ("hip_angle", "hip flexion [°]", 180.0 / np.pi),
+    ("knee_angle", "knee flexion [°]", 180.0 / np.pi),
+    ("x", "ankle forward of hip [cm]", 100.0),
+    ("y", "ankle above hip [cm]", 100.0),
+)
+
+
+def _figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, Any]:
+    """A figure drawn without a display, so that servers and tests need none."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
+    spreads = estimate.stddev or (None, None)
+    rows = zip(SIDES, estimate.legs, spreads, strict=True)
+    return [(side, leg, spread) for side, leg, spread in rows if leg is not None]
+
+
+def _window(estimate: Estimate, seconds: tuple[float, float] | None) -> slice:
+    time = np.asarray(estimate.time)
+    if seconds is None:
+        return slice(0, time.size)
+    return slice(*np.searchsorted(time, seconds))
+
+
+def joint_angles(
+    estimate: Estimate,
+    reference: Estimate | None = None,
+    *,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+    label: str = "jgait",
+    reference_label: str = "reference",
+) -> Any:
+    """Hip and knee flexion of each leg with a band of two standard deviations, over the reference.
+
+    Args:
+        estimate: what to draw.
+        reference: motion capture or simulated truth, dashed.
+        seconds: from and to [s]; None draws everything.
+        title: above the figure.
+        label: name of the estimate.
+        reference_label: name of the reference.
+
+    Returns:
+        A matplotlib figure.
+    """
+    worn = _worn(estimate)
+    figure, axes = _figure(2, len(worn), 5.2 * len(worn) + 0.6, 5.6)
+    part = _window(estimate, seconds)
+    time = np.asarray(estimate.time)[part]
+    for column, (side, leg, spread) in enumerate(worn):
+        for row, (field, unit, scale) in enumerate(FIELDS[:2]):
+            axis = axes[row, column]
+            value = scale * np.asarray(getattr(leg, field))[part]
+            if spread is not None:
+                band = 2.0 * scale * np.asarray(getattr(spread, field))[part]
+                axis.fill_between(time, value - band, value + band, color="#f0b7b0", linewidth=0, label="±2σ")
+            if reference is not None and getattr(reference.legs, side) is not None:
+                _reference(axis, reference, side, field, scale, seconds, reference_label)
+            axis.plot(time, value, label=label, **ESTIMATE)
+            axis.set_ylabel(unit)
+            axis.grid(alpha=0.3)
+            if row == 0:
+                axis.set_title(f"{side} leg")
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def _reference(
+    axis: Any, reference: Estimate, side: str, field: str, scale: float, seconds: tuple[float, float] | None, label: str
+) -> None:
+    part = _window(reference, seconds)
+    values = scale * np.asarray(getattr(getattr(reference.legs, side), field))[part]
+    axis.plot(np.asarray(reference.time)[part], values, label=label, **REFERENCE)
+
+
+def foot_path(
+    estimate: Estimate,
+    reference: Estimate | None = None,
+    *,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+    label: str = "jgait",
+    reference_label: str = "reference",
+) -> Any:
+    """Where the ankle goes relative to the hip, in the sagittal plane.
+
+    Args:
+        estimate: what to draw.
+        reference: motion capture or simulated truth, dashed.
+        seconds: from and to [s].
+        title: above the figure.
+        label: name of the estimate.
+        reference_label: name of the reference.
+
+    Returns:
+        A matplotlib figure.
+    """
+    worn = _worn(estimate)
+    figure, axes = _figure(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
+    part = _window(estimate, seconds)
+    for column, (side, leg, _) in enumerate(worn):
+        axis = axes[0, column]
+        if reference is not None and getattr(reference.legs, side) is not None:
+            true = getattr(reference.legs, side)
+            span = _window(reference, seconds)
+            axis.plot(
+                100 * np.asarray(true.x)[span], 100 * np.asarray(true.y)[span], label=reference_label, **REFERENCE
+            )
+        axis.plot(100 * np.asarray(leg.x)[part], 100 * np.asarray(leg.y)[part], label=label, **ESTIMATE)
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_xlabel("ankle forward of hip [cm]")
+        axis.set_title(f"{side} leg")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("ankle above hip [cm]")
+    axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def distance(
+    estimate: Estimate,
+    reference: Estimate | None = None,
+    *,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+    label: str = "jgait",
+    reference_label: str = "reference",
+    others: dict[str, Estimate] | None = None,
+) -> Any:
+    """Walked distance over time, from the start of the window.
+
+    Args:
+        estimate: what to draw.
+        reference: motion capture or simulated truth, dashed.
+        seconds: from and to [s].
+        title: above the figure.
+        label: name of the estimate.
+        reference_label: name of the reference.
+        others: name → further estimates, in grey.
+
+    Returns:
+        A matplotlib figure.
+    """
+    figure, axes = _figure(1, 1, 6.4, 3.8)
+    axis = axes[0, 0]
+
+    def draw(what: Estimate, name: str, style: dict[str, Any]) -> None:
+        part = _window(what, seconds)
+        values = np.asarray(what.distance)[part]
+        axis.plot(np.asarray(what.time)[part], values - values[0], label=name, **style)
+
+    for number, (name, other) in enumerate((others or {}).items()):
+        draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": (":", "-.")[number % 2]})
+    if reference is not None and reference.distance is not None:
+        draw(reference, reference_label, REFERENCE)
+    draw(estimate, label, ESTIMATE)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("distance walked [m]")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="upper left", fontsize=8)
+    if title:
+        axis.set_title(title)
+    return figure
+
+
+def save(figure: Any, path: str | Path, *, dpi: int = 130) -> Path:
+    """Write a figure to a file, whole or not at all.
+
+    Args:
+        figure: a matplotlib figure.
+        path: where; the ending gives the format.
+        dpi: dots an inch for pixel formats.
+
+    Returns:
+        The path.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        figure.savefig(part, dpi=dpi)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

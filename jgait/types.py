@@ -1,0 +1,118 @@
+"""The records that every part of jgait gives and takes: sensors, recordings, events, strides, estimates.
+
+Inside the library everything is SI: seconds, metres, radians, rad/s, m/s². Signals are called `gyr` and `acc`;
+an accelerometer at rest reads +9.81 along the axis that points up. Truth has the type of the estimate: a
+simulator, motion capture and an estimator all give an `Estimate`, so an error is a function of two of them.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+SIDES = ("right", "left")
+
+PLACEMENTS = (
+    "head", "sternum", "lower_back", "pelvis", "waist",
+    *(f"{segment}_{side}" for segment in ("wrist", "thigh", "shank", "ankle", "foot") for side in SIDES),
+)  # fmt: skip
+"""Where a sensor can sit. `shank` is the middle of the shank, `ankle` its lower end just above the malleoli."""
+
+
+class Imu(NamedTuple):
+    """One inertial sensor on its own clock.
+
+    Attributes:
+        time: (T,) [s], strictly increasing.
+        gyr: (T, 3) [rad/s] angular rate in the sensor's axes; finite everywhere, 0 where the mask is False.
+        acc: (T, 3) [m/s²] specific force in the sensor's axes, or None; finite everywhere.
+        mask: (T,) bool; False where the sample was lost or cannot be trusted.
+    """
+
+    time: Any
+    gyr: Any
+    acc: Any
+    mask: Any
+
+
+class Recording(NamedTuple):
+    """What was worn by one person on one walk.
+
+    Attributes:
+        sensors: placement (see `PLACEMENTS`) → `Imu`.
+        sampling_rate_hz: nominal rate of the sensors [Hz].
+        name: what tables and figures call the recording.
+        subject: who walked; splits into tuning and judging never cut through a subject.
+        notes: what a reader noticed or changed (unit conversions, dropped samples), in plain words.
+    """
+
+    sensors: dict[str, Imu]
+    sampling_rate_hz: float
+    name: str = "recording"
+    subject: str = "subject"
+    notes: tuple[str, ...] = ()
+
+
+class LegTrajectory(NamedTuple):
+    """One leg in its sagittal plane, forward to the right, the hip at the origin.
+
+    Attributes:
+        hip_angle: (T,) [rad] thigh from the downward vertical, flexion (knee forward) positive.
+        knee_angle: (T,) [rad] shank relative to thigh, flexion positive, 0 when straight.
+        x: (T,) [m] ankle relative to hip, forward.
+        y: (T,) [m] ankle relative to hip, up (about minus the leg length when standing).
+    """
+
+    hip_angle: Any
+    knee_angle: Any
+    x: Any
+    y: Any
+
+
+class Legs(NamedTuple):
+    """Both legs, each a `LegTrajectory`, or None where it was not measured."""
+
+    right: LegTrajectory | None
+    left: LegTrajectory | None
+
+
+class Estimate(NamedTuple):
+    """What an estimator, a simulator or motion capture says about a recording.
+
+    Attributes:
+        time: (T,) [s].
+        legs: joint angles and foot position.
+        stddev: standard deviations in the type of `legs`, or None where the source states none.
+        distance: (T,) [m] distance walked since the start, or None.
+        valid: (T,) bool; False where the values mean nothing (padding, no data yet).
+        diagnostics: name → scalar or array that says how far to trust the result.
+    """
+
+    time: Any
+    legs: Legs
+    stddev: Legs | None
+    distance: Any
+    valid: Any
+    diagnostics: dict[str, Any]
+
+
+class RecordingError(ValueError):
+    """A recording cannot be used; the message says what was expected and what came."""
+
+
+def leg_of(legs: Legs, side: str) -> LegTrajectory:
+    """The trajectory of one side.
+
+    Raises:
+        ValueError: if the side is not 'right' or 'left', or was not measured.
+    """
+    if side not in SIDES:
+        raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
+    leg = legs.right if side == "right" else legs.left
+    if leg is None:
+        raise ValueError(f"the {side} leg was not measured")
+    return leg
+
+
+def as_float(values: Any) -> np.ndarray:
+    """A float64 NumPy array of anything array-like; the type in which recordings are held on the host."""
+    return np.asarray(values, dtype=np.float64)
