@@ -48,26 +48,31 @@ def walk(key: Any, person: Person, time: Any, noise: SensorNoise = IDEAL) -> tup
         segment (T,) [rad/s] and the lengths of the segments [m].
     """
     value, rate, acceleration = motion(person, time)
-    imus = []
-    for i, part in enumerate(jax.random.split(key, 4)):
-        s, c = jnp.sin(value.angle[i]), jnp.cos(value.angle[i])
-        ax, ay = acceleration.sensor[i][0], acceleration.sensor[i][1] + GRAVITY
-        zero = jnp.zeros_like(s)
-        gyr = jnp.stack([zero, zero, rate.angle[i]], axis=-1)
-        acc = jnp.stack([c * ax + s * ay, c * ay - s * ax, zero], axis=-1)
-        imus.append(measure(part, time, gyr, acc, noise, noise.left_flipped if i > 1 else 0.0))
-    right, left = (LegTrajectory(leg.hip, leg.knee, leg.x, leg.y) for leg in value.legs)
+    s, c = jnp.sin(value.angle), jnp.cos(value.angle)
+    ax, ay = acceleration.sensor_x, acceleration.sensor_y + GRAVITY
+    zero = jnp.zeros_like(s)
+    gyr = jnp.stack([zero, zero, rate.angle], axis=-1)
+    acc = jnp.stack([c * ax + s * ay, c * ay - s * ax, zero], axis=-1)
+    flipped = jnp.where(jnp.arange(4) < 2, 0.0, noise.left_flipped)
+    read = jax.vmap(measure, in_axes=(0, None, 1, 1, None, 0))
+    imus = read(jax.random.split(key, 4), time, gyr, acc, noise, flipped)
+    imus = imus._replace(time=jnp.broadcast_to(time[None, :], imus.mask.shape))
+    signals = LegImus(*(jax.tree.map(lambda leaf, i=i: leaf[i], imus) for i in range(4)))
+
+    legs = value.legs
+    right, left = (LegTrajectory(legs.hip[:, i], legs.knee[:, i], legs.x[:, i], legs.y[:, i]) for i in range(2))
     start = moment(person, jnp.zeros_like(time[0]))
+    foot = value.hip_x[:, None] + legs.x - (start.hip_x + start.legs.x)[None, :]
     diagnostics = {
-        "hip_height": value.hip[1],
-        "foot_displacement_right": value.hip[0] + right.x - start.hip[0] - start.legs[0].x,
-        "foot_displacement_left": value.hip[0] + left.x - start.hip[0] - start.legs[1].x,
-        **{f"{name}_rate": rate.angle[i] for i, name in enumerate(SEGMENTS)},
+        "hip_height": value.hip_y,
+        "foot_displacement_right": foot[:, 0],
+        "foot_displacement_left": foot[:, 1],
+        **{f"{name}_rate": rate.angle[:, i] for i, name in enumerate(SEGMENTS)},
         "thigh_length": jnp.asarray(person.thigh_length, time.dtype),
         "shank_length": jnp.asarray(person.shank_length, time.dtype),
     }
     valid = time <= duration(person) + 1e-6
-    return LegImus(*imus), Estimate(time, Legs(right, left), None, value.hip[0] - start.hip[0], valid, diagnostics)
+    return signals, Estimate(time, Legs(right, left), None, value.hip_x - start.hip_x, valid, diagnostics)
 
 
 def duration(person: Person) -> Any:
@@ -81,17 +86,15 @@ _walks = jax.jit(jax.vmap(walk, in_axes=(0, 0, None, None)))
 
 @jax.jit
 def _geometry(person: Person) -> tuple[Any, Any, Any]:
-    """Ankle ahead of the hip and reach of the leg [m], knee flexion [rad], ankle over the ground [m], on a fine grid."""
-    clock = jnp.linspace(-0.5, 1.0, 2049) * (person.steps + 1.5)
+    """Over the whole walk: the largest |x| over the leg's reach [1], the least knee flexion [rad], the lowest ankle [m]."""
 
     def at(u: Any) -> tuple[Any, Any, Any]:
-        _, height, *legs = body_pose(person, u)
+        _, height, legs = body_pose(person, u)
         a, b = person.thigh_length, person.shank_length
-        reach = [jnp.sqrt(a * a + b * b + 2.0 * a * b * jnp.cos(leg.knee)) for leg in legs]
-        ratio = [jnp.abs(leg.x) / r for leg, r in zip(legs, reach, strict=True)]
-        return jnp.stack(ratio), jnp.stack([leg.knee for leg in legs]), jnp.stack([height + leg.y for leg in legs])
+        reach = jnp.sqrt(a * a + b * b + 2.0 * a * b * jnp.cos(legs.knee))
+        return jnp.max(jnp.abs(legs.x) / reach), jnp.min(legs.knee), jnp.min(height + legs.y)
 
-    ratio, knee, ankle = jax.vmap(at)(clock)
+    ratio, knee, ankle = jax.vmap(at)(jnp.linspace(0.0, 1.0, 2049) * (person.steps + 2.0) - 0.5)
     return jnp.max(ratio), jnp.min(knee), jnp.min(ankle)
 
 

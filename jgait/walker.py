@@ -196,46 +196,59 @@ def leg_pose(person: Person, u: Any, leads: Any) -> LegPose:
     return LegPose(hip, knee, x, -jnp.sqrt(reach * reach - x * x), rise)
 
 
-def body_pose(person: Person, u: Any) -> tuple[Any, Any, LegPose, LegPose]:
-    """Hip progress [m], hip height above a standing ankle [m], the leg that steps first and the other.
+def body_pose(person: Person, u: Any) -> tuple[Any, Any, LegPose]:
+    """Hip progress [m], hip height above a standing ankle [m], and both legs, (right, left) stacked in each field.
 
     The hip rides on the leg that bears; weight passes to the next foot over `double_support`, in which the ankles
     take up the difference of the two legs' heights.
     """
     p = person
-    first, second = leg_pose(p, u, jnp.ones_like(u)), leg_pose(p, u, jnp.zeros_like(u))
-    passing = jnp.clip(jnp.round(u), 1.0, p.steps)
+    right = jnp.where(jnp.asarray(p.right_first, u.dtype) > 0.5, jnp.ones_like(u), jnp.zeros_like(u))
+    leads = jnp.stack([right, 1.0 - right])
+    legs = jax.vmap(leg_pose, in_axes=(None, None, 0))(p, u, leads)
+    passing = jnp.clip(jnp.round(u), 1.0, p.steps)  # the step whose landing is nearest in time
     share = _smooth((u - passing) / p.double_support + 0.5)
-    on_first = jnp.where(jnp.mod(passing, 2.0) > 0.5, share, 1.0 - share)
-    height = on_first * (first.rise - first.y) + (1.0 - on_first) * (second.rise - second.y)
-    return hip_progress(p, u), height, first, second
+    to_leading = jnp.mod(passing, 2.0) > 0.5
+    bears = jnp.where((leads > 0.5) == to_leading, share, 1.0 - share)
+    return hip_progress(p, u), jnp.sum(bears * (legs.rise - legs.y)), legs
 
 
 class Moment(NamedTuple):
-    """Everything at one instant: segments in the order of `SEGMENTS`, world coordinates [m], angles [rad]."""
+    """Everything at one instant, in world coordinates [m] and angles from the downward vertical [rad].
 
-    hip: tuple[Any, Any]
-    legs: tuple[LegPose, LegPose]
-    angle: tuple[Any, ...]
-    sensor: tuple[tuple[Any, Any], ...]
+    Attributes:
+        hip_x: how far the hip has come.
+        hip_y: hip above a standing ankle.
+        legs: each field (2,), right and left.
+        angle: (4,) of the segments, in the order of `SEGMENTS`.
+        sensor_x: (4,) sensor on the segment, forward.
+        sensor_y: (4,) sensor on the segment, up.
+    """
+
+    hip_x: Any
+    hip_y: Any
+    legs: LegPose
+    angle: Any
+    sensor_x: Any
+    sensor_y: Any
 
 
 def moment(person: Person, time: Any) -> Moment:
-    """The walk at one time [s]."""
+    """The walk at one time [s], a scalar."""
     p = person
-    x, height, first, second = body_pose(p, step_clock(p, time))
-    right = jax.tree.map(lambda a, b: jnp.where(p.right_first > 0.5, a, b), first, second)
-    left = jax.tree.map(lambda a, b: jnp.where(p.right_first > 0.5, b, a), first, second)
-    angles, sensors = [], []
-    for leg in (right, left):
-        shank, thigh_at, shank_at = leg.hip - leg.knee, p.thigh_sensor * p.thigh_length, p.shank_sensor * p.shank_length
-        knee_x, knee_y = x + p.thigh_length * jnp.sin(leg.hip), height - p.thigh_length * jnp.cos(leg.hip)
-        angles += [leg.hip, shank]
-        sensors += [
-            (x + thigh_at * jnp.sin(leg.hip), height - thigh_at * jnp.cos(leg.hip)),
-            (knee_x + shank_at * jnp.sin(shank), knee_y - shank_at * jnp.cos(shank)),
-        ]
-    return Moment((x, height), (right, left), tuple(angles), tuple(sensors))
+    x, y, legs = body_pose(p, step_clock(p, time))
+    thigh, shank = legs.hip, legs.hip - legs.knee
+    thigh_at, shank_at = p.thigh_sensor * p.thigh_length, p.shank_sensor * p.shank_length
+    sensor_x = (
+        x + thigh_at * jnp.sin(thigh),
+        x + p.thigh_length * jnp.sin(thigh) + shank_at * jnp.sin(shank),
+    )
+    sensor_y = (
+        y - thigh_at * jnp.cos(thigh),
+        y - p.thigh_length * jnp.cos(thigh) - shank_at * jnp.cos(shank),
+    )
+    by_segment = (jnp.stack(pair, axis=1).reshape(4) for pair in ((thigh, shank), sensor_x, sensor_y))
+    return Moment(x, y, legs, *by_segment)
 
 
 def motion(person: Person, time: Any) -> tuple[Moment, Moment, Moment]:
