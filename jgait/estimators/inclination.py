@@ -87,11 +87,8 @@ def _rotate_back(u: Vector, w: Vector) -> Vector:
 
 
 def _initial(params: InclinationNoise) -> Belief:
-    del params
-    zero = Vector(0.0, 0.0, 0.0)
-    mean = InclinationState(Vector(0.0, 1.0, 0.0), zero)
-    small = Vector(1e-4, 1e-4, 1e-4)
-    return Belief(mean, Covariance.from_variances(InclinationState(small, small)))
+    zero = jnp.zeros_like(jnp.asarray(params.gyro_noise))
+    return prior(Vector(zero, zero, zero), 1e-4)
 
 
 def _transition(
@@ -197,24 +194,37 @@ def run(
     Returns:
         The inclination at every sample.
     """
-    controls = controls_of(gyr, still, measured, dt, standing=standing)
-    observations = InclinationObservation(acc, gyr)
-    mask = InclinationObservation(
-        Vector(measured, measured, measured), Vector(*(3 * (controls.still & measured,)))
-    )
-    prior = Belief(
-        InclinationState(Vector(*(jnp.asarray(c, gyr.up.dtype) for c in (0.0, 1.0, 0.0))), bias),
-        Covariance.from_variances(
-            InclinationState(Vector(start_variance, start_variance, start_variance), Vector(1e-5, 1e-5, 1e-5))
-        ),
-    )
+    still = still if standing else jnp.zeros_like(still)
+    mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
+    observations, mask = observe(gyr, acc, still, measured)
     solve = filtering.kalman_smoother if smooth else filtering.kalman_filter
-    belief = solve(MODEL, params, observations, controls=controls, dt=dt, mask=mask, initial=prior)
+    belief = solve(
+        MODEL,
+        params,
+        observations,
+        controls=InclinationControl(mean, still, measured),
+        dt=dt,
+        mask=mask,
+        initial=prior(bias, start_variance),
+    )
     return read_out(belief.mean, belief.cov, gyr)
 
 
-def controls_of(gyr: Vector, still: Any, measured: Any, dt: Any, *, standing: bool) -> InclinationControl:
-    """Mean rate over each interval (trapezoid) and the flags, as the filter's control input."""
-    del dt
-    mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
-    return InclinationControl(mean, still if standing else jnp.zeros_like(still), measured)
+def prior(bias: Vector, start_variance: Any) -> Belief:
+    """The belief before the first sample: upright, with the bias found at rest.
+
+    Args:
+        bias: gyroscope bias [rad/s].
+        start_variance: of the direction [rad²].
+    """
+    zero = jnp.zeros_like(bias.up)
+    spread = Vector(*(zero + start_variance,) * 3)
+    mean = InclinationState(Vector(zero, zero + 1.0, zero), bias)
+    return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
+
+
+def observe(gyr: Vector, acc: Vector, still: Any, measured: Any) -> tuple[InclinationObservation, Any]:
+    """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing."""
+    at_rest = still & measured
+    mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
+    return InclinationObservation(acc, gyr), mask

@@ -33,7 +33,7 @@ from jgait.estimators import inclination, leg_distance, leg_model
 from jgait.estimators.inclination import InclinationNoise, Vector
 from jgait.estimators.leg_calibration import LegInputs, LegSignals, Preparation, Segment, has_gravity, prepare
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
-from jgait.filtering import Covariance
+from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.types import Estimate, Legs, LegTrajectory, Recording
 
 
@@ -111,7 +111,8 @@ class LegOptions(NamedTuple):
         closure: tie x and y to the forward kinematics.
         standing: quiet standing fixes inclination and gyroscope bias.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        stance_distance: the stance leg carries the hip; else the paper's accumulation.
+        distance: "stance": the leg that stands carries the hip; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
+            "forward": Σ Δx⁺ alone, how far the foot swings, which follows the foot's own way over time.
         literal: the printed F and Q, misprints included.
         rate_hz: resample to this rate first [Hz]; None keeps the recording's.
         median: width of a median filter on the gyroscopes in samples; 1 is none.
@@ -123,7 +124,7 @@ class LegOptions(NamedTuple):
     closure: bool = True
     standing: bool = True
     smooth: bool = True
-    stance_distance: bool = True
+    distance: str = "stance"
     literal: bool = False
     rate_hz: float | None = None
     median: int = 1
@@ -134,17 +135,19 @@ DEFAULT = LegOptions()
 """The best pipeline."""
 
 PAPER = LegOptions(
-    perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, stance_distance=False,
+    perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, distance="accumulate",
     rate_hz=50.0, median=5,
 )  # fmt: skip
 """The paper's pipeline: 50 Hz, five-sample median filter, two rates, accumulation."""
 
 
-def _vector(values: Any) -> Vector:
+def vector(values: Any) -> Vector:
+    """The last axis (3,) of an array as named components."""
     return Vector(values[..., 0], values[..., 1], values[..., 2])
 
 
-def _model_params(p: LegParams, side: int, leg: LegSignals) -> LegModelParams:
+def model_params(p: LegParams, side: int, leg: LegSignals) -> LegModelParams:
+    """The model's parameters for one leg, R from its gyroscopes at rest."""
     return LegModelParams(
         thigh_length=p.thigh_length[side],
         shank_length=p.shank_length[side],
@@ -161,64 +164,94 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
     return inclination.run(
         p.inclination,
-        _vector(segment.gyr),
-        _vector(segment.acc),
+        vector(segment.gyr),
+        vector(segment.acc),
         inputs.still,
         segment.measured & inputs.valid,
         inputs.dt,
-        _vector(segment.bias),
+        vector(segment.bias),
         inputs.start_variance,
         smooth=options.smooth,
         standing=options.standing,
     )
 
 
-def _leg(p: LegParams, side: int, leg: LegSignals, inputs: LegInputs, options: LegOptions) -> tuple[Any, Any, Any]:
-    """Posterior mean, covariance and log-likelihood of one leg's state."""
-    model = leg_model.LITERAL if options.literal else leg_model.MODEL
+def observe(
+    p: LegParams,
+    side: int,
+    leg: LegSignals,
+    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
+    inputs: LegInputs,
+    options: LegOptions,
+) -> tuple[LegObservation, LegControl, LegObservation]:
+    """What the leg filter is told: observation, control and mask; for a whole recording or for one sample."""
     hip, knee, gain = p.standing_hip[side], p.standing_knee[side], p.thigh_gain[side]
-    measured = leg.thigh.measured & leg.shank.measured & inputs.valid
-    zero = jnp.zeros_like(inputs.dt)
-    off = jnp.zeros_like(inputs.valid)
-    if options.gravity:
-        thigh, shank = (_incline(p, s, inputs, options) for s in leg)
+    zero, off = jnp.zeros_like(inputs.dt), jnp.zeros_like(inputs.valid)
+    if inclinations is not None:
+        thigh, shank = inclinations
         # Errors of the inclination persist for about a second: as white noise they weigh one over the interval.
         spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
         control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
-        signals = (gain * thigh.rate, shank.rate, STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
-        biases = (jnp.zeros_like(inputs.start_variance),) * 2
+        angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
+        rates = (gain * thigh.rate, shank.rate)
         tilted = inputs.valid
     else:
         # Standing again means the standing pose again, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
-        signals = (leg.thigh.gyr[:, 2], leg.shank.gyr[:, 2], zero + STANDING + hip, zero + STANDING + hip - knee)
-        biases = (leg.thigh.bias[2], leg.shank.bias[2])
+        angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
+        rates = (leg.thigh.gyr[..., 2], leg.shank.gyr[..., 2])
         tilted = inputs.still & inputs.valid if options.standing else off
-    observations = LegObservation(signals[0], signals[1], zero, zero, signals[2], signals[3])
+    measured = leg.thigh.measured & leg.shank.measured & inputs.valid
     closed = inputs.valid if options.closure else off
-    mask = LegObservation(measured, measured, closed, closed, tilted, tilted)
-    model_params = _model_params(p, side, leg)
-    prior = leg_model.standing_belief(
-        model_params, STANDING + hip, -knee, biases[0], biases[1], inputs.start_variance
+    observation = LegObservation(*rates, zero, zero, *angles)
+    return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
+
+
+def prior_of(p: LegParams, side: int, leg: LegSignals, start_variance: Any, options: LegOptions) -> Belief:
+    """The belief before the first sample: standing, with the gyroscopes' biases at rest.
+
+    With gravity the inclination filter has taken the biases out already.
+    """
+    zero = jnp.zeros_like(start_variance)
+    biases = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
+    return leg_model.standing_belief(
+        model_params(p, side, leg), STANDING + p.standing_hip[side], -p.standing_knee[side], *biases, start_variance
     )
+
+
+def model_of(options: LegOptions) -> Model:
+    """The model: corrected, or as printed."""
+    return leg_model.LITERAL if options.literal else leg_model.MODEL
+
+
+def _leg(
+    p: LegParams, side: int, leg: LegSignals, inputs: LegInputs, options: LegOptions
+) -> tuple[LegState, Covariance, Posterior]:
+    """Mean and covariance of one leg's state, and the filter's posterior."""
+    inclinations = None
+    if options.gravity:
+        inclinations = (_incline(p, leg.thigh, inputs, options), _incline(p, leg.shank, inputs, options))
+    observations, controls, mask = observe(p, side, leg, inclinations, inputs, options)
+    settings = {
+        "controls": controls,
+        "dt": inputs.dt,
+        "mask": mask,
+        "method": options.method,
+        "initial": prior_of(p, side, leg, inputs.start_variance, options),
+    }
     if options.smooth:
-        smoothed = filtering.kalman_smoother(
-            model, model_params, observations, controls=control, dt=inputs.dt, mask=mask,
-            method=options.method, initial=prior,
-        )  # fmt: skip
+        smoothed = filtering.kalman_smoother(model_of(options), model_params(p, side, leg), observations, **settings)
         return smoothed.mean, smoothed.cov, smoothed.filtered
-    posterior = filtering.kalman_filter(
-        model, model_params, observations, controls=control, dt=inputs.dt, mask=mask,
-        method=options.method, initial=prior,
-    )  # fmt: skip
+    posterior = filtering.kalman_filter(model_of(options), model_params(p, side, leg), observations, **settings)
     return posterior.mean, posterior.cov, posterior
 
 
-def _trajectory(state: LegState) -> LegTrajectory:
+def trajectory_of(state: LegState) -> LegTrajectory:
+    """The filter's state in the library's angles: flexion positive, hip from the vertical."""
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
-def _deviation(p: LegParams, side: int, state: LegState, cov: Covariance) -> LegTrajectory:
+def deviation_of(p: LegParams, side: int, state: LegState, cov: Covariance) -> LegTrajectory:
     """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics."""
     thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
@@ -235,10 +268,12 @@ def _deviation(p: LegParams, side: int, state: LegState, cov: Covariance) -> Leg
 
 def walked(p: LegParams, legs: Legs, still: Any, options: LegOptions) -> Any:
     """Distance walked [m] at every sample; see `leg_distance`."""
-    if options.stance_distance:
+    if options.distance == "stance":
         return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
-    worn = [leg for leg in legs if leg is not None]
-    return p.distance_scale * sum(leg_distance.accumulated(leg) for leg in worn) / len(worn)
+    if options.distance not in ("accumulate", "forward"):
+        raise ValueError(f"distance must be 'stance', 'accumulate' or 'forward'; got {options.distance!r}")
+    ways = [leg_distance.accumulated(leg, vertical=options.distance == "accumulate") for leg in legs if leg is not None]
+    return p.distance_scale * sum(ways[1:], ways[0]) / len(ways)
 
 
 def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estimate:
@@ -261,8 +296,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estim
         if leg is None:
             continue
         mean, cov, posterior = _leg(p, side, leg, inputs, options)
-        trajectories[side] = _trajectory(mean)
-        deviations[side] = _deviation(p, side, mean, cov)
+        trajectories[side] = trajectory_of(mean)
+        deviations[side] = deviation_of(p, side, mean, cov)
         valid = valid & posterior.valid
         diagnostics[f"log_likelihood_{name}"] = jnp.sum(posterior.log_likelihood)
         diagnostics[f"nis_{name}"] = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1)
