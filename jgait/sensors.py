@@ -65,9 +65,8 @@ IDG300 = SensorNoise(
 """A Telos mote with an IDG-300 gyroscope and an LIS3LV02DQ accelerometer.
 
 From the data sheets: gyroscope ±500 °/s, 2 mV per °/s into a 12-bit converter of 2.5 V, 0.014 °/s/√Hz up to a
-first-order filter at 140 Hz, which sampling at 50 Hz folds into 25 Hz (0.2 °/s in all); ±6 g in
-340 steps per g. Chosen, since no source states them for this mote: biases, drift, mounting, loss and the
-accelerometer's noise.
+first-order filter at 140 Hz, which sampling at 50 Hz folds into 25 Hz (0.2 °/s in all); accelerometer ±6 g in 340
+steps per g. Chosen, since no source states them for this mote: biases, drift, mounting, loss, accelerometer noise.
 """
 
 

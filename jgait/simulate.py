@@ -86,7 +86,7 @@ _walks = jax.jit(jax.vmap(walk, in_axes=(0, 0, None, None)))
 
 @jax.jit
 def _geometry(person: Person) -> tuple[Any, Any, Any]:
-    """Over the whole walk: the largest |x| over the leg's reach [1], the least knee flexion [rad], the lowest ankle [m]."""
+    """Over the whole walk: largest |x| over the reach [1], least knee flexion [rad], lowest ankle [m]."""
 
     def at(u: Any) -> tuple[Any, Any, Any]:
         _, height, legs = body_pose(person, u)

@@ -1,0 +1,204 @@
+"""How far an estimate is from a reference, in the units that papers print; on the host, in NumPy and pandas."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jgait.types import SIDES, Estimate, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Window = tuple[float, float] | np.ndarray | None
+"""A stretch of the reference: its ends [s], both included; a mask (T,) over its samples; or None for all."""
+
+FIELDS = {
+    "hip_deg": ("hip_angle", 180.0 / np.pi),
+    "knee_deg": ("knee_angle", 180.0 / np.pi),
+    "x_cm": ("x", 100.0),
+    "y_cm": ("y", 100.0),
+}
+"""Column → field of a `LegTrajectory` and what its SI unit is multiplied by."""
+
+
+class DistanceError(NamedTuple):
+    """Distance walked while both speak; errors are estimate − reference.
+
+    Attributes:
+        estimate: [m].
+        reference: [m].
+        error: [m].
+        abs_error: [m].
+        rel_error: error / reference [1].
+        rmse: root mean square difference of the two distances over the walk [m], each from 0 at its start.
+    """
+
+    estimate: float
+    reference: float
+    error: float
+    abs_error: float
+    rel_error: float
+    rmse: float
+
+
+def _common(estimate: Estimate, reference: Estimate) -> np.ndarray:
+    """Which samples of the reference are valid and lie between valid samples of the estimate."""
+    ours, theirs = as_float(estimate.time), as_float(reference.time)
+    valid = np.asarray(estimate.valid, bool)
+    for name, time in (("estimate", ours), ("reference", theirs)):
+        if time.ndim != 1 or time.size < 2 or not np.all(np.diff(time) > 0):
+            raise ValueError(f"the {name}'s time must be (T,) with T >= 2 and strictly increasing")
+    inside = np.interp(theirs, ours, valid.astype(float), left=0.0, right=0.0) > 1.0 - 1e-9
+    common = inside & np.asarray(reference.valid, bool)
+    if not common.any():
+        raise ValueError(
+            f"estimate and reference have no valid time in common; the estimate spans {ours[0]:g} to {ours[-1]:g} s, "
+            f"the reference {theirs[0]:g} to {theirs[-1]:g} s"
+        )
+    return common
+
+
+def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
+    """A window as a mask over the reference's samples."""
+    time = as_float(reference.time)
+    if window is None:
+        return np.ones(time.shape, bool)
+    if isinstance(window, tuple) and len(window) == 2:
+        start, end = window
+        if not start < end:
+            raise ValueError(f"{name} must start before it ends; got ({start:g}, {end:g}) s")
+        return (time >= start) & (time <= end)
+    mask = np.asarray(window)
+    if mask.dtype != np.bool_ or mask.shape != time.shape:
+        raise ValueError(
+            f"{name} must be (start, end) in seconds or a bool mask of {time.shape} samples; "
+            f"got {mask.dtype} of shape {mask.shape}"
+        )
+    return mask
+
+
+def trajectory_errors(
+    estimate: Estimate, reference: Estimate, window: Window = None, relative_to: Window = None
+) -> "pd.DataFrame":
+    """Root mean square error of each leg's angles and foot path.
+
+    The estimate is interpolated onto the reference's times.
+
+    Args:
+        estimate: what to judge.
+        reference: what to judge it by.
+        window: stretch of the reference to judge on.
+        relative_to: stretch (of standing) whose mean is taken off each of the two first; None for absolute.
+
+    Returns:
+        One row for each leg that both have (index `side`); columns `hip_deg knee_deg x_cm y_cm`.
+
+    Raises:
+        ValueError: if they share no leg, no time, or no sample of a window.
+    """
+    import pandas as pd
+
+    common = _common(estimate, reference)
+    look = common & _samples(reference, window, "window")
+    still = None if relative_to is None else common & _samples(reference, relative_to, "relative_to")
+    for name, mask in (("window", look), ("relative_to", still)):
+        if mask is not None and not mask.any():
+            raise ValueError(f"{name} holds no sample where estimate and reference are both valid")
+    rows: dict[str, dict[str, float]] = {}
+    for side in SIDES:
+        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
+        if ours is None or theirs is None:
+            continue
+        rows[side] = {}
+        for column, (field, unit) in FIELDS.items():
+            values = np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(ours, field)))
+            difference = (values - as_float(getattr(theirs, field))) * unit
+            if still is not None:
+                difference = difference - difference[still].mean()
+            rows[side][column] = float(np.sqrt(np.mean(difference[look] ** 2)))
+    if not rows:
+        raise ValueError("estimate and reference share no leg")
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("side")
+
+
+def distance_error(estimate: Estimate, reference: Estimate) -> DistanceError:
+    """Error of the distance walked between the first and the last time at which both are valid.
+
+    Raises:
+        ValueError: if either has no distance, they share no time, or the reference did not move.
+    """
+    for name, one in (("estimate", estimate), ("reference", reference)):
+        if one.distance is None:
+            raise ValueError(f"the {name} has no distance to compare")
+    common = _common(estimate, reference)
+    theirs = as_float(reference.distance)[common]
+    ours = np.interp(as_float(reference.time), as_float(estimate.time), as_float(estimate.distance))[common]
+    ours, theirs = ours - ours[0], theirs - theirs[0]
+    if theirs[-1] == 0.0:
+        raise ValueError("the reference distance is 0 m: no relative error can be formed")
+    error = float(ours[-1] - theirs[-1])
+    rmse = float(np.sqrt(np.mean((ours - theirs) ** 2)))
+    return DistanceError(float(ours[-1]), float(theirs[-1]), error, abs(error), error / float(theirs[-1]), rmse)
+
+
+def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
+    """Median, worst, mean and number of each numeric column.
+
+    Args:
+        errors: a table with one row a leg or recording, or several `DistanceError`.
+
+    Returns:
+        One row for each column of `errors`; columns `median worst mean n`. The worst is the value furthest from 0,
+        with its sign; missing values do not count.
+
+    Raises:
+        ValueError: if there is nothing to summarise.
+    """
+    import pandas as pd
+
+    table = errors if isinstance(errors, pd.DataFrame) else pd.DataFrame(list(errors), columns=DistanceError._fields)
+    table = table.select_dtypes("number")
+    if table.empty:
+        raise ValueError("no errors to summarise: the table has no rows or no numeric column")
+    rows = {}
+    for column in table.columns:
+        values = table[column].dropna().to_numpy(dtype=float)
+        worst = values[np.argmax(np.abs(values))] if values.size else np.nan
+        median, mean = (np.median(values), values.mean()) if values.size else (np.nan, np.nan)
+        rows[column] = {"median": median, "worst": worst, "mean": mean, "n": values.size}
+    return pd.DataFrame.from_dict(rows, orient="index").astype({"n": int})
+
+
+def bootstrap_interval(
+    values: Any,
+    statistic: Callable[[np.ndarray], Any] = np.median,
+    *,
+    seed: int,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of a statistic of independent values; one value a person, not a sample.
+
+    Args:
+        values: (n,), finite.
+        statistic: (n,) → scalar.
+        seed: of the resampling; the same seed gives the same interval.
+        level: probability that the interval is to cover [1].
+        resamples: how many.
+
+    Returns:
+        Lower and upper end, in the unit of the statistic.
+
+    Raises:
+        ValueError: if there are fewer than two values, one is not finite, or `level` is not inside (0, 1).
+    """
+    data = as_float(values)
+    if data.ndim != 1 or data.size < 2 or not np.isfinite(data).all():
+        raise ValueError(f"bootstrap needs at least two finite values in one dimension; got shape {data.shape}")
+    if not 0.0 < level < 1.0 or resamples < 1:
+        raise ValueError(f"level must lie in (0, 1) and resamples be positive; got {level!r} and {resamples!r}")
+    rng = np.random.default_rng(seed)
+    draws = np.array([statistic(data[rng.integers(0, data.size, data.size)]) for _ in range(resamples)])
+    low, high = np.quantile(draws, [0.5 - level / 2.0, 0.5 + level / 2.0])
+    return float(low), float(high)

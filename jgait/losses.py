@@ -1,0 +1,219 @@
+"""What a tuner minimises: masked, pure JAX, with finite gradients wherever the inputs are finite."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.types import SIDES, Estimate, LegTrajectory
+
+_DEGREE = jnp.pi / 180.0
+_CENTIMETRE = 0.01
+
+
+class TrajectoryWeights(NamedTuple):
+    """How much one squared unit of error counts in each field of a leg; a weight of 0 leaves the field out.
+
+    Attributes:
+        hip_angle: [1/rad²]; the default counts one degree as one.
+        knee_angle: [1/rad²]; the default counts one degree as one.
+        x: [1/m²]; the default counts one centimetre as one.
+        y: [1/m²]; the default counts one centimetre as one.
+    """
+
+    hip_angle: Any = 1.0 / _DEGREE**2
+    knee_angle: Any = 1.0 / _DEGREE**2
+    x: Any = 1.0 / _CENTIMETRE**2
+    y: Any = 1.0 / _CENTIMETRE**2
+
+
+def masked_mean(values: Any, valid: Any = None) -> Any:
+    """Mean of `values` (T,) where `valid` (T,) is True; 0 where nothing is. Masked values get no gradient."""
+    values = jnp.asarray(values)
+    if valid is None:
+        return jnp.mean(values)
+    kept = jnp.where(valid, values, jnp.zeros_like(values))
+    count = jnp.sum(jnp.broadcast_to(valid, values.shape), dtype=values.dtype)
+    return jnp.sum(kept) / jnp.maximum(count, 1.0)
+
+
+def _difference(estimate: Any, reference: Any, valid: Any) -> Any:
+    """estimate − reference, 0 where masked, so that nothing masked reaches the arithmetic that follows."""
+    estimate, reference = jnp.asarray(estimate), jnp.asarray(reference)
+    if estimate.shape != reference.shape:
+        raise ValueError(f"estimate and reference must have the same shape; got {estimate.shape} and {reference.shape}")
+    if valid is None:
+        return estimate - reference
+    zero = jnp.zeros_like(estimate)
+    return jnp.where(valid, estimate, zero) - jnp.where(valid, reference, jnp.zeros_like(reference))
+
+
+def mean_squared(estimate: Any, reference: Any, valid: Any = None) -> Any:
+    """Mean squared difference.
+
+    (1/n) Σ (estimate − reference)² over the n valid samples
+
+    Args:
+        estimate: (T,) in any unit.
+        reference: (T,) in the same unit.
+        valid: (T,) bool, or None for all.
+
+    Returns:
+        A scalar in the unit squared; 0 if nothing is valid.
+
+    Raises:
+        ValueError: if the shapes differ.
+    """
+    return masked_mean(_difference(estimate, reference, valid) ** 2, valid)
+
+
+def mean_squared_angle(estimate: Any, reference: Any, valid: Any = None) -> Any:
+    """Mean squared difference of angles, each taken the short way round.
+
+    Args:
+        estimate: (T,) [rad].
+        reference: (T,) [rad].
+        valid: (T,) bool, or None for all.
+
+    Returns:
+        A scalar [rad²]; 0 if nothing is valid.
+
+    Raises:
+        ValueError: if the shapes differ.
+    """
+    difference = _difference(estimate, reference, valid)
+    return masked_mean(jnp.arctan2(jnp.sin(difference), jnp.cos(difference)) ** 2, valid)
+
+
+def _window(estimate: Estimate, reference: Estimate, window: Any) -> Any:
+    """Where both say something and the caller looks."""
+    both = jnp.asarray(estimate.valid) & jnp.asarray(reference.valid)
+    return both if window is None else both & jnp.asarray(window)
+
+
+def _pairs(
+    estimate: Estimate, reference: Estimate, sides: tuple[str, ...]
+) -> list[tuple[LegTrajectory, LegTrajectory]]:
+    """The legs that both measured, of those asked for."""
+    unknown = [side for side in sides if side not in SIDES]
+    if unknown:
+        raise ValueError(f"sides must be among {SIDES}; got {unknown[0]!r}")
+    legs = [(getattr(estimate.legs, side), getattr(reference.legs, side)) for side in sides]
+    pairs = [(a, b) for a, b in legs if a is not None and b is not None]
+    if not pairs:
+        raise ValueError(f"estimate and reference share none of the legs {list(sides)}")
+    return pairs
+
+
+def trajectory(
+    estimate: Estimate,
+    reference: Estimate,
+    weights: TrajectoryWeights | None = None,
+    *,
+    window: Any = None,
+    relative_to: Any = None,
+    sides: tuple[str, ...] = SIDES,
+) -> Any:
+    """How far a leg's angles and foot path are from the reference.
+
+    Σ_f w_f · mean squared difference of field f, averaged over the legs that both have
+
+    Args:
+        estimate: of T samples at the reference's times.
+        reference: what it should have been.
+        weights: of the fields; None for one degree and one centimetre counting as one each.
+        window: (T,) bool, where to look; None for everywhere. Samples that either calls invalid never count.
+        relative_to: (T,) bool, a stretch (of standing) whose mean difference is taken off first; None for absolute.
+        sides: the legs to compare.
+
+    Returns:
+        A scalar [1].
+
+    Raises:
+        ValueError: if no leg is shared, a side is unknown, or the numbers of samples differ.
+    """
+    weights = TrajectoryWeights() if weights is None else weights
+    look = _window(estimate, reference, window)
+    still = None if relative_to is None else _window(estimate, reference, relative_to)
+
+    def field(a: Any, b: Any) -> Any:
+        if still is None:
+            return mean_squared(a, b, look)
+        offset = masked_mean(_difference(a, b, still), still)
+        return masked_mean((_difference(a, b, look) - offset) ** 2, look)
+
+    pairs = _pairs(estimate, reference, sides)
+    terms = [w * field(a, b) for one, other in pairs for w, a, b in zip(weights, one, other, strict=True)]
+    return jax.tree.reduce(jnp.add, terms) / len(pairs)
+
+
+def _last(values: Any, valid: Any) -> Any:
+    """The last valid of (T,) values; the last one if none is valid."""
+    from_end = jnp.argmax(jnp.flip(valid))
+    return jnp.asarray(values)[valid.shape[0] - 1 - from_end]
+
+
+def distance(estimate: Estimate, reference: Estimate) -> Any:
+    """Squared relative error of the distance walked.
+
+    ((d − d_ref) / d_ref)² at the last sample where both are valid
+
+    Args:
+        estimate: with `distance` (T,) [m].
+        reference: with `distance` (T,) [m], its last value not 0.
+
+    Returns:
+        A scalar [1].
+
+    Raises:
+        ValueError: if either says nothing of distance.
+    """
+    for name, one in (("estimate", estimate), ("reference", reference)):
+        if one.distance is None:
+            raise ValueError(f"the {name} has no distance to compare")
+    valid = _window(estimate, reference, None)
+    ours, theirs = _last(estimate.distance, valid), _last(reference.distance, valid)
+    return ((ours - theirs) / theirs) ** 2
+
+
+def negative_log_likelihood(posterior: Any, valid: Any = None) -> Any:
+    """Mean negative log-likelihood of what was measured, by the filter's own innovations.
+
+    −Σ log p(y_k | y_1…y_{k−1}) / number of measured components
+
+    Args:
+        posterior: what `kalman_filter` gave, with `log_likelihood` (T,) [nat] and `count` (T,).
+        valid: (T,) bool, samples to count; None for all. Steps that the filter calls invalid never count.
+
+    Returns:
+        A scalar [nat per component]; 0 if nothing was measured.
+
+    Raises:
+        ValueError: if the filter was not asked to keep the likelihood and the count.
+    """
+    missing = [name for name in ("log_likelihood", "count", "valid") if getattr(posterior, name) is None]
+    if missing:
+        raise ValueError(f"the posterior must keep {missing[0]!r}; add it to the filter's keep=(...)")
+    use = posterior.valid if valid is None else posterior.valid & valid
+    terms = posterior.log_likelihood
+    total = jnp.sum(jnp.where(use, terms, jnp.zeros_like(terms)))
+    count = jnp.sum(jnp.where(use, posterior.count, jnp.zeros_like(posterior.count)), dtype=terms.dtype)
+    return -total / jnp.maximum(count, 1.0)
+
+
+def weighted_sum(terms: dict[str, Any], weights: dict[str, Any]) -> Any:
+    """Σ weight · term by name.
+
+    Args:
+        terms: name → scalar.
+        weights: name → scalar, for the same names.
+
+    Returns:
+        A scalar.
+
+    Raises:
+        ValueError: if the names differ, or there are none.
+    """
+    if not terms or set(terms) != set(weights):
+        raise ValueError(f"terms and weights must have the same names; got {sorted(terms)} and {sorted(weights)}")
+    return jax.tree.reduce(jnp.add, [weights[name] * terms[name] for name in sorted(terms)])
