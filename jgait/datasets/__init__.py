@@ -11,7 +11,6 @@ from jgait.datasets.registry import (
     ChecksumError,
     DatasetInfo,
     DatasetUnavailable,
-    available,
     fetch,
     file,
     info,
@@ -57,6 +56,16 @@ def names(name: str) -> tuple[str, ...]:
     return found
 
 
+def available(name: str) -> bool:
+    """Whether any recording of a data set is there.
+
+    Raises:
+        ValueError: if the data set is not known.
+    """
+    info(name)
+    return bool(_LOADERS[name].names())
+
+
 def load(name: str, only: Collection[str] | None = None) -> Walks:
     """Every recording of a data set that is there, with its reference.
 
@@ -68,13 +77,13 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         The walks, a list; its attribute `failures` names each recording that could not be read and why.
 
     Raises:
-        KeyError: if the data set, or a recording asked for, is not known.
+        ValueError: if the data set, or a recording asked for, is not known.
         DatasetUnavailable: if nothing of the set is there; the message says how to get it.
     """
     found = names(name)
     if only is not None:
         lacking = [one for one in only if one not in found]
         if lacking:
-            raise KeyError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(found)}")
+            raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(found)}")
         found = tuple(one for one in found if one in only)
     return load_each(found, _LOADERS[name].load_one)

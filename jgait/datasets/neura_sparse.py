@@ -60,15 +60,15 @@ _WINDOWS = {
 
 def names() -> list[str]:
     """Trials in upstream's list whose raw IMU files are there, for example 'S02-Trial-Walk-1'."""
-    folder = registry.path("neura_sparse")
-    if not (folder / LIST).is_file():
+    if not registry.listing("neura_sparse", ROOT, Path(LIST).name):
         return []
-    return [name for name in _trials() if any((folder / ROOT / "rawimu").glob(f"{name}-*.txt"))]
+    return [name for name in _trials()[0] if _sensor_paths(name)]
 
 
 def load_one(name: str) -> Walk:
     """One trial: nine sensors, and Vicon as an `Estimate`."""
-    frames = _trials()[name]
+    trials, list_known = _trials()
+    frames = trials[name]
     found = {placement: registry.file("neura_sparse", path) for placement, path in _sensor_paths(name).items()}
     if not found:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
@@ -90,26 +90,29 @@ def load_one(name: str) -> Walk:
         notes.append(f"no file for {', '.join(lacking)}")
     recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(notes))
     reference, details = _reference(name, frames, sensors, vicon, contact)
-    verified = all(known for _, known in found.values()) and vicon_known and contact_known
+    verified = all([list_known, vicon_known, contact_known, *(known for _, known in found.values())])
     return Walk(recording, reference, {**details, "verified": verified})
 
 
-def _trials() -> dict[str, tuple[int, int]]:
-    """Trial name → (first, last + 1) frame of its walk, from upstream's list, which counts from 1, both ends in."""
+def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
+    """Trial name → (first, last + 1) frame of its walk, and whether the list is the one known.
+
+    Upstream's list counts from 1, both ends in. A fuller set has a longer list, so another sha256 is no error.
+    """
     import pandas as pd
 
-    table = pd.read_csv(registry.file("neura_sparse", LIST)[0])
-    return {f"{row.subj}-{row.act}": (int(row.startFrame) - 1, int(row.endFrame)) for row in table.itertuples()}
+    path, known = registry.file("neura_sparse", LIST, strict=False)
+    table = pd.read_csv(path)
+    return {f"{row.subj}-{row.act}": (int(row.startFrame) - 1, int(row.endFrame)) for row in table.itertuples()}, known
 
 
 def _sensor_paths(name: str) -> dict[str, str]:
-    folder = registry.path("neura_sparse") / ROOT / "rawimu"
-    paths = {}
-    for placement, serial in SERIALS.items():
-        files = sorted(folder.glob(f"{name}-*_{serial}.txt"))
-        if files:
-            paths[placement] = f"{ROOT}/rawimu/{files[0].name}"
-    return paths
+    found = {placement: _listed(f"{name}-*_{serial}.txt") for placement, serial in SERIALS.items()}
+    return {placement: paths[0] for placement, paths in found.items() if paths}
+
+
+def _listed(pattern: str) -> list[str]:
+    return registry.listing("neura_sparse", f"{ROOT}/rawimu", pattern)
 
 
 def _read_sensor(path: Path) -> np.ndarray:

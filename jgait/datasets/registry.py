@@ -88,11 +88,11 @@ def info(name: str) -> DatasetInfo:
     """Title, address, licence, citation and file list of a data set.
 
     Raises:
-        KeyError: if there is no data set of that name; the message lists those there are.
+        ValueError: if there is no data set of that name; the message lists those there are.
     """
     known = _registry()
     if name not in known:
-        raise KeyError(f"there is no data set {name!r}; known are {', '.join(known)}")
+        raise ValueError(f"there is no data set {name!r}; known are {', '.join(known)}")
     return known[name]
 
 
@@ -101,23 +101,41 @@ def path(name: str) -> Path:
 
     `$JGAIT_DATA_DIR/<name>` when that folder exists, otherwise the download cache.
     """
+    return _folders(name)[0]
+
+
+def _folders(name: str) -> tuple[Path, ...]:
+    """Where files are looked for, in this order: the user's own folder, then what was fetched."""
     info(name)
     root = os.environ.get(DATA_DIR_VARIABLE)
-    if root and (Path(root) / name).is_dir():
-        return Path(root) / name
-    return _cache(name)
+    own = (Path(root) / name,) if root and (Path(root) / name).is_dir() else ()
+    return (*own, _cache(name))
+
+
+def _locate(name: str, upstream_path: str) -> Path | None:
+    return next((folder / upstream_path for folder in _folders(name) if (folder / upstream_path).is_file()), None)
+
+
+def listing(name: str, under: str, pattern: str) -> list[str]:
+    """Upstream paths of the files that are there, known or not.
+
+    Args:
+        name: data set.
+        under: folder inside the upstream repository.
+        pattern: as for `Path.rglob`, for example "*.xlsx".
+
+    Returns:
+        The paths, sorted.
+    """
+    found = set()
+    for folder in _folders(name):
+        found |= {entry.relative_to(folder).as_posix() for entry in (folder / under).rglob(pattern) if entry.is_file()}
+    return sorted(found)
 
 
 def missing(name: str) -> tuple[str, ...]:
-    """Upstream paths of the known files that are not in the data set's folder."""
-    folder = path(name)
-    return tuple(file for file in info(name).files if not (folder / file).is_file())
-
-
-def available(name: str) -> bool:
-    """Whether at least one file of the data set's recordings is there."""
-    folder = path(name)
-    return any((folder / file).is_file() for file in info(name).files if _is_data(file))
+    """Upstream paths of the known files that are not there."""
+    return tuple(file for file in info(name).files if _locate(name, file) is None)
 
 
 def unavailable_reason(name: str) -> str:
@@ -136,7 +154,7 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
     """Download a data set into the user's cache, each file checked against its sha256.
 
     Only this call downloads; `load` never does. A set without a stated licence (`walking5m`) is fetched for the
-    caller's own use and must not be redistributed. Files already in the folder of `path(name)` are not fetched again.
+    caller's own use and must not be redistributed. Files that are there already are not fetched again.
 
     Args:
         name: data set.
@@ -144,10 +162,10 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
         progress: show a progress bar (needs tqdm).
 
     Returns:
-        The folder that holds the set.
+        The download cache of the set.
 
     Raises:
-        KeyError: if the data set, or a file of it, is not known.
+        ValueError: if the data set, or a file of it, is not known.
         ChecksumError: if what arrived is not what was expected.
         OSError: if there is no network.
     """
@@ -155,9 +173,9 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
     wanted = missing(name) if files is None else tuple(files)
     unknown = [file for file in wanted if file not in known.files]
     if unknown:
-        raise KeyError(f"{name} has no known file {unknown[0]!r}; info({name!r}).files lists them")
+        raise ValueError(f"{name} has no known file {unknown[0]!r}; info({name!r}).files lists them")
     if not wanted:
-        return path(name)
+        return _cache(name)
     import pooch
 
     hashes = {file: f"sha256:{known.files[file]}" for file in wanted}
@@ -171,12 +189,13 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
     return _cache(name)
 
 
-def file(name: str, upstream_path: str) -> tuple[Path, bool]:
+def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, bool]:
     """One file of a data set, and whether its sha256 was verified.
 
     Args:
         name: data set.
         upstream_path: path inside the upstream repository.
+        strict: whether a listed file must have its sha256; False for an index that a fuller set extends.
 
     Returns:
         The local path, and True if the file is listed and its sha256 agrees, False if it is not listed
@@ -186,8 +205,8 @@ def file(name: str, upstream_path: str) -> tuple[Path, bool]:
         DatasetUnavailable: if the file is not there.
         ChecksumError: if the file is listed and its sha256 differs.
     """
-    local = path(name) / upstream_path
-    if not local.is_file():
+    local = _locate(name, upstream_path)
+    if local is None:
         raise DatasetUnavailable(
             f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it"
         )
@@ -196,16 +215,14 @@ def file(name: str, upstream_path: str) -> tuple[Path, bool]:
         return local, False
     stat = local.stat()
     found = _sha256(local, stat.st_size, stat.st_mtime_ns)
+    if found != expected and not strict:
+        return local, False
     if found != expected:
         raise ChecksumError(
             f"{local} is not upstream's file: sha256 {found[:12]}… found, {expected[:12]}… expected "
             f"(commit {info(name).commit[:7]} of {info(name).repository}); delete it and fetch it again"
         )
     return local, True
-
-
-def _is_data(upstream_path: str) -> bool:
-    return Path(upstream_path).suffix in (".txt", ".xlsx", ".mat", ".csv")
 
 
 def _cache(name: str) -> Path:

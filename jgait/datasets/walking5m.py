@@ -49,8 +49,8 @@ LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, sha
 
 def names() -> list[str]:
     """Recordings that are there, for example 'Young/20180518_1'."""
-    folder = registry.path("walking5m") / ROOT
-    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.xlsx"))
+    files = registry.listing("walking5m", ROOT, "*.xlsx")
+    return [file.removeprefix(f"{ROOT}/").removesuffix(".xlsx") for file in files]
 
 
 def load_one(name: str) -> Walk:

@@ -232,16 +232,16 @@ def _placements(
 
 def _lacking_message(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> str:
     every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
-    unknown = [column for column in given if column.strip().lower() not in (*every, "time")]
-    meant = []
-    for column in unknown:
-        near = difflib.get_close_matches(column.strip().lower(), lacking if not such_as else every, 1, 0.6)
-        if near:
-            meant.append(f"{column!r} for {near[0]!r}")
-    hint = f"; did you mean {', '.join(meant[:3])}? Pass columns={{…}} to rename" if meant else ""
-    bare = [column for column in given if column.strip().lower() in CHANNELS]
-    if bare and not meant:
+    clean = {column: column.strip().lower() for column in given}
+    hint = ""
+    if any(column in CHANNELS for column in clean.values()):
         hint = "; for one sensor with bare names pass placement='…'"
+    else:
+        among = every if such_as else lacking
+        near = {c: difflib.get_close_matches(c, among, 1, 0.6) for c in clean.values() if c not in (*every, "time")}
+        meant = [f"{column!r} for {near[c][0]!r}" for column, c in clean.items() if near.get(c)]
+        if meant:
+            hint = f"; did you mean {', '.join(meant[:3])}? Pass columns={{…}} to rename"
     return f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
 
 

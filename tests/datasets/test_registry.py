@@ -1,0 +1,167 @@
+"""Files by address and hash: found, missing, spoilt, unknown, fetched."""
+
+import functools
+import hashlib
+import http.server
+import threading
+
+import pytest
+
+from jgait import datasets
+from jgait.datasets import registry
+from jgait.datasets.walks import Failure, Walks, load_each
+
+GOOD = b"upstream's bytes\n"
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    """No data folder, and an empty download cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv(registry.DATA_DIR_VARIABLE, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def little(empty, monkeypatch):
+    """A data set of two small files, one in a folder with a blank in its name."""
+    digest = hashlib.sha256(GOOD).hexdigest()
+    files = {"a b/one.txt": digest, "two.txt": digest}
+    known = registry.DatasetInfo("little", "title", "github.com/who/what", "abc123", "none", "nobody", files)
+    monkeypatch.setattr(registry, "_registry", lambda: {"little": known})
+    folder = empty / "data" / "little"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv(registry.DATA_DIR_VARIABLE, str(empty / "data"))
+    return folder
+
+
+def test_two_sets_with_terms_and_addresses():
+    assert datasets.list_datasets() == ("neura_sparse", "walking5m")
+    for name in datasets.list_datasets():
+        known = datasets.info(name)
+        assert known.licence and known.citation and known.title
+        assert len(known.commit) == 40
+        assert all(len(digest) == 64 for digest in known.files.values())
+    assert "never redistribute" in datasets.info("walking5m").licence
+    address = datasets.info("neura_sparse").address("data/sample/a b.txt")
+    assert address == (
+        "https://raw.githubusercontent.com/gait-tech/gaittoolbox/"
+        "5f22592759da133223049b55e348859a4f55fa9d/data/sample/a%20b.txt"
+    )
+
+
+def test_an_unknown_set():
+    for function in (datasets.info, datasets.load, datasets.path, datasets.fetch, datasets.missing, datasets.available):
+        with pytest.raises(ValueError, match="no data set 'mars'; known are neura_sparse, walking5m"):
+            function("mars")
+
+
+def test_an_address_elsewhere():
+    elsewhere = datasets.info("walking5m")._replace(repository="example.org/a/b")
+    with pytest.raises(ValueError, match=r"walking5m is at example.org"):
+        elsewhere.address("x")
+
+
+@pytest.mark.parametrize("name", ["neura_sparse", "walking5m"])
+def test_nothing_there_says_how_to_get_it(empty, monkeypatch, name):
+    assert not datasets.available(name)
+    assert set(datasets.missing(name)) == set(datasets.info(name).files)
+    with pytest.raises(datasets.DatasetUnavailable, match=f"'{name}' is not there: JGAIT_DATA_DIR is not set.*fetch"):
+        datasets.load(name)
+    monkeypatch.setenv(registry.DATA_DIR_VARIABLE, str(empty))
+    with pytest.raises(datasets.DatasetUnavailable, match=f"JGAIT_DATA_DIR={empty} has no folder {name}"):
+        datasets.load(name)
+
+
+def test_verified_unverified_missing_and_spoilt(little):
+    (little / "a b").mkdir()
+    (little / "a b" / "one.txt").write_bytes(GOOD)
+    (little / "more.txt").write_bytes(b"a file that this version does not know")
+    assert datasets.path("little") == little
+    assert datasets.file("little", "a b/one.txt") == (little / "a b" / "one.txt", True)
+    assert datasets.file("little", "more.txt") == (little / "more.txt", False)
+    assert datasets.missing("little") == ("two.txt",)
+    with pytest.raises(datasets.DatasetUnavailable, match=r"little lacks two.txt in .*fetch\('little'\) gets it"):
+        datasets.file("little", "two.txt")
+    (little / "two.txt").write_bytes(b"something else")
+    with pytest.raises(datasets.ChecksumError, match="two.txt is not upstream's file: sha256 .* found, .* expected"):
+        datasets.file("little", "two.txt")
+    assert datasets.file("little", "two.txt", strict=False) == (little / "two.txt", False)
+    (little / "two.txt").write_bytes(GOOD)
+    assert datasets.file("little", "two.txt")[1], "a file that was replaced is read again"
+
+
+@pytest.fixture
+def server(tmp_path, monkeypatch):
+    """Upstream on this machine."""
+    upstream = tmp_path / "upstream"
+    upstream.mkdir()
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=upstream)) as running:
+        thread = threading.Thread(target=running.serve_forever)
+        thread.start()
+        address = f"http://127.0.0.1:{running.server_port}/"
+        monkeypatch.setattr(registry.DatasetInfo, "address", lambda _, path: address + path.replace(" ", "%20"))
+        yield upstream
+        running.shutdown()
+        thread.join()
+
+
+def test_fetch_puts_files_at_their_upstream_paths(little, server, empty, monkeypatch):
+    monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
+    (server / "a b").mkdir()
+    for path in ("a b/one.txt", "two.txt"):
+        (server / path).write_bytes(GOOD)
+    folder = datasets.fetch("little")
+    assert folder == datasets.path("little") == empty / "cache" / "jgait" / "little"
+    assert datasets.missing("little") == ()
+    assert datasets.file("little", "a b/one.txt") == (folder / "a b" / "one.txt", True)
+    (server / "two.txt").unlink()
+    assert datasets.fetch("little") == folder, "what is there is not fetched again"
+
+
+def test_what_the_own_folder_lacks_is_fetched_beside_it(little, server):
+    (little / "two.txt").write_bytes(GOOD)
+    (server / "a b").mkdir()
+    (server / "a b" / "one.txt").write_bytes(GOOD)
+    cache = datasets.fetch("little")
+    assert datasets.path("little") == little
+    assert datasets.missing("little") == ()
+    assert datasets.file("little", "two.txt")[0] == little / "two.txt"
+    assert datasets.file("little", "a b/one.txt") == (cache / "a b" / "one.txt", True)
+    assert not (little / "a b").exists()
+    assert registry.listing("little", "", "*.txt") == ["a b/one.txt", "two.txt"]
+
+
+def test_fetch_refuses_what_is_not_upstreams(little, server, empty, monkeypatch):
+    monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
+    (server / "two.txt").write_bytes(b"not what was expected")
+    with pytest.raises(datasets.ChecksumError, match="two.txt is not the file that was expected"):
+        datasets.fetch("little", ["two.txt"])
+    assert not (empty / "cache" / "jgait" / "little" / "two.txt").exists()
+    with pytest.raises(ValueError, match="little has no known file 'three.txt'"):
+        datasets.fetch("little", ["three.txt"])
+
+
+def test_one_bad_recording_never_takes_the_set_down():
+    def load_one(name):
+        if name == "bad":
+            raise ValueError("the file is cut off")
+        return name
+
+    walks = load_each(["a", "bad", "c"], load_one)
+    assert list(walks) == ["a", "c"]
+    assert walks.failures == (Failure("bad", "ValueError: the file is cut off"),)
+    assert Walks().failures == ()
+
+
+def test_a_missing_package_is_not_the_recordings_fault():
+    def load_one(_):
+        raise ModuleNotFoundError("No module named 'python_calamine'")
+
+    with pytest.raises(ModuleNotFoundError):
+        load_each(["a"], load_one)
