@@ -1,5 +1,8 @@
 """From files and arrays to recordings and back; every refusal is read."""
 
+import subprocess
+import sys
+
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -63,6 +66,12 @@ def test_separators_and_decimal_commas(tmp_path, separator, decimal):
     path = tmp_path / "walk.csv"
     table().to_csv(path, index=False, sep=separator, decimal=decimal, encoding="utf-8-sig")
     np.testing.assert_allclose(io.read_csv(path).sensors["shank_right"].acc, signals(seed=1)["acc"], atol=1e-12)
+
+
+def test_blank_lines_before_the_header(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text("\n\n" + table().to_csv(index=False))
+    assert list(io.read_csv(path).sensors) == list(NEEDED)
 
 
 def test_milliseconds_are_told_by_their_size():
@@ -288,6 +297,10 @@ def test_milliseconds_passed_as_seconds():
     fails("samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms", frame, time_unit="s")
 
 
+def test_seconds_passed_as_milliseconds():
+    fails("samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s", table(), time_unit="ms")
+
+
 def test_a_gap_too_long_to_fill():
     frame = table()
     frame.loc[300:, "time"] += 60.0
@@ -348,7 +361,9 @@ def test_a_mapped_column_that_is_not_there():
         (b"", "walk.csv is empty; expected a header and one row a sample"),
         (b"time,thigh_right_gyr_x\n", "walk.csv has a header and no rows; its columns are"),
         (b"\xff\xfe\x00\x81\x90", "walk.csv is no text file in UTF-8"),
+        (b"\n \n", "walk.csv is empty"),
         (b"a,b\n1,2\n1,2,3\n", "walk.csv is no table"),
+        (b"a,b\n1,2,3\n4,5,6\n", "walk.csv has rows with more values than the header has columns"),
     ],
 )
 def test_files_that_are_no_recording(tmp_path, content, message):
@@ -494,3 +509,12 @@ def test_csv_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_csv_into_a_folder_that_is_not_there(tmp_path):
     with pytest.raises(FileNotFoundError, match="none does not exist; write_csv makes no folders"):
         io.write_csv(estimate(), tmp_path / "none" / "out.csv")
+
+
+def test_heavy_packages_wait_until_they_are_needed():
+    code = (
+        "import sys, jgait.io, jgait.datasets;"
+        "print([name for name in ('pandas', 'scipy', 'pooch', 'python_calamine') if name in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

@@ -8,6 +8,7 @@ from jgait.types import RecordingError, as_float
 
 MIN_SAMPLES = 10
 LONGEST_STEP_S = 0.5  # a longer time between samples, or a shorter one in ms, means the other unit
+SHORTEST_STEP_S = 1e-4  # and a shorter one too
 LONGEST_GAP_S = 10.0
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 
@@ -111,6 +112,11 @@ def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float,
         raise RecordingError(
             f"{name}: with time in {time_unit}, samples are {step * scale:.4g} s apart; "
             f"walking needs at most {LONGEST_STEP_S} s{hint}"
+        )
+    if step * scale < SHORTEST_STEP_S:
+        hint = "; it seems to be in s" if time_unit == "ms" and step >= SHORTEST_STEP_S else ""
+        raise RecordingError(
+            f"{name}: with time in {time_unit}, samples are {step * scale:.4g} s apart, faster than 10 kHz{hint}"
         )
     return scale, notes
 

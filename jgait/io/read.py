@@ -1,7 +1,9 @@
 """A user's CSV, table or arrays to a `Recording` in SI units."""
 
 import difflib
+import itertools
 import os
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -316,15 +318,22 @@ def _read_table(file: Path) -> "pd.DataFrame":
 
     try:
         with file.open(encoding="utf-8-sig") as stream:
-            header, first = stream.readline(), stream.readline()
+            lines = list(itertools.islice((line for line in stream if line.strip()), 2))
     except UnicodeDecodeError as error:
         raise RecordingError(f"{file.name} is no text file in UTF-8: {error}") from error
-    if not header.strip():
+    if not lines:
         raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
-    separator = max((",", ";", "\t"), key=header.count)
-    decimal = "," if separator != "," and "," in first else "."
+    separator = max((",", ";", "\t"), key=lines[0].count)
+    decimal = "," if separator != "," and "," in lines[-1] else "."
     try:
-        table = pd.read_csv(file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True)
+        with warnings.catch_warnings():
+            # Without index_col=False, rows that are longer than the header would shift all columns by one, silently.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table = pd.read_csv(
+                file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True, index_col=False
+            )
+    except pd.errors.ParserWarning as error:
+        raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise RecordingError(f"{file.name} is no table: {error}") from error
     if not len(table):
