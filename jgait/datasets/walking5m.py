@@ -19,7 +19,7 @@ Keys of `Walk.info`:
     group: 'young', 'elderly', or the folder of an additional walk ('marzia', 'long_distance', 'disability').
     lengths: {"right": (thigh, shank), "left": …} [m], the group's mean; None for the additional walks.
     windows: name → (start, end) [samples], half-open: `whole` (from the first stride to the last), `standing` and
-        `end_standing` (before and after it, where there is any); {} where there is no reference.
+        `end_standing` (before and after it, where there is any, not always still); {} where there is no reference.
     insoles: {"right": (toe, heel), "left": (toe, heel)}, each (T,) raw pressure counts.
     feet: {"right": FootPath, "left": FootPath}, those that gave strides.
     no_reference: why there is no reference; None where there is one.
