@@ -126,7 +126,7 @@ def check_person(person: Person) -> None:
             f"the knee would bend backwards by {-knee / DEGREE:.1f} deg; raise knee_stance or standing_knee"
         )
     if not ankle > -0.02:
-        raise ValueError(f"the swinging foot would be {-100 * ankle:.1f} cm under the ground; raise knee_swing")
+        raise ValueError(f"the swinging foot would be {-100 * ankle:.1f} cm under the ground; raise knee_swing or lower knee_loading")
 
 
 _RANGES: dict[str, tuple[float, float]] = {
@@ -261,7 +261,10 @@ def cohort(key: Any, n: int, noise: SensorNoise = IDG300, rate: float = 50.0) ->
     signals, truth = _walks(jax.random.split(errors, n), people, times, noise)
     names = [f"simulated_{i + 1:02d}" for i in range(n)]
     walks = [jax.tree.map(lambda leaf, i=i: leaf[i], (signals, truth)) for i in range(n)]
-    return [_records(*walked, counts[i], rate, names[i], names[i]) for i, walked in enumerate(walks)]
+    return [
+        _records(worn, true, count, rate, name, name)
+        for (worn, true), count, name in zip(walks, counts, names, strict=True)
+    ]
 
 
 def _check_rate(rate: float) -> None:

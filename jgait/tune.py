@@ -170,14 +170,13 @@ def fit(
     _check_loss(loss, params, data, batched)
     objective = _objective(loss, transforms, batched)
     optimizer = optax.with_extra_args_support(optimizer)
-    initial = jax.jit(jax.value_and_grad(objective))(free, params, data)
-    if not bool(_finite(initial)):
-        raise ValueError(f"the loss or its gradient is not finite at the start (loss {float(initial[0])})")
+    start, gradient = jax.jit(jax.value_and_grad(objective))(free, params, data)
+    if not bool(_finite((start, gradient))):
+        raise ValueError(f"the loss or its gradient is not finite at the start (loss {float(start)})")
     size = min(steps, (max(1, steps // 20) if chunk is None else chunk) if progress is not None else steps)
     run = jax.jit(_runner(objective, optimizer, size, steps))
     zero = jnp.zeros((), jnp.int32)
-    one = jnp.ones_like(initial[0])
-    carry = _Carry(zero, free, optimizer.init(free), *initial, one, free, initial[0])
+    carry = _Carry(zero, free, optimizer.init(free), start, gradient, jnp.ones_like(start), free, start)
     history: list[Any] = []
     for done in range(size, steps + size, size):
         carry, part = run(carry, params, data)
@@ -204,12 +203,10 @@ def _runner(objective: Any, optimizer: Any, size: int, steps: int) -> Callable[.
             loss, gradient = jax.value_and_grad(value)(free)
             good = _finite((free, loss, gradient))
             better = good & (loss < c.best_loss)
-            new = _Carry(
-                c.step + 1,
-                *_choose(good, (free, state, loss, gradient), (c.free, c.optimizer, c.loss, c.gradient)),
-                jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale),
-                *_choose(better, (free, loss), (c.best, c.best_loss)),
-            )
+            kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
+            best, best_loss = _choose(better, (free, loss), (c.best, c.best_loss))
+            scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale)
+            new = kept._replace(step=c.step + 1, scale=scale, best=best, best_loss=best_loss)
             return new, (c.loss, _norm(c.gradient), good)
 
         def rest(c: _Carry) -> tuple[_Carry, Any]:
