@@ -198,7 +198,10 @@ def _runner(objective: Any, optimizer: Any, size: int, steps: int) -> Callable[.
 
         def move(c: _Carry) -> tuple[_Carry, Any]:
             extra = {"value": c.loss, "grad": c.gradient, "value_fn": value}
-            updates, state = optimizer.update(c.gradient, c.optimizer, c.free, **extra)
+            with jax.numpy_dtype_promotion(
+                "standard"
+            ):  # optax counts steps in integers, also where the caller is strict
+                updates, state = optimizer.update(c.gradient, c.optimizer, c.free, **extra)
             free = jax.tree.map(lambda f, u: f + (c.scale * u).astype(f.dtype), c.free, updates)
             loss, gradient = jax.value_and_grad(value)(free)
             good = _finite((free, loss, gradient))

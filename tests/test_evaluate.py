@@ -1,0 +1,130 @@
+"""Error tables: right numbers, right units, right times, and refusals that say what is wrong."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait import evaluate
+from jgait.types import Estimate, Legs, LegTrajectory
+
+DEGREE = np.pi / 180.0
+
+
+def walk(time, hip=0.0, knee=0.0, x=0.0, y=0.0, *, sides=("right", "left"), distance=None, valid=None):
+    """Smooth signals with offsets [rad, m] of each field."""
+    leg = LegTrajectory(np.sin(time) + hip, np.cos(time) + knee, 0.1 * time + x, -0.2 * time + y)
+    legs = Legs(*(leg if side in sides else None for side in ("right", "left")))
+    ok = np.ones(time.shape, bool) if valid is None else valid
+    return Estimate(time, legs, None, distance, ok, {})
+
+
+TIME = np.arange(0.0, 4.0, 0.01)
+
+
+def test_a_constant_offset_is_its_own_error_in_the_units_of_the_column():
+    table = evaluate.trajectory_errors(walk(TIME, 2.0 * DEGREE, -3.0 * DEGREE, 0.04, -0.05), walk(TIME))
+    assert list(table.columns) == ["hip_deg", "knee_deg", "x_cm", "y_cm"] and list(table.index) == ["right", "left"]
+    np.testing.assert_allclose(table.to_numpy(), [[2.0, 3.0, 4.0, 5.0]] * 2, rtol=1e-10)
+
+
+def test_relative_to_standing_the_offset_is_gone_and_the_rest_stays():
+    estimate = walk(TIME, hip=2.0 * DEGREE, x=0.3)
+    extra = np.where(TIME >= 2.0, 0.03, 0.0)
+    estimate = estimate._replace(legs=Legs(estimate.legs.right._replace(x=estimate.legs.right.x + extra), None))
+    table = evaluate.trajectory_errors(estimate, walk(TIME), window=(2.0, 3.5), relative_to=(0.0, 1.0))
+    assert list(table.index) == ["right"]
+    np.testing.assert_allclose(table.loc["right"], [0.0, 0.0, 3.0, 0.0], atol=1e-9)
+    mask = (TIME >= 2.0) & (TIME <= 3.5)
+    same = evaluate.trajectory_errors(estimate, walk(TIME), window=mask, relative_to=TIME <= 1.0)
+    pd.testing.assert_frame_equal(table, same)
+
+
+def test_root_mean_square_by_hand():
+    time = np.array([0.0, 1.0, 2.0, 3.0])
+    estimate, reference = walk(time), walk(time)
+    moved = reference.legs.right._replace(y=reference.legs.right.y + np.array([0.01, -0.03, 0.05, 9.0]))
+    valid = np.array([True, True, True, False])
+    table = evaluate.trajectory_errors(estimate, reference._replace(legs=Legs(moved, None), valid=valid))
+    assert table.loc["right", "y_cm"] == pytest.approx(np.sqrt((1.0 + 9.0 + 25.0) / 3.0))
+
+
+def test_other_sampling_times_are_interpolated():
+    coarse = np.arange(-0.5, 5.0, 0.02) + 0.003
+    table = evaluate.trajectory_errors(walk(coarse, x=0.01), walk(TIME))
+    assert table["hip_deg"].max() < 0.01
+    np.testing.assert_allclose(table["x_cm"], 1.0, rtol=1e-9)
+
+
+def test_nothing_is_interpolated_across_samples_that_the_estimate_calls_invalid():
+    valid = (TIME < 1.0) | (TIME > 2.0)
+    estimate = walk(TIME, valid=valid)
+    broken = estimate.legs.right._replace(x=np.where(valid, estimate.legs.right.x, 1e6))
+    shifted = np.arange(0.0, 3.9, 0.013)
+    table = evaluate.trajectory_errors(estimate._replace(legs=Legs(broken, None)), walk(shifted))
+    assert table.loc["right", "x_cm"] < 1e-6
+
+
+def test_distance_error_is_estimate_minus_reference_over_the_common_time():
+    reference = walk(TIME, distance=1.0 * TIME)
+    later = np.arange(1.0, 6.0, 0.02)
+    error = evaluate.distance_error(walk(later, distance=5.0 + 0.9 * (later - 1.0)), reference)
+    assert error.reference == pytest.approx(2.99) and error.estimate == pytest.approx(0.9 * 2.99)
+    assert error.error == pytest.approx(-0.299) and error.abs_error == pytest.approx(0.299)
+    assert error.rel_error == pytest.approx(-0.1)
+    ramp = 0.1 * np.arange(300) * 0.01
+    assert error.rmse == pytest.approx(np.sqrt(np.mean(ramp**2)), rel=1e-9)
+
+
+def test_summary_of_a_table_and_of_distances():
+    table = pd.DataFrame({"hip_deg": [1.0, 2.0, 9.0], "rel_error": [-0.5, 0.1, np.nan], "name": ["a", "b", "c"]})
+    result = evaluate.summary(table)
+    assert result.loc["hip_deg"].to_dict() == {"median": 2.0, "worst": 9.0, "mean": 4.0, "n": 3.0}
+    assert result.loc["rel_error", "worst"] == -0.5 and result.loc["rel_error", "n"] == 2
+    assert "name" not in result.index
+    errors = [evaluate.DistanceError(1.0 + e, 1.0, e, abs(e), e, 0.0) for e in (-0.2, 0.1)]
+    both = evaluate.summary(errors)
+    assert both.loc["abs_error", "mean"] == pytest.approx(0.15)
+    assert both.loc["error", "worst"] == -0.2
+
+
+def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
+    values = np.random.default_rng(0).normal(3.0, 1.0, 200)
+    low, high = evaluate.bootstrap_interval(values, seed=1)
+    assert low < np.median(values) < high and high - low < 0.6
+    assert (low, high) == evaluate.bootstrap_interval(values, seed=1)
+    assert (low, high) != evaluate.bootstrap_interval(values, seed=2)
+    wide = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.99)
+    narrow = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.5)
+    assert wide[0] < narrow[0] < values.mean() < narrow[1] < wide[1]
+    # for a mean of normals the interval is mean ± 1.96 s/√n, within what 2000 resamples can tell
+    low, high = evaluate.bootstrap_interval(values, np.mean, seed=3)
+    half = 1.96 * values.std() / np.sqrt(200)
+    np.testing.assert_allclose([low, high], [values.mean() - half, values.mean() + half], atol=0.15 * half)
+
+
+def test_refusals_say_what_was_wrong():
+    late = walk(TIME + 100.0, distance=TIME)
+    with pytest.raises(
+        ValueError, match=r"no valid time in common; the estimate spans 100 to 103\.99 s, the reference 0"
+    ):
+        evaluate.trajectory_errors(late, walk(TIME))
+    with pytest.raises(ValueError, match="share no leg"):
+        evaluate.trajectory_errors(walk(TIME, sides=("right",)), walk(TIME, sides=("left",)))
+    with pytest.raises(ValueError, match="relative_to holds no sample"):
+        evaluate.trajectory_errors(walk(TIME), walk(TIME), relative_to=(50.0, 60.0))
+    with pytest.raises(ValueError, match=r"window must start before it ends; got \(3, 1\) s"):
+        evaluate.trajectory_errors(walk(TIME), walk(TIME), window=(3.0, 1.0))
+    with pytest.raises(ValueError, match=r"window must be \(start, end\) in seconds or a bool mask of \(400,\)"):
+        evaluate.trajectory_errors(walk(TIME), walk(TIME), window=np.arange(5))
+    with pytest.raises(ValueError, match="the estimate's time must be .* strictly increasing"):
+        evaluate.trajectory_errors(walk(TIME[::-1]), walk(TIME))
+    with pytest.raises(ValueError, match="the estimate has no distance"):
+        evaluate.distance_error(walk(TIME), walk(TIME, distance=TIME))
+    with pytest.raises(ValueError, match="reference distance is 0 m"):
+        evaluate.distance_error(walk(TIME, distance=TIME), walk(TIME, distance=0.0 * TIME))
+    with pytest.raises(ValueError, match="no errors to summarise"):
+        evaluate.summary([])
+    with pytest.raises(ValueError, match="at least two finite values"):
+        evaluate.bootstrap_interval([1.0], seed=0)
+    with pytest.raises(ValueError, match=r"level must lie in \(0, 1\)"):
+        evaluate.bootstrap_interval([1.0, 2.0], seed=0, level=95)

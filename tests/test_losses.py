@@ -1,0 +1,156 @@
+"""Losses are what their formulas say, ignore what is masked, and have finite gradients."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import losses
+from jgait.losses import TrajectoryWeights
+from jgait.types import Estimate, Legs, LegTrajectory
+
+DEGREE = np.pi / 180.0
+T = 6
+
+
+def leg(seed, offset=0.0):
+    values = np.random.default_rng(seed).normal(size=(4, T)) * 0.3 + offset
+    return LegTrajectory(*map(jnp.asarray, values))
+
+
+def estimate(right: Any = None, left: Any = None, distance: Any = None, valid: Any = None):
+    ok = jnp.ones(T, bool) if valid is None else jnp.asarray(valid)
+    return Estimate(jnp.asarray(np.arange(T) / 50.0), Legs(right, left), None, distance, ok, {})
+
+
+def test_mean_squared_over_the_valid_samples_only():
+    a, b = jnp.asarray([1.0, 2.0, 1e9]), jnp.asarray([0.0, 4.0, -1e9])
+    valid = jnp.asarray([True, True, False])
+    assert float(losses.mean_squared(a, b, valid)) == 2.5
+    assert float(losses.mean_squared(a[:2], b[:2])) == 2.5
+    gradient = jax.grad(losses.mean_squared)(a, b, valid)
+    np.testing.assert_allclose(gradient, [1.0, -2.0, 0.0])
+
+
+def test_what_is_masked_may_even_be_infinite():
+    a, b = jnp.asarray([1.0, jnp.inf]), jnp.asarray([0.0, jnp.nan])
+    valid = jnp.asarray([True, False])
+    value, gradient = jax.value_and_grad(losses.mean_squared)(a, b, valid)
+    assert float(value) == 1.0
+    np.testing.assert_array_equal(gradient, [2.0, 0.0])
+
+
+def test_nothing_valid_is_a_loss_of_zero_without_gradient():
+    none = jnp.zeros(3, bool)
+    value, gradient = jax.value_and_grad(losses.mean_squared)(jnp.ones(3), jnp.zeros(3), none)
+    assert float(value) == 0.0
+    np.testing.assert_array_equal(gradient, np.zeros(3))
+
+
+def test_angles_are_compared_the_short_way_round():
+    a, b = jnp.asarray([np.pi - 0.1, 0.2]), jnp.asarray([-np.pi + 0.1, 0.1])
+    assert float(losses.mean_squared_angle(a, b)) == pytest.approx((0.2**2 + 0.1**2) / 2.0)
+    assert np.isfinite(jax.grad(losses.mean_squared_angle)(a, a)).all()
+
+
+def test_one_degree_and_one_centimetre_count_as_one_each():
+    reference = leg(0)
+    for field, unit in (("hip_angle", DEGREE), ("knee_angle", DEGREE), ("x", 0.01), ("y", 0.01)):
+        moved = reference._replace(**{field: getattr(reference, field) + 2.0 * unit})
+        loss = losses.trajectory(estimate(moved), estimate(reference))
+        assert float(loss) == pytest.approx(4.0, rel=1e-9)
+
+
+def test_trajectory_equals_a_loop_over_fields_sides_and_samples():
+    ours, theirs = (leg(1), leg(2)), (leg(3), leg(4))
+    weights = TrajectoryWeights(2.0, 0.0, 3.0, 0.5)
+    window = np.array([1, 1, 0, 1, 1, 1], bool)
+    a = estimate(*ours, valid=[True] * 5 + [False])
+    b = estimate(*theirs, valid=[False] + [True] * 5)
+    use = [1, 3, 4]
+    expected = 0.0
+    for one, other in zip(ours, theirs, strict=True):
+        for weight, x, y in zip(weights, one, other, strict=True):
+            expected += weight * np.mean([(float(x[i]) - float(y[i])) ** 2 for i in use]) / 2.0
+    assert float(losses.trajectory(a, b, weights, window=window)) == pytest.approx(expected, rel=1e-12)
+    only = losses.trajectory(a, b, weights, window=window, sides=("left",))
+    alone = losses.trajectory(a._replace(legs=Legs(None, ours[1])), b, weights, window=window)
+    assert float(only) == float(alone) != pytest.approx(expected)
+
+
+def test_relative_to_standing_a_constant_offset_costs_nothing():
+    reference = leg(5)
+    moved = LegTrajectory(*(field + 0.3 for field in reference))
+    still = np.array([1, 1, 0, 0, 0, 0], bool)
+    assert float(losses.trajectory(estimate(moved), estimate(reference), relative_to=still)) < 1e-20
+    assert float(losses.trajectory(estimate(moved), estimate(reference))) > 1.0
+    bent = moved._replace(x=moved.x.at[4].add(0.06))
+    relative = losses.trajectory(estimate(bent), estimate(reference), relative_to=still, window=~still)
+    assert float(relative) == pytest.approx(36.0 / 4.0, rel=1e-9)
+
+
+def test_trajectory_gradients_equal_finite_differences_under_jit_and_mask():
+    reference, start = estimate(leg(6), leg(7)), leg(8)
+    still = jnp.asarray([True, True, False, False, False, False])
+
+    def loss(x):
+        moved = estimate(start._replace(x=x), leg(9), valid=[True] * 5 + [False])
+        return losses.trajectory(moved, reference, relative_to=still)
+
+    gradient = jax.jit(jax.grad(loss))(start.x)
+    for i in range(T):
+        h = jnp.zeros(T).at[i].set(1e-5)
+        numeric = (loss(start.x + h) - loss(start.x - h)) / 2e-5
+        np.testing.assert_allclose(gradient[i], numeric, rtol=1e-6, atol=1e-6)
+    assert gradient[5] == 0.0
+
+
+def test_distance_is_compared_at_the_last_sample_that_both_call_valid():
+    ours = jnp.asarray([0.0, 1.0, 2.0, 3.3, 9.0, 9.0])
+    theirs = jnp.asarray([0.0, 1.0, 2.0, 3.0, 3.0, 7.0])
+    a = estimate(distance=ours, valid=[True, True, True, True, False, True])
+    b = estimate(distance=theirs, valid=[True, True, True, True, True, False])
+    assert float(losses.distance(a, b)) == pytest.approx(0.01)
+    gradient = jax.grad(lambda d: losses.distance(a._replace(distance=d), b))(ours)
+    np.testing.assert_allclose(gradient, [0.0, 0.0, 0.0, 2.0 * 0.1 / 3.0, 0.0, 0.0], rtol=1e-12)
+
+
+class Kept(NamedTuple):
+    log_likelihood: Any
+    count: Any
+    valid: Any
+
+
+def test_likelihood_is_per_measured_component_and_ignores_steps_that_broke_down():
+    terms = jnp.asarray([-1.0, -3.0, jnp.nan, -8.0])
+    posterior = Kept(terms, jnp.asarray([2, 1, 2, 2]), jnp.asarray([True, True, False, True]))
+    assert float(losses.negative_log_likelihood(posterior)) == pytest.approx(12.0 / 5.0)
+    window = jnp.asarray([True, True, True, False])
+    assert float(losses.negative_log_likelihood(posterior, window)) == pytest.approx(4.0 / 3.0)
+    gradient = jax.grad(lambda t: losses.negative_log_likelihood(posterior._replace(log_likelihood=t)))(terms)
+    np.testing.assert_allclose(gradient, [-0.2, -0.2, 0.0, -0.2])
+
+
+def test_weighted_sum_by_name():
+    value = losses.weighted_sum(
+        {"path": jnp.asarray(2.0), "distance": jnp.asarray(3.0)}, {"distance": 10.0, "path": 1.0}
+    )
+    assert float(value) == 32.0
+
+
+def test_misuse_is_refused_by_name():
+    a = estimate(leg(0), None)
+    with pytest.raises(ValueError, match=r"share none of the legs \['right', 'left'\]"):
+        losses.trajectory(a, estimate(None, leg(1)))
+    with pytest.raises(ValueError, match="sides must be among .* got 'middle'"):
+        losses.trajectory(a, a, sides=("middle",))
+    with pytest.raises(ValueError, match=r"same shape; got \(6,\) and \(5,\)"):
+        losses.mean_squared(jnp.ones(6), jnp.ones(5))
+    with pytest.raises(ValueError, match="the reference has no distance"):
+        losses.distance(estimate(distance=jnp.ones(T)), a)
+    with pytest.raises(ValueError, match="must keep 'count'"):
+        losses.negative_log_likelihood(Kept(jnp.ones(2), None, jnp.ones(2, bool)))
+    with pytest.raises(ValueError, match=r"same names; got \['a'\] and \['b'\]"):
+        losses.weighted_sum({"a": 1.0}, {"b": 1.0})

@@ -1,0 +1,247 @@
+"""Fitting finds what is there to find, keeps its hands off the rest, and says what went wrong."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from jgait import losses, tune
+from jgait.filtering import KF, Belief, Covariance, Model, kalman_filter
+from jgait.params import fixed, interval, positive, real
+
+
+class Line(NamedTuple):
+    slope: Any
+    scale: Any
+    share: Any
+
+
+START = Line(slope=0.5, scale=1.0, share=0.5)
+FREE = Line(slope=real, scale=positive, share=interval(0.0, 1.0))
+
+
+def bowl(params, target):
+    """Quadratic with its bottom at `target` (3,)."""
+    return (params.slope - target[0]) ** 2 + (params.scale - target[1]) ** 2 + (params.share - target[2]) ** 2
+
+
+TARGETS = jnp.asarray([[-2.0, 2.0, 0.1], [-4.0, 4.0, 0.3]])
+
+
+def test_it_finds_the_bottom_of_a_quadratic_averaged_over_the_items():
+    fit = tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=400)
+    np.testing.assert_allclose(np.array(fit.params), [-3.0, 3.0, 0.2], atol=1e-3)
+    assert fit.best_loss == pytest.approx(1.0 + 1.0 + 0.01, abs=1e-5)
+    assert fit.losses.shape == fit.gradient_norms.shape == fit.accepted.shape == (400,)
+    assert fit.accepted.all() and fit.rejected == 0
+    assert fit.losses[0] == pytest.approx(np.mean([float(bowl(START, t)) for t in TARGETS]))
+
+
+def test_one_item_needs_no_leading_axis():
+    one = tune.fit(bowl, START, FREE, TARGETS[0], optax.adam(0.1), steps=20, batched=False)
+    many = tune.fit(bowl, START, FREE, TARGETS[:1], optax.adam(0.1), steps=20)
+    np.testing.assert_allclose(one.losses, many.losses, rtol=1e-12)
+
+
+def test_gradient_norms_are_those_of_the_free_coordinates():
+    fit = tune.fit(bowl, START, FREE, TARGETS[0], optax.sgd(1e-3), steps=3, batched=False)
+    by_hand = [2.0 * (0.5 + 2.0), 2.0 * (1.0 - 2.0) * 1.0, 2.0 * (0.5 - 0.1) * 0.25]
+    assert fit.gradient_norms[0] == pytest.approx(np.linalg.norm(by_hand), rel=1e-12)
+    stepped = 0.5 - 1e-3 * by_hand[0]
+    one = tune.fit(bowl, START, FREE, TARGETS[0], optax.sgd(1e-3), steps=1, batched=False)
+    assert float(one.last.slope) == pytest.approx(stepped, rel=1e-12)
+
+
+class Level(NamedTuple):
+    value: Any
+
+
+class Noise(NamedTuple):
+    process: Any
+    sensor: Any
+
+
+def _initial(params):
+    return Belief(Level(jnp.asarray(0.0)), Covariance.from_variances(Level(jnp.asarray(10.0))))
+
+
+def _transition(params, state, control, dt):
+    return state
+
+
+def _transition_noise(params, state, control, dt):
+    return Level(params.process)
+
+
+def _observation(params, state, control):
+    return Level(state.value)
+
+
+def _observation_noise(params, state, control):
+    return Level(params.sensor)
+
+
+WALK = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
+
+
+def test_innovation_likelihood_finds_the_noise_variances_that_made_the_data():
+    rng = np.random.default_rng(0)
+    items, samples = 4, 600
+    level = np.cumsum(rng.normal(0.0, np.sqrt(0.05), (items, samples)), axis=1)
+    measured = jnp.asarray(level + rng.normal(0.0, np.sqrt(0.4), (items, samples)))
+
+    def loss(params, values):
+        posterior = kalman_filter(WALK, params, Level(values), method=KF(), keep=("log_likelihood", "count", "valid"))
+        return losses.negative_log_likelihood(posterior)
+
+    start, free = Noise(1.0, 1.0), Noise(positive, positive)
+    fit = tune.fit(loss, start, free, measured, optax.adam(0.1), steps=80)
+
+    def total(logs):  # negative log-likelihood of all that was measured, by the logarithms of the variances
+        params = Noise(*jnp.exp(logs))
+        return jnp.sum(jax.vmap(loss, in_axes=(None, 0))(params, measured)) * samples
+
+    found = jnp.log(jnp.asarray([fit.params.process, fit.params.sensor]))
+    deviation = np.sqrt(np.diag(np.linalg.inv(jax.jit(jax.hessian(total))(found))))  # from the curvature
+    assert np.all(deviation < [0.15, 0.05])
+    assert np.all(np.abs(found - np.log([0.05, 0.4])) < 6.0 * deviation)
+    assert fit.gradient_norms[-1] < 0.02 * fit.gradient_norms[0]
+    assert fit.best_loss < fit.losses[0] - 0.1
+
+
+def test_what_is_fixed_stays_bit_for_bit_and_may_be_anything():
+    scale = np.float64(1.0) / 3.0
+    start = START._replace(scale=scale)
+    fit = tune.fit(bowl, start, FREE._replace(scale=fixed), TARGETS, optax.adam(0.1), steps=30)
+    assert fit.params.scale is scale and fit.last.scale is scale
+    assert fit.free.scale is None
+    assert float(fit.params.slope) != 0.5
+
+
+def test_bounds_hold_even_when_the_optimum_lies_outside():
+    beyond = jnp.asarray([[0.0, -5.0, 3.0]])
+    fit = tune.fit(bowl, START, FREE, beyond, optax.adam(0.3), steps=200)
+    assert 0.0 < float(fit.params.scale) < 0.05
+    assert 0.95 < float(fit.params.share) < 1.0
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 40, 100])
+def test_reporting_progress_in_chunks_changes_no_bit(chunk):
+    seen: list[tuple[int, int, float]] = []
+    plain = tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=40)
+    chunked = tune.fit(
+        bowl, START, FREE, TARGETS, optax.adam(0.1), steps=40, chunk=chunk, progress=lambda *now: seen.append(now)
+    )
+    for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(chunked), strict=True):
+        assert np.array_equal(np.asarray(a), np.asarray(b))
+    assert [done for done, _, _ in seen] == [
+        min(d, 40) for d in range(min(chunk, 40), 40 + min(chunk, 40), min(chunk, 40))
+    ]
+    assert seen[-1][:2] == (40, 40) and seen[-1][2] == plain.last_loss
+
+
+def test_progress_reports_about_twenty_times_by_default():
+    seen: list[int] = []
+    tune.fit(bowl, START, FREE, TARGETS, optax.sgd(0.01), steps=100, progress=lambda done, *_: seen.append(done))
+    assert seen == list(range(5, 101, 5))
+
+
+def cliff(params, item):
+    """Falls towards 1, is not a number beyond it."""
+    return item * jnp.where(params.slope < 1.0, (params.slope - 2.0) ** 2, jnp.nan)
+
+
+def test_a_step_into_the_void_is_taken_back_shortened_and_counted():
+    start, only = START._replace(slope=0.0), Line(real, fixed, fixed)
+    fit = tune.fit(cliff, start, only, jnp.ones(1), optax.sgd(0.4), steps=30)
+    assert not fit.accepted[0] and fit.rejected == int((~fit.accepted).sum()) > 1
+    assert fit.losses[1] == fit.losses[0] == 4.0  # kept where it was
+    assert np.isfinite(fit.losses).all() and np.isfinite(fit.gradient_norms).all()
+    assert 0.9 < float(fit.params.slope) < 1.0
+    assert fit.best_loss == pytest.approx((float(fit.params.slope) - 2.0) ** 2)
+
+
+def test_a_rejected_step_leaves_the_optimizers_state_as_it_was():
+    """With momentum, a step counted twice would be longer: after one rejection the next is exactly half the first."""
+    start, only = START._replace(slope=0.0), Line(real, fixed, fixed)
+    momentum = optax.sgd(0.4, momentum=0.9)
+    fit = tune.fit(cliff, start, only, jnp.ones(1), momentum, steps=2)
+    assert list(fit.accepted) == [False, True]
+    assert float(fit.last.slope) == pytest.approx(0.5 * 0.4 * 4.0)
+
+
+def test_a_gradient_that_is_not_finite_is_rejected_too():
+    def spike(params, item):  # finite at 0, but with an infinite slope there
+        return item * jnp.sqrt(jnp.abs(params.slope))
+
+    start, only = START._replace(slope=0.25), Line(real, fixed, fixed)
+    fit = tune.fit(spike, start, only, jnp.ones(1), optax.sgd(0.25), steps=1)  # 0.25 − 0.25 · 1 = 0
+    assert fit.rejected == 1 and float(fit.last.slope) == 0.25
+
+
+def test_the_best_is_kept_when_the_last_is_worse():
+    fit = tune.fit(bowl, START, FREE, TARGETS, optax.sgd(2.2), steps=15)
+    assert fit.best_loss == min(fit.losses.min(), fit.last_loss)
+    best = float(np.mean([float(bowl(fit.params, t)) for t in TARGETS]))
+    assert best == pytest.approx(fit.best_loss, rel=1e-12)
+    last = float(np.mean([float(bowl(fit.last, t)) for t in TARGETS]))
+    assert last == pytest.approx(fit.last_loss, rel=1e-12)
+    assert fit.last_loss > fit.best_loss
+
+
+def test_equal_calls_give_equal_bits_and_leave_their_inputs_alone():
+    before = np.array(TARGETS)
+    a, b = (tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=10) for _ in range(2))
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        assert np.array_equal(np.asarray(x), np.asarray(y))
+    assert np.array_equal(before, TARGETS) and Line(0.5, 1.0, 0.5) == START
+
+
+def test_line_search_optimizers_get_what_they_need():
+    fit = tune.fit(bowl, START, FREE, TARGETS, optax.lbfgs(), steps=15)
+    np.testing.assert_allclose(np.array(fit.params), [-3.0, 3.0, 0.2], atol=1e-5)
+
+
+def test_single_precision_stays_single():
+    start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), START)
+    fit = tune.fit(bowl, start, FREE, TARGETS.astype(jnp.float32), optax.adam(0.1), steps=5)
+    assert fit.params.slope.dtype == jnp.float32 and fit.losses.dtype == np.float32
+
+
+class Other(NamedTuple):
+    slope: Any
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"data": ()}, ValueError, "data is empty: fit needs at least one array"),
+        ({"data": jnp.zeros((0, 3))}, ValueError, "data is empty: its leading axis has no items"),
+        (
+            {"data": {"a": jnp.ones((2, 3)), "b": jnp.ones(3)}},
+            ValueError,
+            r"same number of items; got .*'a'.*: 2, .*'b'.*: 3",
+        ),
+        ({"data": {"a": 1.0}}, ValueError, r"data\['a'\] is a single number; every leaf needs a leading axis"),
+        ({"data": {"a": "walk"}}, TypeError, r"data\['a'\] must be an array or a number; got str"),
+        ({"transforms": Line(fixed, fixed, fixed)}, ValueError, "every parameter is fixed"),
+        ({"transforms": Other(real)}, TypeError, "params and transforms must have the same structure"),
+        ({"transforms": Line(real, real, "positive")}, TypeError, "transforms must hold a jgait.params.Transform"),
+        ({"params": START._replace(scale=-1.0)}, ValueError, r"'scale' must lie in \(0, inf\); got -1"),
+        (
+            {"loss": lambda p, item: p.slope * item},
+            ValueError,
+            r"loss must return one floating-point scalar.*float64\[3\]",
+        ),
+        ({"loss": lambda p, item: (p.slope, p.scale)}, ValueError, "loss must return one floating-point scalar"),
+        ({"loss": lambda p, item: p.slope * jnp.nan * item[0]}, ValueError, "not finite at the start"),
+        ({"steps": 0}, ValueError, "steps and chunk must be at least 1; got steps=0"),
+    ],
+)
+def test_misuse_is_refused_by_name(change, error, message):
+    call = {"loss": bowl, "params": START, "transforms": FREE, "data": TARGETS, "optimizer": optax.sgd(0.1), "steps": 2}
+    with pytest.raises(error, match=message):
+        tune.fit(**(call | change))
