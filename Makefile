@@ -1,0 +1,73 @@
+# What one does with a checkout of jgait. `make` alone lists it; .ci/setup makes the environment.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+BIN := .venv/bin
+STAMP := .venv/ready
+JOBS ?= 2
+ARGS ?=
+
+# The stamp holds the folder that the environment was made in: a checkout that was moved sets up anew, and so does
+# one whose Python has gone.
+ifneq ($(shell test -x $(BIN)/python && cat $(STAMP) 2>/dev/null),$(CURDIR))
+.PHONY: $(STAMP)
+endif
+
+# Recordings that lie beside the checkout are used without being told.
+ifeq ($(origin JGAIT_DATA_DIR),undefined)
+BESIDE := $(shell cd ../shared/data 2>/dev/null && pwd)
+ifneq ($(BESIDE),)
+export JGAIT_DATA_DIR := $(BESIDE)
+endif
+endif
+
+EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
+BENCHMARKS := $(wildcard experiments/benchmark*.py)
+
+.PHONY: help setup demo test lint types experiments bench lock clean
+
+help: ## list the targets
+	@echo "make TARGET, one of:"
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/  \1|\2/p' Makefile | awk -F'|' '{ printf "%-14s %s\n", $$1, $$2 }'
+	@echo "Python >= 3.12 is found by itself; another one: make TARGET PYTHON=/path/to/python"
+
+setup: $(STAMP) ## make the environment in .venv (the other targets do it by themselves)
+
+$(STAMP): pyproject.toml requirements.lock .ci/setup
+	@PYTHON="$(PYTHON)" sh .ci/setup
+
+demo: $(STAMP) ## estimate, compare, tune, judge: tables, and figures in a folder; ARGS="--help" says more
+	@$(BIN)/jgait demo $(ARGS)
+
+test: lint types ## lint, check the types, run the tests; ARGS="-k leg" for some of the tests
+	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+lint: $(STAMP) ## ruff: rules and format
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+
+types: $(STAMP) ## mypy
+	@$(BIN)/mypy jgait
+
+experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick" for a first look
+	@mkdir -p results
+	@for name in $(EXPERIMENTS); do \
+		echo "experiments/$$name.py"; \
+		$(BIN)/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
+	done
+
+bench: ## run the benchmarks against other libraries, in .venv-bench
+ifeq ($(BENCHMARKS),)
+	@echo "There is no benchmark yet: make bench runs experiments/benchmark*.py."
+else
+	@PYTHON="$(PYTHON)" sh .ci/setup bench
+	@for script in $(BENCHMARKS); do echo "$$script"; .venv-bench/bin/python "$$script" $(ARGS) || exit 1; done
+endif
+
+lock: $(STAMP) ## resolve the dependencies anew: requirements.lock
+	@sh .ci/lock
+
+clean: ## remove the environments and caches (results stay)
+	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache build dist
+	find jgait tests experiments -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,28 @@
+"""Gait estimators from wearable sensors, differentiable, in JAX."""
+
+from jgait.types import (
+    PLACEMENTS,
+    SIDES,
+    Estimate,
+    Imu,
+    LegTrajectory,
+    Legs,
+    Recording,
+    RecordingError,
+    leg_of,
+)
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PLACEMENTS",
+    "SIDES",
+    "Estimate",
+    "Imu",
+    "LegTrajectory",
+    "Legs",
+    "Recording",
+    "RecordingError",
+    "__version__",
+    "leg_of",
+]
