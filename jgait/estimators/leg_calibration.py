@@ -243,9 +243,7 @@ class _Sensor(NamedTuple):
     swing: np.ndarray
 
 
-def _analyse(
-    imu: Imu, standing: slice, still: np.ndarray, rate: float, *, perpendicular: bool
-) -> _Sensor:
+def _analyse(imu: Imu, standing: slice, still: np.ndarray, rate: float, *, perpendicular: bool) -> _Sensor:
     gyr = np.asarray(imu.gyr, np.float64)
     bias = gyr[standing].mean(axis=0)
     up = None
@@ -265,8 +263,8 @@ def orient(
 
     The shank turns faster than the thigh; where the sensor called thigh turns a quarter faster, the two are taken as
     swapped. A shank swings forward faster than it goes back, which gives its sign; the thigh swings forward
-    `THIGH_LEAD` before the shank does, which gives the thigh's (correlation .7 to .9 on every leg of `walking5m`, near 0
-    without the lead).
+    `THIGH_LEAD` before the shank does, which gives the thigh's (correlation .7 to .9 on every leg of `walking5m`, near
+    0 without the lead).
 
     Raises:
         RecordingError: if the shank never moves like walking.
@@ -277,7 +275,9 @@ def orient(
         part: _analyse(sensors[name], standing, still, rate, perpendicular=perpendicular)
         for part, name in names.items()
     }
-    moving = {part: float(np.sqrt(np.mean(f.swing[~still] ** 2))) if (~still).any() else 0.0 for part, f in found.items()}
+    moving = {
+        part: float(np.sqrt(np.mean(f.swing[~still] ** 2))) if (~still).any() else 0.0 for part, f in found.items()
+    }
     if max(moving.values()) < WALKING_RATE:
         raise RecordingError(
             f"leg_ekf found no walking: the {side} shank turns at {moving['shank']:.2f} rad/s RMS outside standing "
@@ -286,7 +286,9 @@ def orient(
     if moving["thigh"] > 1.25 * moving["shank"]:
         names = {"thigh": names["shank"], "shank": names["thigh"]}
         found = {"thigh": found["shank"], "shank": found["thigh"]}
-        notes.append(f"{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round")
+        notes.append(
+            f"{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round"
+        )
     shank, thigh = found["shank"], found["thigh"]
     signs = {"shank": float(np.sign(np.sum(shank.swing**3)) or 1.0)}
     lead = round(THIGH_LEAD * rate)
@@ -332,9 +334,7 @@ def prepare(
     still, (start, stop), notes = find_standing(sensors, time)
     legs = {}
     for side in sides:
-        legs[side], more = orient(
-            sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular
-        )
+        legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)
         notes += more
     if any(sensors[k].acc is None for k in sensors):
         notes.append("no accelerometer: angles come from the gyroscopes alone and drift")
@@ -342,9 +342,7 @@ def prepare(
         notes.append("the recording does not start standing still; its first angles are uncertain")
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if still[0] else 0.1)
-    inputs = LegInputs(
-        legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool), variance
-    )
+    inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool), variance)
     return Preparation(inputs, tuple(notes), (start, stop))
 
 

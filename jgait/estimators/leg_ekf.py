@@ -30,115 +30,25 @@ import jax.numpy as jnp
 
 from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
-from jgait.estimators.inclination import InclinationNoise, Vector
+from jgait.estimators.inclination import Vector
 from jgait.estimators.leg_calibration import LegInputs, LegSignals, Preparation, Segment, has_gravity, prepare
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
+from jgait.estimators.leg_params import DEFAULT, PAPER, TRANSFORMS, BySide, LegOptions, LegParams, one_side
 from jgait.filtering import Belief, Covariance, Model, Posterior
-from jgait.types import Estimate, Legs, LegTrajectory, Recording
+from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
 
-
-class BySide(NamedTuple):
-    """A value for each leg."""
-
-    right: Any
-    left: Any
-
-
-class LegParams(NamedTuple):
-    """Parameters of the leg estimator, in natural units.
-
-    Attributes:
-        thigh_length: hip to knee [m].
-        shank_length: knee to ankle [m].
-        standing_hip: hip flexion in the calibrating stance [rad].
-        standing_knee: knee flexion in the calibrating stance [rad].
-        thigh_gain: thigh rotation per rotation of the thigh sensor, which skin and muscle hold back [1].
-        position_noise: σ_xy, variance added to x and y each sample [m²].
-        angle_noise: σ_θ, spectral density of the angular acceleration [rad²/s³].
-        bias_noise: σ_β, variance added to the gyroscope biases each sample [rad²/s²].
-        gyro_noise: multiplies R, the gyroscopes' variance while standing [1].
-        closure_noise: standard deviation of x and y about the forward kinematics [m].
-        inclination: noise of the gravity direction, see `InclinationNoise`.
-        soft_tissue_thigh: standard deviation of the thigh about its sensor [rad]; enters the stated errors only.
-        soft_tissue_shank: the same of the shank [rad].
-        rollover_radius: how far the ankle moves forward per radian of the shank in stance [m].
-        distance_scale: personal scale of the walked distance [1].
-    """
-
-    thigh_length: Any = BySide(0.43, 0.43)
-    shank_length: Any = BySide(0.43, 0.43)
-    standing_hip: Any = BySide(0.0, 0.0)
-    standing_knee: Any = BySide(0.0, 0.0)
-    thigh_gain: Any = BySide(1.0, 1.0)
-    position_noise: Any = 1e-6
-    angle_noise: Any = 10.0
-    bias_noise: Any = 1e-12
-    gyro_noise: Any = 1.0
-    closure_noise: Any = 1e-3
-    inclination: Any = InclinationNoise()
-    soft_tissue_thigh: Any = 0.05
-    soft_tissue_shank: Any = 0.02
-    rollover_radius: Any = 0.07
-    distance_scale: Any = 1.0
-
-
-TRANSFORMS = LegParams(
-    thigh_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
-    shank_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
-    standing_hip=BySide(params.interval(-0.6, 0.6), params.interval(-0.6, 0.6)),
-    standing_knee=BySide(params.interval(-0.4, 0.8), params.interval(-0.4, 0.8)),
-    thigh_gain=BySide(params.interval(0.6, 1.6), params.interval(0.6, 1.6)),
-    position_noise=params.positive,
-    angle_noise=params.positive,
-    bias_noise=params.positive,
-    gyro_noise=params.positive,
-    closure_noise=params.positive,
-    inclination=InclinationNoise(*(params.positive,) * 5),
-    soft_tissue_thigh=params.positive,
-    soft_tissue_shank=params.positive,
-    rollover_radius=params.interval(0.0 - 1e-9, 0.3),
-    distance_scale=params.positive,
-)
-"""The range of every parameter."""
-
-
-class LegOptions(NamedTuple):
-    """Which improvements are on; each is measured alone by `experiments/leg_ekf.py`.
-
-    Attributes:
-        perpendicular_axis: make the functional sagittal axis perpendicular to gravity.
-        gravity: 3-D inclination from gyroscope and accelerometer instead of the sagittal rate alone.
-        closure: tie x and y to the forward kinematics.
-        standing: quiet standing fixes inclination and gyroscope bias.
-        smooth: Rauch–Tung–Striebel smoothing (offline).
-        distance: "stance": the leg that stands carries the hip; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
-            "forward": Σ Δx⁺ alone, how far the foot swings, which follows the foot's own way over time.
-        literal: the printed F and Q, misprints included.
-        rate_hz: resample to this rate first [Hz]; None keeps the recording's.
-        median: width of a median filter on the gyroscopes in samples; 1 is none.
-        method: how the filter linearises, see `jgait.filtering`.
-    """
-
-    perpendicular_axis: bool = True
-    gravity: bool = True
-    closure: bool = True
-    standing: bool = True
-    smooth: bool = True
-    distance: str = "stance"
-    literal: bool = False
-    rate_hz: float | None = None
-    median: int = 1
-    method: Any = filtering.EKF()
-
-
-DEFAULT = LegOptions()
-"""The best pipeline."""
-
-PAPER = LegOptions(
-    perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, distance="accumulate",
-    rate_hz=50.0, median=5,
-)  # fmt: skip
-"""The paper's pipeline: 50 Hz, five-sample median filter, two rates, accumulation."""
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "BySide",
+    "LegOptions",
+    "LegParams",
+    "estimate",
+    "one_side",
+    "prepared",
+    "run",
+]
 
 
 def vector(values: Any) -> Vector:
@@ -146,11 +56,11 @@ def vector(values: Any) -> Vector:
     return Vector(values[..., 0], values[..., 1], values[..., 2])
 
 
-def model_params(p: LegParams, side: int, leg: LegSignals) -> LegModelParams:
+def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
     """The model's parameters for one leg, R from its gyroscopes at rest."""
     return LegModelParams(
-        thigh_length=p.thigh_length[side],
-        shank_length=p.shank_length[side],
+        thigh_length=p.thigh_length,
+        shank_length=p.shank_length,
         position_noise=p.position_noise,
         angle_noise=p.angle_noise,
         bias_noise=p.bias_noise,
@@ -178,14 +88,13 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
 
 def observe(
     p: LegParams,
-    side: int,
     leg: LegSignals,
     inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
     inputs: LegInputs,
     options: LegOptions,
 ) -> tuple[LegObservation, LegControl, LegObservation]:
     """What the leg filter is told: observation, control and mask; for a whole recording or for one sample."""
-    hip, knee, gain = p.standing_hip[side], p.standing_knee[side], p.thigh_gain[side]
+    hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
     zero, off = jnp.zeros_like(inputs.dt), jnp.zeros_like(inputs.valid)
     if inclinations is not None:
         thigh, shank = inclinations
@@ -207,7 +116,7 @@ def observe(
     return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
 
 
-def prior_of(p: LegParams, side: int, leg: LegSignals, start_variance: Any, options: LegOptions) -> Belief:
+def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> Belief:
     """The belief before the first sample: standing, with the gyroscopes' biases at rest.
 
     With gravity the inclination filter has taken the biases out already.
@@ -215,7 +124,7 @@ def prior_of(p: LegParams, side: int, leg: LegSignals, start_variance: Any, opti
     zero = jnp.zeros_like(start_variance)
     biases = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
     return leg_model.standing_belief(
-        model_params(p, side, leg), STANDING + p.standing_hip[side], -p.standing_knee[side], *biases, start_variance
+        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, *biases, start_variance
     )
 
 
@@ -225,24 +134,26 @@ def model_of(options: LegOptions) -> Model:
 
 
 def _leg(
-    p: LegParams, side: int, leg: LegSignals, inputs: LegInputs, options: LegOptions
+    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions
 ) -> tuple[LegState, Covariance, Posterior]:
     """Mean and covariance of one leg's state, and the filter's posterior."""
     inclinations = None
     if options.gravity:
-        inclinations = (_incline(p, leg.thigh, inputs, options), _incline(p, leg.shank, inputs, options))
-    observations, controls, mask = observe(p, side, leg, inclinations, inputs, options)
+        segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
+        inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
     settings = {
         "controls": controls,
         "dt": inputs.dt,
         "mask": mask,
         "method": options.method,
-        "initial": prior_of(p, side, leg, inputs.start_variance, options),
+        "initial": prior_of(p, leg, inputs.start_variance, options),
     }
     if options.smooth:
-        smoothed = filtering.kalman_smoother(model_of(options), model_params(p, side, leg), observations, **settings)
+        smoothed = filtering.kalman_smoother(model_of(options), model_params(p, leg), observations, **settings)
         return smoothed.mean, smoothed.cov, smoothed.filtered
-    posterior = filtering.kalman_filter(model_of(options), model_params(p, side, leg), observations, **settings)
+    posterior = filtering.kalman_filter(model_of(options), model_params(p, leg), observations, **settings)
     return posterior.mean, posterior.cov, posterior
 
 
@@ -251,11 +162,11 @@ def trajectory_of(state: LegState) -> LegTrajectory:
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
-def deviation_of(p: LegParams, side: int, state: LegState, cov: Covariance) -> LegTrajectory:
+def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajectory:
     """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics."""
     thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
-    a1, a2 = p.thigh_length[side], p.shank_length[side]
+    a1, a2 = p.thigh_length, p.shank_length
     along = (a1 * jnp.sin(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.sin(shin)) ** 2 * shank
     upward = (a1 * jnp.cos(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.cos(shin)) ** 2 * shank
     return LegTrajectory(
@@ -288,21 +199,42 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estim
         Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
         innovations and the mean normalised innovation squared of each leg.
     """
+    worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
+    own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
+    signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
+    results = jax.vmap(lambda q, leg: _one_leg(q, leg, inputs, options))(own, signals)
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}
-    valid = inputs.valid
-    for side, (name, leg) in enumerate(zip(("right", "left"), (inputs.right, inputs.left), strict=True)):
-        if leg is None:
-            continue
-        mean, cov, posterior = _leg(p, side, leg, inputs, options)
-        trajectories[side] = trajectory_of(mean)
-        deviations[side] = deviation_of(p, side, mean, cov)
-        valid = valid & posterior.valid
-        diagnostics[f"log_likelihood_{name}"] = jnp.sum(posterior.log_likelihood)
-        diagnostics[f"nis_{name}"] = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1)
+    for number, (side, _) in enumerate(worn):
+        leg = jax.tree.map(lambda v, number=number: v[number], results)
+        trajectories[side], deviations[side] = leg.trajectory, leg.deviation
+        diagnostics[f"log_likelihood_{SIDES[side]}"] = leg.log_likelihood
+        diagnostics[f"nis_{SIDES[side]}"] = leg.nis
     legs = Legs(*trajectories)
+    valid = inputs.valid & jnp.all(results.valid, axis=0)
     return Estimate(inputs.time, legs, Legs(*deviations), walked(p, legs, inputs.still, options), valid, diagnostics)
+
+
+class _LegResult(NamedTuple):
+    """One leg's part of the estimate."""
+
+    trajectory: LegTrajectory
+    deviation: LegTrajectory
+    log_likelihood: Any
+    nis: Any
+    valid: Any
+
+
+def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions) -> _LegResult:
+    mean, cov, posterior = _leg(p, leg, inputs, options)
+    return _LegResult(
+        trajectory_of(mean),
+        deviation_of(p, mean, cov),
+        jnp.sum(posterior.log_likelihood),
+        jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0),
+        posterior.valid,
+    )
 
 
 _run_jit = jax.jit(run, static_argnames=("options",))
@@ -314,9 +246,7 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation
     Raises:
         RecordingError: see `leg_calibration.prepare`.
     """
-    return prepare(
-        recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis
-    )
+    return prepare(recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis)
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:

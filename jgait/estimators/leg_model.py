@@ -99,8 +99,9 @@ def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Any, An
 
 def _moved(params: LegModelParams, state: LegState, dt: Any, *, literal: bool) -> LegState:
     shin = state.thigh_angle + state.knee_angle
-    thigh_sin, thigh_cos = params.thigh_length * jnp.sin(state.thigh_angle), params.thigh_length * jnp.cos(
-        state.thigh_angle
+    thigh_sin, thigh_cos = (
+        params.thigh_length * jnp.sin(state.thigh_angle),
+        params.thigh_length * jnp.cos(state.thigh_angle),
     )
     shank_sin, shank_cos = params.shank_length * jnp.sin(shin), params.shank_length * jnp.cos(shin)
     # Element C of equation 6 as printed, −a₁ sin θ₁ + a₂ sin(θ₁+θ₂), is not the derivative of equation 3.

@@ -43,12 +43,11 @@ class OnlineStep(NamedTuple):
     stddev: LegTrajectory
 
 
-def start(p: LegParams, side: int, leg: LegSignals, start_variance: Any, options: LegOptions) -> OnlineState:
+def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> OnlineState:
     """The state before the first sample.
 
     Args:
-        p: parameters.
-        side: 0 right, 1 left.
+        p: parameters of this leg, see `one_side`.
         leg: calibrated signals; only biases, variances and the first rates are used.
         start_variance: of the pose at the first sample [rad²].
         options: as of `leg_ekf`; smoothing cannot be had online.
@@ -58,9 +57,7 @@ def start(p: LegParams, side: int, leg: LegSignals, start_variance: Any, options
     """
     beliefs = [inclination.prior(leg_ekf.vector(segment.bias), start_variance) for segment in leg]
     rates = tuple(leg_ekf.vector(segment.gyr[0]) for segment in leg)
-    return OnlineState(
-        beliefs[0], beliefs[1], leg_ekf.prior_of(p, side, leg, start_variance, options), (rates[0], rates[1])
-    )
+    return OnlineState(beliefs[0], beliefs[1], leg_ekf.prior_of(p, leg, start_variance, options), (rates[0], rates[1]))
 
 
 def _incline(
@@ -78,15 +75,12 @@ def _incline(
     return result.belief, inclination.read_out(result.belief.mean, result.belief.cov, rate)
 
 
-@partial(jax.jit, static_argnames=("side", "options"))
-def step(
-    p: LegParams, side: int, state: OnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions
-) -> OnlineStep:
+@partial(jax.jit, static_argnames=("options",))
+def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
     """One sample of one leg.
 
     Args:
-        p: parameters.
-        side: 0 right, 1 left.
+        p: parameters of this leg, see `one_side`.
         state: from `start` or the step before.
         sample: gyr (3,) [rad/s] and acc (3,) [g] in segment axes, measured; bias and variance from the calibration.
         inputs: dt [s], still and valid of this sample; its legs are not used.
@@ -100,9 +94,9 @@ def step(
         thigh, upper = _incline(p, state.thigh, state.rates[0], sample.thigh, inputs, options)
         shank, lower = _incline(p, state.shank, state.rates[1], sample.shank, inputs, options)
         inclinations = (upper, lower)
-    observation, control, mask = leg_ekf.observe(p, side, sample, inclinations, inputs, options)
+    observation, control, mask = leg_ekf.observe(p, sample, inclinations, inputs, options)
     result = filtering.step(
-        leg_ekf.model_of(options), leg_ekf.model_params(p, side, sample), state.leg, observation,
+        leg_ekf.model_of(options), leg_ekf.model_params(p, sample), state.leg, observation,
         control=control, dt=inputs.dt, mask=mask, method=options.method,
     )  # fmt: skip
     belief = result.belief
@@ -110,5 +104,5 @@ def step(
     return OnlineStep(
         OnlineState(thigh, shank, belief, rates),
         leg_ekf.trajectory_of(belief.mean),
-        leg_ekf.deviation_of(p, side, belief.mean, belief.cov),
+        leg_ekf.deviation_of(p, belief.mean, belief.cov),
     )
