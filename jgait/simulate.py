@@ -104,7 +104,7 @@ def check_person(person: Person) -> None:
     Raises:
         TypeError: if a field is not a number.
         ValueError: if a field lies outside its range, or the leg is too short for the step, the knee would bend
-            backwards, or the swinging foot would cut into the ground; the message names the limit.
+            backwards, or a foot would cut into the ground; the message names the limit.
     """
     for name, value in zip(Person._fields, person, strict=True):
         if np.ndim(value) != 0 or not np.issubdtype(np.asarray(value).dtype, np.number):
@@ -126,7 +126,9 @@ def check_person(person: Person) -> None:
             f"the knee would bend backwards by {-knee / DEGREE:.1f} deg; raise knee_stance or standing_knee"
         )
     if not ankle > -0.02:
-        raise ValueError(f"the swinging foot would be {-100 * ankle:.1f} cm under the ground; raise knee_swing or lower knee_loading")
+        raise ValueError(
+            f"an ankle would be {-100 * ankle:.1f} cm below where it stands; raise knee_swing or lower knee_loading"
+        )
 
 
 _RANGES: dict[str, tuple[float, float]] = {
@@ -139,6 +141,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "knee_stance": (0.5 * DEGREE, 60.0 * DEGREE),
     "knee_loading": (0.0, 60.0 * DEGREE),
     "knee_swing": (0.0, 120.0 * DEGREE),
+    "toe_up": (0.0, 60.0 * DEGREE),
     "heel_up": (0.0, 80.0 * DEGREE),
     "roll_over": (0.0, 1.5),
     "standing_hip": (-30.0 * DEGREE, 30.0 * DEGREE),
@@ -229,13 +232,16 @@ def population(key: Any, n: int) -> Person:
         shank_length=height * 0.246 * spread(1.0, 0.02),
         ankle_height=height * 0.039,
         ball_length=height * 0.080,
+        heel_length=height * 0.030,
         step_length=distance / steps,
         step_time=spread(0.51, 0.03),
         steps=steps,
         double_support=spread(0.20, 0.02),
         knee_loading=spread(11.0, 2.0) * DEGREE,
         knee_swing=spread(54.0, 3.0) * DEGREE,
+        toe_up=spread(18.0, 3.0) * DEGREE,
         heel_up=spread(40.0, 4.0) * DEGREE,
+        roll_over=spread(1.0, 0.15),
         standing_hip=spread(2.0, 1.5) * DEGREE,
         standing_knee=spread(5.0, 1.5) * DEGREE,
         right_first=jnp.where(jax.random.bernoulli(next(keys), shape=(n,)), 1.0, 0.0),

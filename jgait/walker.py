@@ -42,6 +42,7 @@ class Person(NamedTuple):
         shank_length: knee to ankle [m].
         ankle_height: ankle above the sole [m].
         ball_length: ankle to the ball of the foot, along the sole [m].
+        heel_length: ankle to the back of the heel, along the sole [m].
         step_length: from one foothold to the next of the other foot [m].
         step_time: from one foothold to the next of the other foot [s].
         steps: how many step lengths are walked; a whole number.
@@ -49,9 +50,10 @@ class Person(NamedTuple):
         knee_stance: least knee flexion in stance [rad].
         knee_loading: flexion that taking the load adds [rad].
         knee_swing: flexion that swing adds [rad].
+        toe_up: pitch of the foot as it lands on its heel [rad].
         heel_up: pitch of the foot at the end of push-off [rad].
         hip_ahead: how far roll-over carries the hip ahead of the middle of the feet [m].
-        roll_over: scales `heel_up` and `hip_ahead` [1]; 0 keeps the planted ankle exactly still.
+        roll_over: scales `toe_up`, `heel_up` and `hip_ahead` [1]; 0 keeps the planted ankle exactly still.
         standing_hip: hip flexion while standing [rad].
         standing_knee: knee flexion while standing [rad].
         right_first: 1 if the right foot takes the first step, 0 if the left.
@@ -65,6 +67,7 @@ class Person(NamedTuple):
     shank_length: Any = 0.246 * 1.75
     ankle_height: Any = 0.039 * 1.75
     ball_length: Any = 0.080 * 1.75
+    heel_length: Any = 0.030 * 1.75
     step_length: Any = 0.62
     step_time: Any = 0.51
     steps: Any = 6.0
@@ -72,6 +75,7 @@ class Person(NamedTuple):
     knee_stance: Any = 5.0 * DEGREE
     knee_loading: Any = 11.0 * DEGREE
     knee_swing: Any = 54.0 * DEGREE
+    toe_up: Any = 18.0 * DEGREE
     heel_up: Any = 40.0 * DEGREE
     hip_ahead: Any = 0.055
     roll_over: Any = 1.0
@@ -132,8 +136,10 @@ def step_clock(person: Person, time: Any) -> Any:
 
 def hip_progress(person: Person, u: Any) -> Any:
     """How far the hip has come [m]: it gathers speed over the first step and comes to rest over the last."""
-    ahead = person.roll_over * person.hip_ahead * (_smooth(u) - _smooth(u - person.steps))
-    return person.step_length * (_smooth_ramp(u) - _smooth_ramp(u - person.steps)) + ahead
+    p = person
+    standing = forward_kinematics(p, p.standing_hip, p.standing_knee)[0]  # while walking, the feet forget the pose
+    ahead = (p.roll_over * p.hip_ahead + standing) * (_smooth(u) - _smooth(u - p.steps))
+    return p.step_length * (_smooth_ramp(u) - _smooth_ramp(u - p.steps)) + ahead
 
 
 def knee_angle(person: Person, u: Any, leads: Any) -> Any:
@@ -151,10 +157,10 @@ def knee_angle(person: Person, u: Any, leads: Any) -> Any:
 
 
 def foot_progress(person: Person, u: Any, leads: Any) -> tuple[Any, Any]:
-    """Ankle in the world: how far it has come [m], and how far its heel rise lifts it [m] while the foot bears.
+    """Ankle in the world: how far it has come [m], and how far its pitch lifts it [m] while the foot bears.
 
-    Between two swings the foot stands; from mid-stance on it turns about its ball, which moves the ankle forward
-    and up.
+    Between two swings the foot stands: it lands on its heel and turns flat about it, and from mid-stance on it turns
+    about its ball. Both carry the ankle forward.
     """
     p = person
     lift, land = -1.0 + 0.5 * p.double_support, -0.5 * p.double_support
@@ -168,11 +174,19 @@ def foot_progress(person: Person, u: Any, leads: Any) -> tuple[Any, Any]:
     gain, loss = 0.5, 0.3  # shares of swing in which the foot gathers and loses speed
     way = gain * _smooth_ramp(tau / gain) - loss * _smooth_ramp((tau - 1.0 + loss) / loss)
     progress = p.step_length * (origin + (target - origin) * way / (1.0 - 0.5 * (gain + loss)))
-    size = jnp.where(swings, jnp.where(step > 1.5, 1.0, 0.5), 0.0)  # the first push-off carries half a step
-    pitch = size * p.roll_over * p.heel_up * (_smooth((v + 1.45) / 0.9) - _smooth((v + 0.55) / 0.45))
-    forward = p.ball_length * (1.0 - jnp.cos(pitch)) + p.ankle_height * jnp.sin(pitch)
-    rise = p.ball_length * jnp.sin(pitch) - p.ankle_height * (1.0 - jnp.cos(pitch))
-    return progress + forward, rise
+    pushes = jnp.where(swings, jnp.where(step > 1.5, 1.0, 0.5), 0.0)  # the first push-off carries half a step
+    rocks = jnp.where(swings & (step < p.steps + 0.5), 1.0, 0.0)  # the last step ends flat
+    heel_up = pushes * p.roll_over * p.heel_up * (_smooth((v + 1.45) / 0.9) - _smooth((v + 0.55) / 0.45))
+    toe_up = rocks * p.roll_over * p.toe_up * (_smooth((v + 0.6) / (0.6 + land)) - _smooth((v - land) / 0.35))
+    ball_x, ball_y = _turn_about(-heel_up, -p.ball_length, p.ankle_height)
+    heel_x, heel_y = _turn_about(toe_up, p.heel_length, p.ankle_height)
+    return progress + ball_x + heel_x, ball_y + heel_y
+
+
+def _turn_about(angle: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """How a point at (x, y) from the pivot moves when turned by an angle [rad] about it."""
+    s, c = jnp.sin(angle), jnp.cos(angle) - 1.0
+    return c * x - s * y, s * x + c * y
 
 
 def leg_pose(person: Person, u: Any, leads: Any) -> LegPose:
