@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 STILL_RATE = 0.25  # rad/s; every leg gyroscope stays below it while standing
@@ -16,61 +17,6 @@ SHORTEST_STANDING = 0.5  # s
 WALKING_RATE = 0.6  # rad/s RMS of a shank that walks
 TURNING_RATE = 0.6  # rad/s about the vertical, low-passed: a turn
 THIGH_LEAD = 0.16  # s by which the thigh's forward swing precedes the shank's
-
-
-class Segment(NamedTuple):
-    """One sensor's signals, turned into its segment's axes (forward, up, right), as the filters take them.
-
-    Attributes:
-        gyr: (T, 3) [rad/s].
-        acc: (T, 3) in units of gravity [1]; zeros without an accelerometer.
-        measured: (T,) bool.
-        bias: (3,) gyroscope bias at rest [rad/s].
-        variance: sagittal gyroscope variance at rest [rad²/s²].
-    """
-
-    gyr: np.ndarray
-    acc: np.ndarray
-    measured: np.ndarray
-    bias: np.ndarray
-    variance: np.ndarray
-
-
-class LegSignals(NamedTuple):
-    """Thigh and shank of one leg."""
-
-    thigh: Segment
-    shank: Segment
-
-
-class LegInputs(NamedTuple):
-    """All that `leg_ekf.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
-
-    Attributes:
-        right: right leg, or None.
-        left: left leg, or None.
-        time: (T,) [s].
-        dt: (T,) time from the sample before [s]; 0 at the first.
-        still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding.
-        start_variance: of the pose at the first sample [rad²]; small when the recording starts standing.
-    """
-
-    right: LegSignals | None
-    left: LegSignals | None
-    time: np.ndarray
-    dt: np.ndarray
-    still: np.ndarray
-    valid: np.ndarray
-    start_variance: np.ndarray
-
-
-class Preparation(NamedTuple):
-    """Inputs, and in words what was decided or noticed on the way."""
-
-    inputs: LegInputs
-    notes: tuple[str, ...]
-    standing: tuple[int, int]
 
 
 def worn_sides(recording: Recording) -> tuple[str, ...]:
@@ -352,9 +298,3 @@ def _median(values: np.ndarray, width: int) -> np.ndarray:
         raise ValueError(f"median must be an odd number of samples; got {width}")
     padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, width, axis=0), axis=-1)
-
-
-def has_gravity(inputs: LegInputs) -> bool:
-    """Whether every worn sensor has an accelerometer."""
-    legs = [leg for leg in (inputs.right, inputs.left) if leg is not None]
-    return all(bool(np.any(np.asarray(segment.acc))) for leg in legs for segment in leg)

@@ -31,7 +31,8 @@ import jax.numpy as jnp
 from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
 from jgait.estimators.inclination import Vector
-from jgait.estimators.leg_calibration import LegInputs, LegSignals, Preparation, Segment, has_gravity, prepare
+from jgait.estimators.leg_calibration import prepare
+from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_params import DEFAULT, PAPER, TRANSFORMS, BySide, LegOptions, LegParams, one_side
 from jgait.filtering import Belief, Covariance, Model, Posterior

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jgait import filtering
 from jgait.estimators import inclination, leg_ekf
 from jgait.estimators.inclination import Vector
-from jgait.estimators.leg_calibration import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf import LegOptions, LegParams
+from jgait.estimators.leg_inputs import LegInputs, LegSignals, Segment
 from jgait.filtering import Belief
 from jgait.types import LegTrajectory
 
