@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax.flatten_util import ravel_pytree
 
 from jgait.params import check_params, constrain, unconstrain
 
@@ -75,7 +76,7 @@ def _check_data(data: Any, batched: bool) -> None:
     lengths: dict[str, int] = {}
     for path, leaf in flat:
         name = "data" + jax.tree_util.keystr(path)
-        if isinstance(leaf, str | bytes) or not hasattr(leaf, "dtype") and not isinstance(leaf, int | float):
+        if isinstance(leaf, str | bytes) or (not hasattr(leaf, "dtype") and not isinstance(leaf, int | float)):
             raise TypeError(f"{name} must be an array or a number; got {type(leaf).__name__}")
         if batched and np.ndim(leaf) == 0:
             raise ValueError(
@@ -134,6 +135,7 @@ def fit(
     *,
     steps: int = 100,
     batched: bool = True,
+    gradient: str = "auto",
     progress: Progress | None = None,
     chunk: int | None = None,
 ) -> Fit[P]:
@@ -151,8 +153,11 @@ def fit(
         optimizer: from optax, for example `optax.adam(0.05)`.
         steps: how many.
         batched: whether `data` has an axis of items.
+        gradient: "forward" carries one tangent a free parameter through the filter, in constant memory and with a
+            quick compilation; "reverse" costs the same for any number of them; "auto" takes forward up to
+            `FORWARD_UP_TO` free numbers.
         progress: called on the host after every chunk; it changes nothing in the result.
-        chunk: steps between two calls of `progress`; None for about twenty calls.
+        chunk: steps between two calls of `progress`, 2 at least; None for about twenty calls.
 
     Returns:
         The best parameters seen and the history.
@@ -170,26 +175,62 @@ def fit(
     _check_loss(loss, params, data, batched)
     objective = _objective(loss, transforms, batched)
     optimizer = optax.with_extra_args_support(optimizer)
-    start, gradient = jax.jit(jax.value_and_grad(objective))(free, params, data)
-    if not bool(_finite((start, gradient))):
-        raise ValueError(f"the loss or its gradient is not finite at the start (loss {float(start)})")
-    size = min(steps, (max(1, steps // 20) if chunk is None else chunk) if progress is not None else steps)
-    run = jax.jit(_runner(objective, optimizer, size, steps))
-    zero = jnp.zeros((), jnp.int32)
-    carry = _Carry(zero, free, optimizer.init(free), start, gradient, jnp.ones_like(start), free, start)
+    differentiate = _differentiator(gradient, free)
+    # The start is evaluated by the same program as every step, as step −1, so that only one is compiled.
+    total = steps + 1
+    # A scan of one step would be unrolled and round differently; two is the least.
+    size = min(total, max(2, steps // 20 if chunk is None else chunk) if progress is not None else total)
+    run = jax.jit(_runner(objective, differentiate, optimizer, size, steps))
+    unknown = jax.eval_shape(objective, free, params, data)
+    infinite = jnp.full((), jnp.inf, unknown.dtype)
+    flat_slope = jax.tree.map(jnp.zeros_like, free)
+    carry = _Carry(
+        jnp.full((), -1, jnp.int32), free, optimizer.init(free), infinite, flat_slope, jnp.ones_like(infinite), free,
+        infinite,
+    )  # fmt: skip
     history: list[Any] = []
-    for done in range(size, steps + size, size):
+    for done in range(size, total + size, size):
         carry, part = run(carry, params, data)
         history.append(jax.tree.map(np.asarray, part))
-        if progress is not None:
+        if not np.isfinite(float(carry.best_loss)):
+            value = float(jax.jit(objective)(free, params, data))
+            raise ValueError(f"the loss or its gradient is not finite at the start (loss {value})")
+        if progress is not None and done - size < steps:
             progress(min(done, steps), steps, float(carry.loss))
-    losses, norms, accepted = (np.concatenate(parts)[:steps] for parts in zip(*history, strict=True))
+    losses, norms, accepted = (np.concatenate(parts)[1:total] for parts in zip(*history, strict=True))
     best, last = (constrain(f, transforms, params) for f in (carry.best, carry.free))
     rejected = int(steps - accepted.sum())
     return Fit(best, last, carry.best, losses, norms, accepted, rejected, float(carry.best_loss), float(carry.loss))
 
 
-def _runner(objective: Any, optimizer: Any, size: int, steps: int) -> Callable[..., Any]:
+FORWARD_UP_TO = 12
+"""Free numbers up to which `fit` differentiates forward by default."""
+
+
+def _differentiator(mode: str, free: Any) -> Callable[..., Any]:
+    """`jax.value_and_grad`, or the same by one forward tangent for each free number."""
+    if mode not in ("auto", "forward", "reverse"):
+        raise ValueError(f"gradient must be 'auto', 'forward' or 'reverse'; got {mode!r}")
+    size = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(free))
+    if mode == "reverse" or (mode == "auto" and size > FORWARD_UP_TO):
+        return jax.value_and_grad
+    return _forward_value_and_grad
+
+
+def _forward_value_and_grad(function: Callable[..., Any]) -> Callable[..., Any]:
+    def both(free: Any, *rest: Any) -> tuple[Any, Any]:
+        flat, unflatten = ravel_pytree(free)
+
+        def along(direction: Any) -> tuple[Any, Any]:
+            return jax.jvp(lambda v: function(unflatten(v), *rest), (flat,), (direction,))
+
+        value, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(flat.size, dtype=flat.dtype))
+        return value, unflatten(slopes)
+
+    return both
+
+
+def _runner(objective: Any, differentiate: Any, optimizer: Any, size: int, steps: int) -> Callable[..., Any]:
     """`size` steps as one scan; steps past the last one do nothing, so that every chunk is the same program."""
 
     def run(carry: _Carry, params: Any, data: Any) -> tuple[_Carry, Any]:
@@ -202,13 +243,15 @@ def _runner(objective: Any, optimizer: Any, size: int, steps: int) -> Callable[.
                 "standard"
             ):  # optax counts steps in integers, also where the caller is strict
                 updates, state = optimizer.update(c.gradient, c.optimizer, c.free, **extra)
-            free = jax.tree.map(lambda f, u: f + (c.scale * u).astype(f.dtype), c.free, updates)
-            loss, gradient = jax.value_and_grad(value)(free)
+            starting = c.step < 0
+            free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, updates)
+            state = _choose(starting, c.optimizer, state)
+            loss, gradient = differentiate(value)(free)
             good = _finite((free, loss, gradient))
             better = good & (loss < c.best_loss)
             kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
             best, best_loss = _choose(better, (free, loss), (c.best, c.best_loss))
-            scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale)
+            scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale).astype(c.scale.dtype)
             new = kept._replace(step=c.step + 1, scale=scale, best=best, best_loss=best_loss)
             return new, (c.loss, _norm(c.gradient), good)
 

@@ -137,9 +137,8 @@ def test_reporting_progress_in_chunks_changes_no_bit(chunk):
     )
     for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(chunked), strict=True):
         assert np.array_equal(np.asarray(a), np.asarray(b))
-    assert [done for done, _, _ in seen] == [
-        min(d, 40) for d in range(min(chunk, 40), 40 + min(chunk, 40), min(chunk, 40))
-    ]
+    size = min(max(chunk, 2), 40)
+    assert [done for done, _, _ in seen] == [min(d, 40) for d in range(size, 40 + size, size)]
     assert seen[-1][:2] == (40, 40) and seen[-1][2] == plain.last_loss
 
 
@@ -245,3 +244,18 @@ def test_misuse_is_refused_by_name(change, error, message):
     call = {"loss": bowl, "params": START, "transforms": FREE, "data": TARGETS, "optimizer": optax.sgd(0.1), "steps": 2}
     with pytest.raises(error, match=message):
         tune.fit(**(call | change))
+
+
+def test_forward_and_reverse_gradients_find_the_same():
+    fits = [
+        tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=10, gradient=mode)
+        for mode in ("forward", "reverse", "auto")
+    ]
+    for other in fits[1:]:
+        for a, b in zip(jax.tree.leaves(fits[0].params), jax.tree.leaves(other.params), strict=True):
+            assert np.allclose(np.asarray(a), np.asarray(b), rtol=1e-12, atol=0)
+
+
+def test_unknown_gradient_mode_is_refused():
+    with pytest.raises(ValueError, match="gradient must be 'auto', 'forward' or 'reverse'; got 'sideways'"):
+        tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=2, gradient="sideways")
