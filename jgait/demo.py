@@ -13,7 +13,7 @@ from jgait import datasets, params, plot, simulate, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
 from jgait.estimators.leg_inputs import pad
-from jgait.judge import FIELDS, Judged, Lesson, judge, leg_loss, lesson
+from jgait.judge import FIELDS, Judged, Lesson, judge, leg_loss, lesson, with_lengths
 from jgait.types import SIDES, Estimate
 
 RATE_HZ = 50.0
@@ -143,7 +143,6 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 25, 
         _simulated_loss, start, freed(*names), data, optax.adam(0.05), steps=steps,
         progress=lambda done, total, loss: report(f"tuning on {half} simulated people, loss {loss:.1f}", done, total),
     )  # fmt: skip
-    lines: list[Line] = []
     judged = []
     for number in range(half, subjects):
         _, reference = walks[number]
@@ -152,7 +151,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 25, 
         standing = (int(np.argmax(item.standing)), int(np.sum(item.standing)))
         pair = []
         for p in (start, fit.params):
-            estimate = _estimate(_own(p, item), item)
+            estimate = _estimate(with_lengths(p, item.lengths), item)
             pair.append((judge(estimate, reference, window, standing), estimate))
         judged.append((pair, reference, window))
     lines = _medians(
@@ -162,12 +161,6 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 25, 
     figures = _figures(out, "simulated", estimate, reference, "a simulated walk the tuning never saw", None, None)
     tuned = _compare(_values(start, names), _values(fit.params, names))
     return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
-
-
-def _own(p: LegParams, item: Lesson) -> LegParams:
-    from jgait.judge import with_lengths
-
-    return with_lengths(p, item.lengths)
 
 
 def _simulated_loss(p: LegParams, item: Lesson) -> Any:

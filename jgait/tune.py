@@ -195,7 +195,7 @@ def fit(
         if not np.isfinite(float(carry.best_loss)):
             value = float(jax.jit(objective)(free, params, data))
             raise ValueError(f"the loss or its gradient is not finite at the start (loss {value})")
-        if progress is not None and done - size < steps:
+        if progress is not None and (done < steps or done >= total):
             progress(min(done, steps), steps, float(carry.loss))
     losses, norms, accepted = (np.concatenate(parts)[1:total] for parts in zip(*history, strict=True))
     best, last = (constrain(f, transforms, params) for f in (carry.best, carry.free))
