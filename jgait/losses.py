@@ -38,7 +38,7 @@ def masked_mean(values: Any, valid: Any = None) -> Any:
 
 
 def _difference(estimate: Any, reference: Any, valid: Any) -> Any:
-    """estimate − reference, 0 where masked, so that nothing masked reaches the arithmetic that follows."""
+    """The difference, 0 where masked, so that nothing masked reaches the arithmetic that follows."""
     estimate, reference = jnp.asarray(estimate), jnp.asarray(reference)
     if estimate.shape != reference.shape:
         raise ValueError(f"estimate and reference must have the same shape; got {estimate.shape} and {reference.shape}")

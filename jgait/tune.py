@@ -1,7 +1,7 @@
 """Fitting parameters by gradient: optax in a `lax.scan`, in coordinates where every value is allowed."""
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +11,11 @@ from jax.flatten_util import ravel_pytree
 
 from jgait.params import check_params, constrain, unconstrain
 
-P = TypeVar("P")
-
 Progress = Callable[[int, int, float], None]
 """Called with steps done, steps in all, and the loss now."""
 
 
-class Fit(NamedTuple, Generic[P]):
+class Fit[P](NamedTuple):
     """A finished fit.
 
     Attributes:
@@ -126,7 +124,7 @@ def _check_loss(loss: Callable[..., Any], params: Any, data: Any, batched: bool)
         raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")
 
 
-def fit(
+def fit[P](
     loss: Callable[[P, Any], Any],
     params: P,
     transforms: P,
@@ -239,9 +237,8 @@ def _runner(objective: Any, differentiate: Any, optimizer: Any, size: int, steps
 
         def move(c: _Carry) -> tuple[_Carry, Any]:
             extra = {"value": c.loss, "grad": c.gradient, "value_fn": value}
-            with jax.numpy_dtype_promotion(
-                "standard"
-            ):  # optax counts steps in integers, also where the caller is strict
+            # optax counts steps in integers, which a caller's strict promotion would refuse
+            with jax.numpy_dtype_promotion("standard"):
                 updates, state = optimizer.update(c.gradient, c.optimizer, c.free, **extra)
             starting = c.step < 0
             free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, updates)

@@ -23,7 +23,8 @@ TIME = np.arange(0.0, 4.0, 0.01)
 
 def test_a_constant_offset_is_its_own_error_in_the_units_of_the_column():
     table = evaluate.trajectory_errors(walk(TIME, 2.0 * DEGREE, -3.0 * DEGREE, 0.04, -0.05), walk(TIME))
-    assert list(table.columns) == ["hip_deg", "knee_deg", "x_cm", "y_cm"] and list(table.index) == ["right", "left"]
+    assert list(table.columns) == ["hip_deg", "knee_deg", "x_cm", "y_cm"]
+    assert list(table.index) == ["right", "left"]
     np.testing.assert_allclose(table.to_numpy(), [[2.0, 3.0, 4.0, 5.0]] * 2, rtol=1e-10)
 
 
@@ -68,8 +69,10 @@ def test_distance_error_is_estimate_minus_reference_over_the_common_time():
     reference = walk(TIME, distance=1.0 * TIME)
     later = np.arange(1.0, 6.0, 0.02)
     error = evaluate.distance_error(walk(later, distance=5.0 + 0.9 * (later - 1.0)), reference)
-    assert error.reference == pytest.approx(2.99) and error.estimate == pytest.approx(0.9 * 2.99)
-    assert error.error == pytest.approx(-0.299) and error.abs_error == pytest.approx(0.299)
+    assert error.reference == pytest.approx(2.99)
+    assert error.estimate == pytest.approx(0.9 * 2.99)
+    assert error.error == pytest.approx(-0.299)
+    assert error.abs_error == pytest.approx(0.299)
     assert error.rel_error == pytest.approx(-0.1)
     ramp = 0.1 * np.arange(300) * 0.01
     assert error.rmse == pytest.approx(np.sqrt(np.mean(ramp**2)), rel=1e-9)
@@ -79,7 +82,8 @@ def test_summary_of_a_table_and_of_distances():
     table = pd.DataFrame({"hip_deg": [1.0, 2.0, 9.0], "rel_error": [-0.5, 0.1, np.nan], "name": ["a", "b", "c"]})
     result = evaluate.summary(table)
     assert result.loc["hip_deg"].to_dict() == {"median": 2.0, "worst": 9.0, "mean": 4.0, "n": 3.0}
-    assert result.loc["rel_error", "worst"] == -0.5 and result.loc["rel_error", "n"] == 2
+    assert result.loc["rel_error", "worst"] == -0.5
+    assert result.loc["rel_error", "n"] == 2
     assert "name" not in result.index
     errors = [evaluate.DistanceError(1.0 + e, 1.0, e, abs(e), e, 0.0) for e in (-0.2, 0.1)]
     both = evaluate.summary(errors)
@@ -90,7 +94,8 @@ def test_summary_of_a_table_and_of_distances():
 def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
     values = np.random.default_rng(0).normal(3.0, 1.0, 200)
     low, high = evaluate.bootstrap_interval(values, seed=1)
-    assert low < np.median(values) < high and high - low < 0.6
+    assert low < np.median(values) < high
+    assert high - low < 0.6
     assert (low, high) == evaluate.bootstrap_interval(values, seed=1)
     assert (low, high) != evaluate.bootstrap_interval(values, seed=2)
     wide = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.99)
@@ -116,7 +121,7 @@ def test_refusals_say_what_was_wrong():
         evaluate.trajectory_errors(walk(TIME), walk(TIME), window=(3.0, 1.0))
     with pytest.raises(ValueError, match=r"window must be \(start, end\) in seconds or a bool mask of \(400,\)"):
         evaluate.trajectory_errors(walk(TIME), walk(TIME), window=np.arange(5))
-    with pytest.raises(ValueError, match="the estimate's time must be .* strictly increasing"):
+    with pytest.raises(ValueError, match=r"the estimate's time must be .* strictly increasing"):
         evaluate.trajectory_errors(walk(TIME[::-1]), walk(TIME))
     with pytest.raises(ValueError, match="the estimate has no distance"):
         evaluate.distance_error(walk(TIME), walk(TIME, distance=TIME))

@@ -144,7 +144,7 @@ def test_misuse_is_refused_by_name():
     a = estimate(leg(0), None)
     with pytest.raises(ValueError, match=r"share none of the legs \['right', 'left'\]"):
         losses.trajectory(a, estimate(None, leg(1)))
-    with pytest.raises(ValueError, match="sides must be among .* got 'middle'"):
+    with pytest.raises(ValueError, match=r"sides must be among .* got 'middle'"):
         losses.trajectory(a, a, sides=("middle",))
     with pytest.raises(ValueError, match=r"same shape; got \(6,\) and \(5,\)"):
         losses.mean_squared(jnp.ones(6), jnp.ones(5))

@@ -1,5 +1,7 @@
 """The simulated walk is what it says: closed, planted, smooth, exactly differentiated, and like a person."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +43,7 @@ def test_integrating_the_gyroscope_gives_the_angle_and_the_error_falls_with_the_
         integral = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * stride / (2.0 * RATE))])
         errors.append(np.abs(integral - true + true[0]).max())
     assert errors[0] < 2e-3
-    for coarse, fine in zip(errors, errors[1:], strict=False):
+    for coarse, fine in itertools.pairwise(errors):
         assert 3.5 < coarse / fine < 4.5
 
 
@@ -96,7 +98,8 @@ def test_roll_over_carries_the_bearing_ankle_forward_and_up(exact):
     x = np.asarray(truth.diagnostics["foot_displacement_right"])
     y = np.asarray(truth.diagnostics["hip_height"] + truth.legs.right.y)
     flat = (u > 3.25) & (u < 3.55)
-    assert np.ptp(x[flat]) < 1e-9 and np.abs(y[flat]).max() < 1e-9
+    assert np.ptp(x[flat]) < 1e-9
+    assert np.abs(y[flat]).max() < 1e-9
     assert x[flat][0] == pytest.approx(3.0 * DEFAULT.step_length, abs=1e-9)
     landing, leaving = np.argmin(np.abs(u - 2.9)), np.argmin(np.abs(u - 4.0))
     on_heel, on_ball = x[landing] - x[flat][0], x[leaving] - x[flat][0]
@@ -193,12 +196,16 @@ def test_the_default_person_moves_like_published_ones(exact):
     for side in ("right", "left"):
         leg = getattr(truth.legs, side)
         hip, knee = (np.asarray(a)[steady] / DEGREE for a in (leg.hip_angle, leg.knee_angle))
-        assert -22.0 < hip.min() < -12.0 and 22.0 < hip.max() < 34.0
-        assert 2.0 < knee.min() < 8.0 and 52.0 < knee.max() < 66.0
+        assert -22.0 < hip.min() < -12.0
+        assert 22.0 < hip.max() < 34.0
+        assert 2.0 < knee.min() < 8.0
+        assert 52.0 < knee.max() < 66.0
         shank = np.asarray(truth.diagnostics[f"shank_{side}_rate"])[steady]
         thigh = np.asarray(truth.diagnostics[f"thigh_{side}_rate"])[steady]
-        assert 5.0 < shank.max() < 8.0 and -5.5 < shank.min() < -2.5
-        assert 2.0 < thigh.max() < 5.0 and -4.0 < thigh.min() < -1.5
+        assert 5.0 < shank.max() < 8.0
+        assert -5.5 < shank.min() < -2.5
+        assert 2.0 < thigh.max() < 5.0
+        assert -4.0 < thigh.min() < -1.5
     assert 0.02 < np.ptp(np.asarray(truth.diagnostics["hip_height"])[steady]) < 0.06
 
 
@@ -233,17 +240,22 @@ def test_mapping_over_people_equals_a_loop():
 
 def test_a_recording_is_in_the_librarys_own_types():
     recording, truth = simulate.leg_recording(jax.random.key(0), name="walk", subject="someone")
-    assert set(recording.sensors) == set(SEGMENTS) and recording.sampling_rate_hz == 50.0
+    assert set(recording.sensors) == set(SEGMENTS)
+    assert recording.sampling_rate_hz == 50.0
     assert (recording.name, recording.subject) == ("walk", "someone")
     samples = truth.time.shape[0]
     assert samples == int(float(simulate.duration(DEFAULT)) * 50.0) + 1
     for imu in recording.sensors.values():
-        assert imu.time.shape == imu.mask.shape == (samples,) and imu.gyr.shape == imu.acc.shape == (samples, 3)
-        assert imu.mask.dtype == np.bool_ and imu.gyr.dtype == np.float64
-        assert np.isfinite(imu.gyr).all() and np.isfinite(imu.acc).all()
+        assert imu.time.shape == imu.mask.shape == (samples,)
+        assert imu.gyr.shape == imu.acc.shape == (samples, 3)
+        assert imu.mask.dtype == np.bool_
+        assert imu.gyr.dtype == np.float64
+        assert np.isfinite(imu.gyr).all()
+        assert np.isfinite(imu.acc).all()
         assert np.all(imu.gyr[~imu.mask] == 0.0)
         assert np.allclose(np.diff(imu.time), 0.02)
-    assert truth.valid.all() and truth.stddev is None
+    assert truth.valid.all()
+    assert truth.stddev is None
     assert truth.diagnostics["thigh_length"] == pytest.approx(DEFAULT.thigh_length)
     assert truth.distance[-1] == pytest.approx(6 * 0.62)
 
@@ -253,7 +265,8 @@ def test_a_cohort_differs_in_everything_that_people_differ_in():
     distances = np.array([truth.distance[-1] for _, truth in walks])
     assert np.all((distances > 3.0) & (distances < 4.0))
     lengths = np.array([truth.diagnostics["thigh_length"] for _, truth in walks])
-    assert len(set(lengths.round(6))) == 6 and np.all((lengths > 0.33) & (lengths < 0.52))
+    assert len(set(lengths.round(6))) == 6
+    assert np.all((lengths > 0.33) & (lengths < 0.52))
     for recording, truth in walks:
         rate = np.diff(truth.legs.right.hip_angle - truth.legs.right.knee_angle) * 50.0
         assert 5.0 < rate.max() < 9.5

@@ -36,7 +36,8 @@ def test_it_finds_the_bottom_of_a_quadratic_averaged_over_the_items():
     np.testing.assert_allclose(np.array(fit.params), [-3.0, 3.0, 0.2], atol=1e-3)
     assert fit.best_loss == pytest.approx(1.0 + 1.0 + 0.01, abs=1e-5)
     assert fit.losses.shape == fit.gradient_norms.shape == fit.accepted.shape == (400,)
-    assert fit.accepted.all() and fit.rejected == 0
+    assert fit.accepted.all()
+    assert fit.rejected == 0
     assert fit.losses[0] == pytest.approx(np.mean([float(bowl(START, t)) for t in TARGETS]))
 
 
@@ -116,7 +117,8 @@ def test_what_is_fixed_stays_bit_for_bit_and_may_be_anything():
     scale = np.float64(1.0) / 3.0
     start = START._replace(scale=scale)
     fit = tune.fit(bowl, start, FREE._replace(scale=fixed), TARGETS, optax.adam(0.1), steps=30)
-    assert fit.params.scale is scale and fit.last.scale is scale
+    assert fit.params.scale is scale
+    assert fit.last.scale is scale
     assert fit.free.scale is None
     assert float(fit.params.slope) != 0.5
 
@@ -139,7 +141,8 @@ def test_reporting_progress_in_chunks_changes_no_bit(chunk):
         assert np.array_equal(np.asarray(a), np.asarray(b))
     size = min(max(chunk, 2), 40)
     assert [done for done, _, _ in seen] == [min(d, 40) for d in range(size, 40 + size, size)]
-    assert seen[-1][:2] == (40, 40) and seen[-1][2] == plain.last_loss
+    assert seen[-1][:2] == (40, 40)
+    assert seen[-1][2] == plain.last_loss
 
 
 def test_progress_reports_about_twenty_times_by_default():
@@ -156,9 +159,11 @@ def cliff(params, item):
 def test_a_step_into_the_void_is_taken_back_shortened_and_counted():
     start, only = START._replace(slope=0.0), Line(real, fixed, fixed)
     fit = tune.fit(cliff, start, only, jnp.ones(1), optax.sgd(0.4), steps=30)
-    assert not fit.accepted[0] and fit.rejected == int((~fit.accepted).sum()) > 1
+    assert not fit.accepted[0]
+    assert fit.rejected == int((~fit.accepted).sum()) > 1
     assert fit.losses[1] == fit.losses[0] == 4.0  # kept where it was
-    assert np.isfinite(fit.losses).all() and np.isfinite(fit.gradient_norms).all()
+    assert np.isfinite(fit.losses).all()
+    assert np.isfinite(fit.gradient_norms).all()
     assert 0.9 < float(fit.params.slope) < 1.0
     assert fit.best_loss == pytest.approx((float(fit.params.slope) - 2.0) ** 2)
 
@@ -178,7 +183,8 @@ def test_a_gradient_that_is_not_finite_is_rejected_too():
 
     start, only = START._replace(slope=0.25), Line(real, fixed, fixed)
     fit = tune.fit(spike, start, only, jnp.ones(1), optax.sgd(0.25), steps=1)  # 0.25 − 0.25 · 1 = 0
-    assert fit.rejected == 1 and float(fit.last.slope) == 0.25
+    assert fit.rejected == 1
+    assert float(fit.last.slope) == 0.25
 
 
 def test_the_best_is_kept_when_the_last_is_worse():
@@ -196,7 +202,8 @@ def test_equal_calls_give_equal_bits_and_leave_their_inputs_alone():
     a, b = (tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=10) for _ in range(2))
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         assert np.array_equal(np.asarray(x), np.asarray(y))
-    assert np.array_equal(before, TARGETS) and Line(0.5, 1.0, 0.5) == START
+    assert np.array_equal(before, TARGETS)
+    assert Line(0.5, 1.0, 0.5) == START
 
 
 def test_line_search_optimizers_get_what_they_need():
@@ -207,7 +214,8 @@ def test_line_search_optimizers_get_what_they_need():
 def test_single_precision_stays_single():
     start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), START)
     fit = tune.fit(bowl, start, FREE, TARGETS.astype(jnp.float32), optax.adam(0.1), steps=5)
-    assert fit.params.slope.dtype == jnp.float32 and fit.losses.dtype == np.float32
+    assert fit.params.slope.dtype == jnp.float32
+    assert fit.losses.dtype == np.float32
 
 
 class Other(NamedTuple):
