@@ -42,7 +42,7 @@ def show(title: str, columns: list[str], lines: list[list[Any]]) -> None:
         table.add_column(name, justify="left" if number == 0 else "right")
     for line in lines:
         table.add_row(*(f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in line))
-    Console().print(table)
+    Console(width=max(120, Console().width)).print(table)
 
 
 def main(name: str, description: str, experiment: Callable[[bool], list[Row]]) -> None:

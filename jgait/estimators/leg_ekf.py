@@ -23,6 +23,7 @@ Deviations from the paper, with their effect measured on `neura_sparse` by `expe
     6. Distance "accumulates" |Δy|; the paper leaves open which vertical displacement.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -32,11 +33,14 @@ from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
 from jgait.estimators.inclination import Vector
 from jgait.estimators.leg_calibration import prepare
-from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity
+from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_params import DEFAULT, PAPER, TRANSFORMS, BySide, LegOptions, LegParams, one_side
 from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
+
+BUCKET = 512
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 __all__ = [
     "DEFAULT",
@@ -271,6 +275,9 @@ def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) 
     preparation = prepared(recording, options)
     if options.gravity and not has_gravity(preparation.inputs):
         options = options._replace(gravity=False)
-    result = _run_jit(p, jax.tree.map(jnp.asarray, preparation.inputs), options)
+    samples = preparation.inputs.time.size
+    padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
+    result = jax.tree.map(lambda v: v[:samples] if jnp.ndim(v) else v, result)
     diagnostics = dict(result.diagnostics, notes=(*recording.notes, *preparation.notes), standing=preparation.standing)
     return result._replace(diagnostics=diagnostics)
