@@ -4,15 +4,17 @@ A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` a
 recording, `step` online over one sample; how they linearise is an argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
-from jgait.filtering.kalman import FIELDS, Posterior, Step, Updated, kalman_filter, predict, step, update
+from jgait.filtering.covariance import Covariance, names_of
+from jgait.filtering.kalman import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
 from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
-from jgait.filtering.model import Belief, Covariance, Model, names_of
-from jgait.filtering.smoother import Smoothed, kalman_smoother, smooth_step
+from jgait.filtering.model import Belief, Model
+from jgait.filtering.smoother import Smoothed, kalman_smoother
 
 __all__ = [
     "CKF",
     "EKF",
     "FIELDS",
+    "KEEP",
     "KF",
     "UKF",
     "Belief",
@@ -28,7 +30,6 @@ __all__ = [
     "kalman_smoother",
     "names_of",
     "predict",
-    "smooth_step",
     "step",
     "update",
 ]

@@ -12,25 +12,31 @@ def product(a: Any, b: Any) -> Any:
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
-def symmetric(a: Any) -> Any:
-    """Mean of a matrix and its transpose."""
-    return 0.5 * (a + a.T)
+def congruence(a: Any, p: Any) -> Any:
+    """a p aᵀ for symmetric p, symmetric to the last bit."""
+    result = product(product(a, p), a.T)
+    return 0.5 * (result + result.T)
 
 
-def cholesky(a: Any) -> Any:
-    """Lower triangle L with L Lᵀ = a (n, n), column by column.
+def cholesky(a: Any, floor: float = 0.0) -> tuple[Any, Any]:
+    """Lower triangle L with L Lᵀ = a (n, n), and whether every pivot was above the floor.
 
-    A pivot that rounding has made negative or zero gives NaN, which the filter notices and refuses.
+    A pivot that is not is replaced (by the floor, or by 1 where the floor is 0), so that neither the factor nor its
+    gradient is ever NaN; what such a factor is good for is up to the caller.
     """
     size = a.shape[0]
+    rows = jnp.arange(size)
     columns = []
+    good = jnp.asarray(True)
     for j in range(size):
         column = a[:, j]
         for k in range(j):
             column = column - columns[k] * columns[k][j]
-        below = jnp.arange(size) >= j
-        columns.append(jnp.where(below, column / jnp.sqrt(column[j]), 0.0))
-    return jnp.stack(columns, axis=1)
+        above = column[j] > floor
+        good = good & above
+        root = jnp.sqrt(jnp.where(above, column[j], floor if floor > 0.0 else 1.0))
+        columns.append(jnp.where(rows > j, column / root, jnp.where(rows == j, root, 0.0)))
+    return jnp.stack(columns, axis=1), good
 
 
 def forward_substitution(lower: Any, b: Any) -> Any:
@@ -56,26 +62,27 @@ def backward_substitution(lower: Any, b: Any) -> Any:
     return jnp.stack(rows)
 
 
-def scaled_cholesky(p: Any) -> tuple[Any, Any]:
-    """Standard deviations d (n,) and the factor L of the correlation matrix: p = d L Lᵀ d.
+def scaled_cholesky(p: Any, jitter: float) -> tuple[Any, Any, Any]:
+    """Standard deviations d (n,), their inverse, and the factor L of the correlation matrix: p ≈ d (L Lᵀ) d.
 
-    Components that are known exactly (variance 0) get a unit row of their own; perfect correlations are loosened by
-    a hundred roundings, so that the factor exists.
+    Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. Where components are
+    perfectly correlated a pivot vanishes up to rounding; it is kept at `jitter` roundings.
+
+    Args:
+        p: covariance (n, n), perhaps singular.
+        jitter: least pivot of the correlation matrix, in units of the dtype's epsilon.
     """
     variance = jnp.diagonal(p)
     known = variance <= 0.0
-    d = jnp.where(known, 0.0, jnp.sqrt(jnp.where(known, 1.0, variance)))
-    inverse = jnp.where(known, 0.0, 1.0 / jnp.where(known, 1.0, d))
-    correlation = p * inverse[:, None] * inverse[None, :]
-    loosened = 1.0 + 100.0 * jnp.finfo(p.dtype).eps
+    d = jnp.sqrt(jnp.where(known, 1.0, variance))
+    inverse = jnp.where(known, 0.0, 1.0 / d)
     eye = jnp.eye(p.shape[0], dtype=bool)
-    correlation = jnp.where(eye, loosened, correlation)
-    return d, cholesky(correlation)
+    correlation = jnp.where(eye, 1.0, p * inverse[:, None] * inverse[None, :])
+    lower, _ = cholesky(correlation, jitter * float(jnp.finfo(p.dtype).eps))
+    return jnp.where(known, 0.0, d), inverse, lower
 
 
 def solve_covariance(p: Any, b: Any) -> Any:
-    """Solve p x = b for a covariance p that may hold exactly known components (their x is 0)."""
-    d, lower = scaled_cholesky(p)
-    inverse = jnp.where(d > 0.0, 1.0 / jnp.where(d > 0.0, d, 1.0), 0.0)
-    scale = inverse[:, None] if b.ndim == 2 else inverse
-    return scale * backward_substitution(lower, forward_substitution(lower, scale * b))
+    """Solve p x = b (n, k) for a covariance p that may hold exactly known components (their x is 0)."""
+    _, inverse, lower = scaled_cholesky(p, jitter=p.shape[0])
+    return inverse[:, None] * backward_substitution(lower, forward_substitution(lower, inverse[:, None] * b))

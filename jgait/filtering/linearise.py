@@ -3,14 +3,17 @@ r"""How a filter replaces a nonlinear function by an affine one: the only place 
 A function g of the error δ, believed to be δ ~ N(μ, P), is replaced by g(δ) ≈ v + A (δ − μ) + e, e ~ N(0, Ω):
 
     EKF       v = g(μ), A = ∂g/∂δ at μ (autodiff), Ω = 0
-    UKF, CKF  statistical linear regression over sigma points: v their mean, A = Ψᵀ P⁻¹, Ω = Φ − A P Aᵀ
+    UKF, CKF  statistical linear regression over sigma points μ ± c L ξ_i, L Lᵀ = P: v their mean, A = B L⁻¹, and
+              Ω = Φ − A P Aᵀ, what no affine function explains
     KF        like the EKF, for functions whose Jacobian does not depend on where it is taken
 
 Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 6; Á. García-Fernández et al.,
 "Posterior linearization filter", IEEE TSP 63(20), 2015, for the iterated form.
 """
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -18,6 +21,9 @@ import jax.numpy as jnp
 from jax.extend.core import Literal
 
 from jgait.filtering.linear_algebra import backward_substitution, product, scaled_cholesky
+
+SIGMA_JITTER = 100.0
+"""Least pivot of the correlation matrix that sigma points are drawn from [epsilons of the dtype]."""
 
 
 class Affine(NamedTuple):
@@ -28,7 +34,10 @@ class Affine(NamedTuple):
     spread: Any
 
 
-class KF(NamedTuple):
+# The methods are frozen dataclasses and no tuples: EKF(1) and CKF(1) would be equal as tuples, and jit, which finds
+# compiled functions by equality of their static arguments, would take one for the other.
+@dataclass(frozen=True)
+class KF:
     """Kalman filter: for linear models; refuses a model whose Jacobian depends on the state."""
 
     @property
@@ -37,7 +46,8 @@ class KF(NamedTuple):
         return 1
 
 
-class EKF(NamedTuple):
+@dataclass(frozen=True)
+class EKF:
     """Extended Kalman filter; with more than one iteration the update is linearised again at its own result.
 
     Attributes:
@@ -46,31 +56,46 @@ class EKF(NamedTuple):
 
     iterations: int = 1
 
+    def __post_init__(self) -> None:
+        _check_iterations(self.iterations)
 
-class UKF(NamedTuple):
-    """Unscented Kalman filter, with 2n + 1 sigma points.
+
+@dataclass(frozen=True)
+class UKF:
+    """Unscented Kalman filter: 2n + 1 sigma points at √(α² (n + κ)) standard deviations.
+
+    The defaults have no negative weights and give the exact variance of a quadratic of one Gaussian.
 
     Attributes:
-        alpha: spread of the points.
-        beta: 2 suits Gaussians.
-        kappa: further spread; None takes 3 − n.
+        alpha: spread of the points; a small one loses digits, since differences are divided by its square.
+        beta: weight of the middle in the covariance; 2 suits Gaussians.
+        kappa: further spread.
         iterations: as of `EKF` (posterior linearisation).
     """
 
     alpha: float = 1.0
-    beta: float = 0.0
-    kappa: float | None = None
+    beta: float = 2.0
+    kappa: float = 0.0
     iterations: int = 1
 
+    def __post_init__(self) -> None:
+        _check_iterations(self.iterations)
+        if not self.alpha > 0.0 or not math.isfinite(self.alpha):
+            raise ValueError(f"UKF needs alpha > 0; got {self.alpha!r}")
 
-class CKF(NamedTuple):
-    """Cubature Kalman filter: 2n equally weighted points.
+
+@dataclass(frozen=True)
+class CKF:
+    """Cubature Kalman filter: 2n equally weighted points at √n standard deviations.
 
     Attributes:
         iterations: as of `EKF` (posterior linearisation).
     """
 
     iterations: int = 1
+
+    def __post_init__(self) -> None:
+        _check_iterations(self.iterations)
 
 
 Method = KF | EKF | UKF | CKF
@@ -78,9 +103,22 @@ Method = KF | EKF | UKF | CKF
 
 def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - reads as the method's name
     """The EKF whose updates are linearised `iterations` times."""
-    if iterations < 1:
-        raise ValueError(f"iterations must be 1 or more; got {iterations}")
     return EKF(iterations)
+
+
+def _check_iterations(iterations: Any) -> None:
+    if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 1:
+        raise ValueError(f"iterations must be a whole number from 1 up; got {iterations!r}")
+
+
+def check_method(method: Any) -> None:
+    """Refuse what is no method, such as the class instead of an instance.
+
+    Raises:
+        ValueError: if `method` is not a KF, EKF, UKF or CKF.
+    """
+    if not isinstance(method, KF | EKF | UKF | CKF):
+        raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
 
 
 def linearise(method: Method, g: Callable[[Any], Any], mean: Any, cov: Any, what: str) -> Affine:
@@ -96,49 +134,45 @@ def linearise(method: Method, g: Callable[[Any], Any], mean: Any, cov: Any, what
     Raises:
         ValueError: from the KF, if the Jacobian of g depends on where it is taken.
     """
-    if isinstance(method, KF | EKF):
-        if isinstance(method, KF) and depends_on_place(g, mean):
-            raise ValueError(
-                f"the KF needs a linear model; the Jacobian of '{what}' depends on the state: use EKF, UKF or CKF"
-            )
-        value, matrix = _value_and_jacobian(g, mean)
-        return Affine(value, matrix, jnp.zeros((value.shape[0],) * 2, value.dtype))
-    points, mean_weights, cov_weights = _sigma_points(method, mean.shape[0], mean.dtype)
-    d, lower = scaled_cholesky(cov)
-    values = jnp.stack([g(mean + d * product(lower, point)) for point in points])
-    value = jnp.sum(mean_weights[:, None] * values, axis=0)
-    centred = values - value[None, :]
-    weighted = cov_weights[:, None] * centred
-    # Regress on the unit points first: B = Σ w (g − v) ξᵀ, then A = B (d L)⁻¹ without inverting P.
-    regression = product(weighted.T, points)
-    scaled = backward_substitution(lower, regression.T).T
-    matrix = jnp.where(d > 0.0, scaled / jnp.where(d > 0.0, d, 1.0), 0.0)
-    spread = product(weighted.T, centred) - product(regression, regression.T)
-    return Affine(value, matrix, spread)
+    if isinstance(method, UKF | CKF):
+        return _regression(method, g, mean, cov)
+    if isinstance(method, KF) and depends_on_place(g, mean):
+        raise ValueError(
+            f"the KF needs a linear model, but the Jacobian of {what} depends on the state; use EKF(), UKF() or CKF()"
+        )
+    value, pushforward = jax.linearize(g, mean)
+    matrix = jax.vmap(pushforward, out_axes=1)(jnp.eye(mean.shape[0], dtype=mean.dtype))
+    return Affine(value, matrix, jnp.zeros((value.shape[0],) * 2, value.dtype))
 
 
-def _value_and_jacobian(g: Callable[[Any], Any], at: Any) -> tuple[Any, Any]:
-    value, pushforward = jax.linearize(g, at)
-    return value, jax.vmap(pushforward, out_axes=1)(jnp.eye(at.shape[0], dtype=at.dtype))
+def _regression(method: UKF | CKF, g: Callable[[Any], Any], mean: Any, cov: Any) -> Affine:
+    """Statistical linear regression over the points μ ± c (d L) ξ_i of a covariance d L Lᵀ d.
+
+    With the pairs' half differences h_i and half second differences s_i the sums over the points become
+    v = g(μ) + Σ s_i / c², B = [h_1 … h_n] / c and Ω = Σ s_i s_iᵀ / c² + q e eᵀ with e = v − g(μ): what an affine
+    g explains has cancelled on paper, so that nothing large is left to cancel in rounding.
+    """
+    square, q = _scaling(method, mean.shape[0])
+    radius = math.sqrt(square)
+    d, inverse, lower = scaled_cholesky(cov, SIGMA_JITTER)
+    offsets = radius * (d[:, None] * lower).T
+    values = jax.vmap(g)(jnp.concatenate([mean[None, :], mean[None, :] + offsets, mean[None, :] - offsets]))
+    centre, (ahead, behind) = values[0], jnp.split(values[1:], 2)
+    half, second = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - centre[None, :]
+    excess = jnp.sum(second, axis=0) / square
+    matrix = backward_substitution(lower, half / radius).T * inverse[None, :]
+    spread = product(second.T, second) / square + q * (excess[:, None] * excess[None, :])
+    return Affine(centre + excess, matrix, spread)
 
 
-def _sigma_points(method: Any, size: int, dtype: Any) -> tuple[Any, Any, Any]:
-    """Unit points (k, n) and their weights for mean and covariance (k,); Σ w ξ ξᵀ = I."""
-    eye = jnp.eye(size, dtype=dtype)
+def _scaling(method: UKF | CKF, size: int) -> tuple[float, float]:
+    """c² = n + λ, and the weight of e eᵀ in Ω: W₀ᶜ + n / c² − 2, which is β − α² (−1 for the CKF)."""
     if isinstance(method, CKF):
-        radius = size**0.5
-        weights = jnp.full((2 * size,), 0.5 / size, dtype)
-        return radius * jnp.concatenate([eye, -eye]), weights, weights
-    kappa = 3.0 - size if method.kappa is None else method.kappa
-    scale = method.alpha**2 * (size + kappa)
-    if scale <= 0.0:
-        raise ValueError(f"UKF needs alpha²(n + kappa) > 0; got {scale:g} for n = {size}")
-    points = scale**0.5 * jnp.concatenate([jnp.zeros((1, size), dtype), eye, -eye])
-    side = 0.5 / scale
-    first = 1.0 - size / scale
-    mean_weights = jnp.asarray([first] + 2 * size * [side], dtype)
-    first_cov = first + 1.0 - method.alpha**2 + method.beta
-    return points, mean_weights, jnp.asarray([first_cov] + 2 * size * [side], dtype)
+        return float(size), -1.0
+    square = method.alpha**2 * (size + method.kappa)
+    if not square > 0.0:
+        raise ValueError(f"UKF needs kappa > −n; got kappa={method.kappa!r} for n={size} error components")
+    return square, method.beta - method.alpha**2
 
 
 def depends_on_place(g: Callable[[Any], Any], at: Any) -> bool:
@@ -148,21 +182,34 @@ def depends_on_place(g: Callable[[Any], Any], at: Any) -> bool:
         return jax.jvp(g, (x,), (tangent,))[1]
 
     closed = jax.make_jaxpr(directional)(at, at)
-    return _reaches(closed.jaxpr, {closed.jaxpr.invars[0]})[0]
+    return any(_reached(closed.jaxpr, {closed.jaxpr.invars[0]}))
 
 
-def _reaches(jaxpr: Any, sources: set[Any]) -> list[bool]:
-    """For each output of a jaxpr, whether any of the source variables can influence it."""
+def _reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
+    """For each output of a jaxpr, whether any of the source variables can influence it.
+
+    Calls of functions are followed into; loops and branches count as a whole, which errs on the side of yes.
+    """
     touched = set(sources)
     for equation in jaxpr.eqns:
         inputs = [not isinstance(v, Literal) and v in touched for v in equation.invars]
         if not any(inputs):
             continue
-        inner = equation.params.get("jaxpr")
-        body = getattr(inner, "jaxpr", inner)
-        if body is not None and len(body.invars) == len(inputs) and len(body.outvars) == len(equation.outvars):
-            outputs = _reaches(body, {v for v, hit in zip(body.invars, inputs, strict=True) if hit})
+        body = _called(equation)
+        if body is not None:
+            outputs = _reached(body, {v for v, hit in zip(body.invars, inputs, strict=True) if hit})
         else:
             outputs = [True] * len(equation.outvars)
         touched |= {v for v, hit in zip(equation.outvars, outputs, strict=True) if hit}
     return [not isinstance(v, Literal) and v in touched for v in jaxpr.outvars]
+
+
+def _called(equation: Any) -> Any:
+    """The jaxpr that an equation calls once with its own inputs, or None."""
+    if equation.primitive.name in ("scan", "while", "cond"):
+        return None
+    inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+    body = getattr(inner, "jaxpr", inner)
+    if body is None or len(body.invars) != len(equation.invars) or len(body.outvars) != len(equation.outvars):
+        return None
+    return body

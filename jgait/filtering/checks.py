@@ -1,0 +1,156 @@
+"""What a filter is given, checked at the boundary: structure and shapes while tracing, values before.
+
+Nothing here raises inside compiled code: structures and shapes are known to a trace, and values are only looked at
+where they are concrete.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.filtering.covariance import Covariance, names_of
+from jgait.filtering.linearise import check_method
+from jgait.filtering.model import Belief, Model
+
+
+def common_dtype(*trees: Any) -> Any:
+    """The widest float type among the leaves; Python numbers and integers follow the others."""
+    leaves = [leaf for leaf in jax.tree.leaves(trees)]
+    with jax.numpy_dtype_promotion("standard"):
+        dtype = jnp.result_type(*leaves) if leaves else jnp.result_type(float)
+    return dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
+
+
+def in_dtype(tree: Any, dtype: Any) -> Any:
+    """The same tree with every floating leaf in the dtype; integers and booleans stay."""
+
+    def cast(leaf: Any) -> Any:
+        return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
+
+    return jax.tree.map(cast, tree)
+
+
+def check_arguments(model: Any, method: Any, keep: tuple[str, ...], fields: tuple[str, ...]) -> None:
+    """Refuse what cannot be a static argument.
+
+    Raises:
+        ValueError: if the model is no `Model` or cannot be hashed, the method is none, or `keep` names no field.
+    """
+    if not isinstance(model, Model):
+        raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
+    try:
+        hash(model)
+    except TypeError as error:
+        raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
+    check_method(method)
+    if isinstance(keep, str):
+        raise ValueError(f"keep is a tuple of names, such as ({keep!r},); got the string {keep!r}")
+    unknown = [name for name in keep if name not in fields]
+    if unknown:
+        raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {unknown[0]!r}")
+
+
+def check_values(observations: Any, controls: Any, dt: Any) -> None:
+    """Refuse values that no filter can use, where they are concrete.
+
+    Raises:
+        ValueError: for what is no number, NaN or infinity in observations or controls, and time that runs backwards.
+    """
+    for kind, tree in (("observation", observations), ("control", controls)):
+        for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
+            if isinstance(leaf, jax.core.Tracer | jax.ShapeDtypeStruct):
+                continue
+            array = np.asarray(leaf)
+            if array.dtype.kind == "O" or array.dtype.kind in "USMmc":
+                raise ValueError(f"{kind} '{name}' must be real numbers; got {array.dtype}")
+            bad = int(np.size(array) - np.count_nonzero(np.isfinite(array)))
+            if bad:
+                advice = "put any finite number there and False in the mask" if kind == "observation" else "fill them"
+                raise ValueError(f"{kind} '{name}' holds NaN or infinity ({bad} of {np.size(array)} values); {advice}")
+    if not isinstance(dt, jax.core.Tracer):
+        interval = np.asarray(dt)
+        if interval.dtype.kind not in "fiu" or not np.all(np.isfinite(interval)) or np.any(interval < 0):
+            worst = interval if interval.ndim == 0 else f"a minimum of {interval.min()}"
+            raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
+
+
+def check_belief(belief: Any) -> None:
+    """Refuse a belief whose mean is not a tuple of scalars, or whose covariance is none.
+
+    Raises:
+        ValueError: naming the leaf.
+    """
+    if not isinstance(belief, Belief) or not isinstance(belief.cov, Covariance):
+        raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
+    for name, leaf in zip(names_of(belief.mean), jax.tree.leaves(belief.mean), strict=True):
+        if jnp.shape(leaf) != ():
+            raise ValueError(f"a state is a tuple of scalars; '{name}' has shape {jnp.shape(leaf)}")
+
+
+def check_observation(model: Model, params: Any, mean: Any, control: Any, observation: Any) -> None:
+    """Refuse observations of another type than the model's.
+
+    Raises:
+        ValueError: naming what the model observes and what came.
+    """
+    expected = jax.eval_shape(model.observation, params, mean, control)
+    if jax.tree.structure(expected) != jax.tree.structure(observation):
+        raise ValueError(
+            f"the model observes a {type(expected).__name__} of ({', '.join(names_of(expected))}); "
+            f"got a {type(observation).__name__} of ({', '.join(names_of(observation))})"
+        )
+
+
+def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:
+    """Check that all leaves are (T,) of one length; gives them as arrays, and T.
+
+    Raises:
+        ValueError: naming the leaf that differs.
+    """
+    for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
+        shape = jnp.shape(leaf)
+        if len(shape) != 1:
+            raise ValueError(f"{kind} '{name}' must have shape (T,), one value a sample; got {shape}")
+        if length is None:
+            length = shape[0]
+        if shape[0] != length:
+            raise ValueError(f"{kind} '{name}' has {shape[0]} samples; expected {length}")
+    if not length:
+        raise ValueError("a filter needs at least one sample; got none")
+    return jax.tree.map(jnp.asarray, tree), length
+
+
+def intervals(dt: Any, length: int, dtype: Any) -> Any:
+    """dt as (T,); raises ValueError if it is neither a scalar nor of that length."""
+    shape = jnp.shape(dt)
+    if shape not in ((), (length,)):
+        raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
+    return jnp.broadcast_to(jnp.asarray(dt, dtype), (length,))
+
+
+def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
+    """The mask as booleans (..., m), one column for each component of the observation.
+
+    Raises:
+        ValueError: if it is neither one array of the shape nor a tuple of them like the observation, or not bool.
+    """
+    names, structure = names_of(observation), jax.tree.structure(observation)
+    if mask is None:
+        return jnp.ones((*shape, len(names)), bool)
+    if jax.tree.structure(mask) == structure:
+        leaves = jax.tree.leaves(mask)
+    elif jax.tree.structure(mask).num_nodes == 1 and jax.tree.structure(mask).num_leaves == 1:
+        leaves = [mask] * len(names)
+    else:
+        raise ValueError(
+            f"the mask is one array of bools or a {type(observation).__name__} of them ({', '.join(names)}); "
+            f"got a {type(mask).__name__} of ({', '.join(names_of(mask))})"
+        )
+    for name, leaf in zip(names, leaves, strict=True):
+        if jnp.shape(leaf) != shape or jnp.result_type(leaf) != jnp.bool_:
+            raise ValueError(
+                f"the mask of '{name}' must be bool of shape {shape}; got {jnp.result_type(leaf)} of {jnp.shape(leaf)}"
+            )
+    return jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)

@@ -1,0 +1,148 @@
+"""Covariances addressed by the names of the components they belong to."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def names_of(tree: Any) -> tuple[str, ...]:
+    """Names of a tuple's leaves in order; nested ones are joined by dots: `up.forward`."""
+    paths, _ = jax.tree_util.tree_flatten_with_path(tree)
+    return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths)
+
+
+@lru_cache(maxsize=256)
+def structure_names(structure: Any) -> tuple[str, ...]:
+    """Names of the leaves of a tree structure, see `names_of`."""
+    return names_of(jax.tree.unflatten(structure, range(structure.num_leaves)))
+
+
+@jax.tree_util.register_pytree_node_class
+class Covariance:
+    """A symmetric matrix addressed by names: the upper triangle, one array for each pair of components.
+
+    `cov["x", "thigh_angle"]` is an entry, with the time axis in front where there is one; `variances()` and
+    `stddev()` come as the tuple the covariance belongs to.
+    """
+
+    __slots__ = ("structure", "upper")
+
+    def __init__(self, upper: tuple[Any, ...], structure: Any) -> None:
+        """Take the upper triangle row by row (i ≤ j) and the tree structure of the tuple it belongs to."""
+        self.upper = upper
+        self.structure = structure
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+        """Leaves and structure, for jax."""
+        return self.upper, self.structure
+
+    @classmethod
+    def tree_unflatten(cls, structure: Any, upper: Any) -> "Covariance":
+        """Inverse of `tree_flatten`; checks nothing, since jax also puts placeholders here."""
+        return cls(tuple(upper), structure)
+
+    @classmethod
+    def from_variances(cls, variances: Any) -> "Covariance":
+        """Independent components with the given variances.
+
+        Args:
+            variances: tuple of the error's type.
+
+        Returns:
+            A covariance whose other entries are Python zeros, so that a trace can tell they are structural.
+        """
+        leaves, structure = jax.tree.flatten(variances)
+        size = len(leaves)
+        return cls(tuple(leaves[i] if i == j else 0.0 for i in range(size) for j in range(i, size)), structure)
+
+    @classmethod
+    def from_dense(cls, matrix: Any, like: Any) -> "Covariance":
+        """From a symmetric matrix (..., n, n), of which the upper triangle is taken.
+
+        Args:
+            matrix: (..., n, n), components in the order of `names`.
+            like: any tuple of the type the covariance belongs to, or its tree structure.
+
+        Raises:
+            ValueError: if the matrix does not have the size of the tuple.
+        """
+        matrix = jnp.asarray(matrix)
+        structure = like if isinstance(like, jax.tree_util.PyTreeDef) else jax.tree.structure(like)
+        size = structure.num_leaves
+        if matrix.shape[-2:] != (size, size):
+            raise ValueError(
+                f"a covariance of {size} components ({', '.join(structure_names(structure))}) needs a matrix of shape "
+                f"(..., {size}, {size}); got {matrix.shape}"
+            )
+        return cls(tuple(matrix[..., i, j] for i in range(size) for j in range(i, size)), structure)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components, in order."""
+        return structure_names(self.structure)
+
+    def _index(self, pair: tuple[str, str]) -> int:
+        names = self.names
+        if not (isinstance(pair, tuple) and len(pair) == 2):
+            raise KeyError(f"an entry has two names, such as cov[{names[0]!r}, {names[-1]!r}]; got {pair!r}")
+        for name in pair:
+            if name not in names:
+                raise KeyError(f"no component {name!r}; there are {', '.join(names)}")
+        i, j = sorted(names.index(name) for name in pair)
+        return i * len(names) - i * (i - 1) // 2 + j - i
+
+    def __getitem__(self, pair: tuple[str, str]) -> Any:
+        """The covariance of two named components, in either order."""
+        return self.upper[self._index(pair)]
+
+    def with_entries(self, entries: Mapping[tuple[str, str], Any]) -> "Covariance":
+        """The same with some entries set, each for both orders of its two names.
+
+        Args:
+            entries: pair of names, in either order → value.
+
+        Raises:
+            KeyError: if a name is no component.
+            ValueError: if an entry is given in both orders.
+        """
+        upper = list(self.upper)
+        indices = [self._index(pair) for pair in entries]
+        if len(set(indices)) < len(indices):
+            raise ValueError(f"an entry is given twice, in both orders of its names: {', '.join(map(str, entries))}")
+        for index, value in zip(indices, entries.values(), strict=True):
+            upper[index] = value
+        return Covariance(tuple(upper), self.structure)
+
+    def variances(self) -> Any:
+        """The diagonal, as a tuple of the error's type."""
+        size = self.structure.num_leaves
+        diagonal = [self.upper[i * size - i * (i - 1) // 2] for i in range(size)]
+        return jax.tree.unflatten(self.structure, diagonal)
+
+    def stddev(self) -> Any:
+        """Standard deviations, as a tuple of the error's type; 0, with gradient 0, where a variance is not positive."""
+        return jax.tree.map(_root, self.variances())
+
+    def dense(self) -> Any:
+        """The whole matrix (..., n, n), components in the order of `names`."""
+        size = self.structure.num_leaves
+        entries = jnp.broadcast_arrays(*(jnp.asarray(entry) for entry in self.upper))
+        dtype = jnp.result_type(*self.upper)
+        stacked = jnp.stack([entry.astype(dtype) for entry in entries], axis=-1)
+        place = [[min(i, j) * size - min(i, j) * (min(i, j) - 1) // 2 + abs(i - j) for j in range(size)]
+                 for i in range(size)]  # fmt: skip
+        return stacked[..., np.asarray(place)]
+
+    def __repr__(self) -> str:
+        """Names only: the entries are many."""
+        return f"Covariance({', '.join(self.names)})"
+
+
+def _root(variance: Any) -> Any:
+    variance = jnp.asarray(variance)
+    positive = variance > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)

@@ -1,0 +1,165 @@
+r"""Predict and update on vectors and matrices: the readable reference.
+
+Numbers that break down (an overflow, an innovation covariance that is not positive) never raise and never spread:
+the belief is kept and the step is marked. What would break is replaced before it is used, and not only after, so
+that gradients stay finite too.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.filtering.linear_algebra import (
+    backward_substitution,
+    cholesky,
+    congruence,
+    forward_substitution,
+    product,
+)
+from jgait.filtering.linearise import CKF, UKF, Method, linearise
+from jgait.filtering.vectors import Moments, VectorModel
+
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+class Prediction(NamedTuple):
+    """An affine transition: the error δ about x moves to A δ + e about `mean`, e ~ N(0, `noise`).
+
+    Attributes:
+        mean: the predicted state (k,).
+        matrix: A (n, n).
+        noise: Ω + Q (n, n).
+        finite: False where the transition was not, and the identity stands in for it.
+    """
+
+    mean: Any
+    matrix: Any
+    noise: Any
+    finite: Any
+
+
+class Correction(NamedTuple):
+    """What an update tells beside its result; see `jgait.filtering.Updated`."""
+
+    innovation: Any
+    stddev: Any
+    log_likelihood: Any
+    nis: Any
+    count: Any
+    valid: Any
+
+
+class _Terms(NamedTuple):
+    """One linear update from the prior: the error and covariance it ends at, and the innovation's statistics."""
+
+    delta: Any
+    cov: Any
+    innovation: Any
+    stddev: Any
+    nis: Any
+    log_det: Any
+    good: Any
+
+
+def _all_finite(*arrays: Any) -> Any:
+    good = jnp.asarray(True)
+    for array in arrays:
+        good = good & jnp.all(jnp.isfinite(array))
+    return good
+
+
+def affine_transition(vm: VectorModel, before: Moments, control: Any, dt: Any, method: Method) -> Prediction:
+    """The transition as an affine model of the error, about the state that the mean moves to.
+
+    On a manifold the sigma methods' mean v moves the point that errors are taken about: A and Ω turn with it.
+    """
+    x, cov = before
+    moved = vm.transition(x, control, dt)
+
+    def g(delta: Any) -> Any:
+        return vm.local(moved, vm.transition(vm.retract(x, delta), control, dt))
+
+    affine = linearise(method, g, jnp.zeros_like(cov[0]), cov, vm.names["transition"])
+    mean, matrix, spread = vm.retract(moved, affine.value), affine.matrix, affine.spread
+    if vm.curved and isinstance(method, UKF | CKF):
+        turn = vm.turn(moved, affine.value)
+        matrix, spread = product(turn, matrix), congruence(turn, spread)
+    noise = spread + vm.transition_noise(x, control, dt)
+    finite = _all_finite(mean, matrix, noise)
+    identity = jnp.eye(cov.shape[0], dtype=cov.dtype)
+    return Prediction(
+        jnp.where(finite, mean, x), jnp.where(finite, matrix, identity), jnp.where(finite, noise, 0.0), finite
+    )
+
+
+def predicted_moments(
+    vm: VectorModel, before: Moments, control: Any, dt: Any, method: Method
+) -> tuple[Moments, Prediction]:
+    """The belief after the interval, and the affine transition that led to it."""
+    prediction = affine_transition(vm, before, control, dt, method)
+    return Moments(prediction.mean, congruence(prediction.matrix, before.cov) + prediction.noise), prediction
+
+
+def corrected(
+    vm: VectorModel, prior: Moments, measured: Any, control: Any, seen: Any, method: Method
+) -> tuple[Moments, Correction]:
+    """The belief after a measurement (m,) of which `seen` (m,) is there, and what the update tells.
+
+    Each iteration linearises at the result of the one before, but updates the same prior. Innovation, likelihood
+    and NIS are those of the first, which is linearised at the prediction.
+    """
+    noise = vm.observation_noise(prior.mean, control)
+    first = terms = _linear_update(
+        vm, prior, measured, control, seen, noise, method, jnp.zeros_like(prior.cov[0]), prior.cov
+    )
+    good = first.good
+    for _ in range(method.iterations - 1):
+        terms = _linear_update(vm, prior, measured, control, seen, noise, method, terms.delta, terms.cov)
+        good = good & terms.good
+    delta = jnp.where(good, terms.delta, 0.0)
+    mean, cov = vm.retract(prior.mean, delta), vm.recentred(prior.mean, delta, terms.cov)
+    good = good & _all_finite(mean, cov)
+    after = Moments(jnp.where(good, mean, prior.mean), jnp.where(good, cov, prior.cov))
+    count = jnp.where(good, jnp.sum(jnp.where(seen, 1.0, 0.0).astype(measured.dtype)), 0.0)
+    log_likelihood = -0.5 * (first.nis + first.log_det + count * LOG_2PI)
+    kept = (jnp.where(good, value, 0.0) for value in (first.innovation, first.stddev, log_likelihood, first.nis))
+    return after, Correction(*kept, count, good)
+
+
+def _linear_update(
+    vm: VectorModel, prior: Moments, measured: Any, control: Any, seen: Any, noise: Any, method: Method,
+    at: Any, around: Any,
+) -> _Terms:  # fmt: skip
+    """Update the prior with the observation linearised at error `at` (n,) with covariance `around` (n, n)."""
+    x, cov = prior
+    expected = vm.observation(vm.retract(x, at), control)
+
+    def g(delta: Any) -> Any:
+        # As a difference from the prediction at `at`, so that wrapped angles stay small.
+        return vm.residual(vm.observation(vm.retract(x, delta), control), expected)
+
+    affine = linearise(method, g, at, around, vm.names["observation"])
+    residual = vm.residual(jnp.where(seen, measured, expected), expected) - affine.value
+    # A masked component is one that the state does not show in and whose innovation is 0 ± 1: it tells nothing.
+    innovation = jnp.where(seen, residual, 0.0)
+    matrix = jnp.where(seen[:, None], affine.matrix, 0.0)
+    eye = jnp.eye(seen.shape[0], dtype=cov.dtype)
+    noise = jnp.where(seen[:, None] & seen[None, :], noise + affine.spread, eye)
+    finite = _all_finite(innovation, matrix, noise)
+    innovation = jnp.where(finite, innovation, 0.0)
+    matrix, noise = jnp.where(finite, matrix, 0.0), jnp.where(finite, noise, eye)
+
+    cross = product(matrix, cov)
+    total = product(cross, matrix.T) + noise
+    lower, positive = cholesky(total)
+    half = forward_substitution(lower, cross)
+    gain = backward_substitution(lower, half).T
+    error = innovation + product(matrix, at)
+    white = forward_substitution(lower, innovation)
+    joseph = congruence(jnp.eye(cov.shape[0], dtype=cov.dtype) - product(gain, matrix), cov) + congruence(gain, noise)
+    good = finite & positive
+    variance = jnp.diagonal(total)
+    stddev = jnp.sqrt(jnp.where(variance > 0.0, variance, 1.0))
+    log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(lower)))
+    return _Terms(product(gain, error), joseph, innovation, stddev, jnp.sum(white * white), log_det, good)
