@@ -65,8 +65,8 @@ else
 	@for script in $(BENCHMARKS); do echo "$$script"; .venv-bench/bin/python "$$script" $(ARGS) || exit 1; done
 endif
 
-lock: $(STAMP) ## resolve the dependencies anew: requirements.lock
-	@sh .ci/lock
+lock: $(STAMP) ## write requirements.lock for a changed pyproject.toml; ARGS="--upgrade" for newer versions
+	@sh .ci/lock $(ARGS)
 
 clean: ## remove the environments and caches (results stay)
 	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache build dist
