@@ -7,12 +7,10 @@ what is fixed; `constrain` maps back. What is fixed never reaches the optimiser.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-
-P = TypeVar("P")
 
 
 class Transform(NamedTuple):
@@ -71,6 +69,7 @@ def _is_transform(node: Any) -> bool:
 
 def _pairs(params: Any, transforms: Any) -> tuple[list[str], list[Any], list[Transform], Any]:
     """Names, values and transforms side by side; raises where they do not match."""
+    treedef: Any
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
     if not all(_is_transform(t) for t in flat):
         odd = next(t for t in flat if not _is_transform(t))
@@ -104,7 +103,7 @@ def check_params(params: Any, transforms: Any) -> None:
             raise ValueError(f"parameter '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {value}")
 
 
-def unconstrain(params: P, transforms: P) -> P:
+def unconstrain[P](params: P, transforms: P) -> P:
     """Map parameters to free values on the real line; fixed ones become None.
 
     Args:
@@ -117,11 +116,14 @@ def unconstrain(params: P, transforms: P) -> P:
     _, values, flat, treedef = _pairs(params, transforms)
     return jax.tree.unflatten(
         treedef,
-        [None if t.to_free is None or v is None else t.to_free(jnp.asarray(v)) for v, t in zip(values, flat, strict=True)],
+        [
+            None if t.to_free is None or v is None else t.to_free(jnp.asarray(v))
+            for v, t in zip(values, flat, strict=True)
+        ],
     )
 
 
-def constrain(free: P, transforms: P, params: P) -> P:
+def constrain[P](free: P, transforms: P, params: P) -> P:
     """Map free values back to natural units; fixed ones are taken from `params`.
 
     Args:

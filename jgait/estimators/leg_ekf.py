@@ -108,7 +108,7 @@ def observe(
         control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
         angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
         rates = (gain * thigh.rate, shank.rate)
-        tilted = inputs.valid
+        tilted: Any = inputs.valid
     else:
         # Standing again means the standing pose again, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
@@ -127,9 +127,9 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOpt
     With gravity the inclination filter has taken the biases out already.
     """
     zero = jnp.zeros_like(start_variance)
-    biases = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
+    thigh_bias, shin_bias = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
     return leg_model.standing_belief(
-        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, *biases, start_variance
+        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
     )
 
 

@@ -17,7 +17,7 @@ from jgait.filtering.model import Belief, Model
 
 def common_dtype(*trees: Any) -> Any:
     """The widest float type among the leaves; Python numbers and integers follow the others."""
-    leaves = [leaf for leaf in jax.tree.leaves(trees)]
+    leaves = jax.tree.leaves(trees)
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves) if leaves else jnp.result_type(float)
     return dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
@@ -96,7 +96,8 @@ def check_observation(model: Model, params: Any, mean: Any, control: Any, observ
         ValueError: naming what the model observes and what came.
     """
     expected = jax.eval_shape(model.observation, params, mean, control)
-    if jax.tree.structure(expected) != jax.tree.structure(observation):
+    structure: Any = jax.tree.structure(expected)
+    if structure != jax.tree.structure(observation):
         raise ValueError(
             f"the model observes a {type(expected).__name__} of ({', '.join(names_of(expected))}); "
             f"got a {type(observation).__name__} of ({', '.join(names_of(observation))})"
@@ -123,7 +124,7 @@ def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:
 
 
 def intervals(dt: Any, length: int, dtype: Any) -> Any:
-    """dt as (T,); raises ValueError if it is neither a scalar nor of that length."""
+    """The intervals dt as (T,); raises ValueError if it is neither a scalar nor of that length."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
         raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
@@ -136,12 +137,14 @@ def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
     Raises:
         ValueError: if it is neither one array of the shape nor a tuple of them like the observation, or not bool.
     """
-    names, structure = names_of(observation), jax.tree.structure(observation)
+    names = names_of(observation)
+    structure: Any = jax.tree.structure(observation)
     if mask is None:
         return jnp.ones((*shape, len(names)), bool)
-    if jax.tree.structure(mask) == structure:
+    given: Any = jax.tree.structure(mask)
+    if given == structure:
         leaves = jax.tree.leaves(mask)
-    elif jax.tree.structure(mask).num_nodes == 1 and jax.tree.structure(mask).num_leaves == 1:
+    elif given.num_nodes == 1 and given.num_leaves == 1:
         leaves = [mask] * len(names)
     else:
         raise ValueError(

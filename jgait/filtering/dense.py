@@ -123,8 +123,13 @@ def corrected(
     after = Moments(jnp.where(good, mean, prior.mean), jnp.where(good, cov, prior.cov))
     count = jnp.where(good, jnp.sum(jnp.where(seen, 1.0, 0.0).astype(measured.dtype)), 0.0)
     log_likelihood = -0.5 * (first.nis + first.log_det + count * LOG_2PI)
-    kept = (jnp.where(good, value, 0.0) for value in (first.innovation, first.stddev, log_likelihood, first.nis))
-    return after, Correction(*kept, count, good)
+
+    def kept(value: Any) -> Any:
+        return jnp.where(good, value, 0.0)
+
+    return after, Correction(
+        kept(first.innovation), kept(first.stddev), kept(log_likelihood), kept(first.nis), count, good
+    )
 
 
 def _linear_update(

@@ -92,7 +92,7 @@ KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
 
 
 def predict(
-    model: Model, params: Any, belief: Belief, *, control: Any = None, dt: Any = 1.0, method: Method = EKF()  # noqa: B008
+    model: Model, params: Any, belief: Belief, *, control: Any = None, dt: Any = 1.0, method: Method = EKF()
 ) -> Belief:
     """The belief one interval later, before its sample.
 
@@ -120,7 +120,7 @@ def predict(
 
 def update(
     model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, mask: Any = None,
-    method: Method = EKF(),  # noqa: B008
+    method: Method = EKF(),
 ) -> Updated:  # fmt: skip
     """The belief after an observation.
 
@@ -153,7 +153,7 @@ def update(
 
 def step(
     model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, dt: Any = 1.0,
-    mask: Any = None, method: Method = EKF(),  # noqa: B008
+    mask: Any = None, method: Method = EKF(),
 ) -> Step:  # fmt: skip
     """Predict over dt, then update: one sample online, jitted; the same step that `kalman_filter` scans.
 
@@ -205,7 +205,7 @@ def advanced(
 
 def kalman_filter(
     model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
-    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,  # noqa: B008
+    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
 ) -> Posterior:  # fmt: skip
     """Filter a recording: a jitted scan over its samples.
 

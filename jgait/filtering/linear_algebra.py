@@ -13,20 +13,20 @@ def product(a: Any, b: Any) -> Any:
 
 
 def congruence(a: Any, p: Any) -> Any:
-    """a p aᵀ for symmetric p, symmetric to the last bit."""
+    """The product a p aᵀ for symmetric p, symmetric to the last bit."""
     result = product(product(a, p), a.T)
     return 0.5 * (result + result.T)
 
 
 def cholesky(a: Any, floor: float = 0.0) -> tuple[Any, Any]:
-    """Lower triangle L with L Lᵀ = a (n, n), and whether every pivot was above the floor.
+    """The lower triangle L with L Lᵀ = a (n, n), and whether every pivot was above the floor.
 
     A pivot that is not is replaced (by the floor, or by 1 where the floor is 0), so that neither the factor nor its
     gradient is ever NaN; what such a factor is good for is up to the caller.
     """
     size = a.shape[0]
     rows = jnp.arange(size)
-    columns = []
+    columns: list[Any] = []
     good = jnp.asarray(True)
     for j in range(size):
         column = a[:, j]

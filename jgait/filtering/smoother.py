@@ -43,7 +43,7 @@ class Smoothed(NamedTuple):
 
 def kalman_smoother(
     model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
-    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,  # noqa: B008
+    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
 ) -> Smoothed:  # fmt: skip
     """Filter forward, then smooth backward: every sample is judged by all of the recording.
 

@@ -87,9 +87,7 @@ def pack_noise(noise: Any, structure: Any, dtype: Any, what: str) -> Any:
         variances = pack(noise, structure, dtype, f"{what}, where it is no Covariance,")
         return jnp.where(jnp.eye(structure.num_leaves, dtype=bool), variances[:, None], 0.0)
     if noise.structure != structure:
-        raise ValueError(
-            f"{what} must be a covariance of ({', '.join(structure_names(structure))}); got {noise!r}"
-        )
+        raise ValueError(f"{what} must be a covariance of ({', '.join(structure_names(structure))}); got {noise!r}")
     for entry in noise.upper:
         if jnp.shape(entry) != ():
             raise ValueError(f"{what} must have scalar entries; got one of shape {jnp.shape(entry)}")
