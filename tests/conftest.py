@@ -1,0 +1,32 @@
+"""How the tests run JAX: float64, no silent change of rank or type, compiled programs kept between runs."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import pytest
+
+from jgait import datasets
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_numpy_rank_promotion", "raise")
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+    # Compiling takes most of a run; beside pytest's own cache `--cache-clear` and `make clean` reach it.
+    compiled = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or config.rootpath / ".pytest_cache" / "jax")
+    jax.config.update("jax_compilation_cache_dir", str(compiled))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+@pytest.fixture(scope="session")
+def data() -> Callable[[str], datasets.Walks]:
+    """`data("neura_sparse")`: the walks of a public data set, or a skip that says why they are not there."""
+
+    def load(name: str) -> datasets.Walks:
+        if not datasets.available(name):
+            pytest.skip(datasets.unavailable_reason(name))
+        return datasets.load(name)
+
+    return load
