@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 
 class Transform(NamedTuple):
@@ -96,10 +97,10 @@ def check_params(params: Any, transforms: Any) -> None:
     for name, value, transform in zip(names, values, flat, strict=True):
         if value is None or isinstance(value, jax.core.Tracer):
             continue
-        array = jnp.asarray(value)
-        if not bool(jnp.all(jnp.isfinite(array))):
+        array = np.asarray(value)  # on the host: inside jit, jnp would trace concrete values too
+        if not np.all(np.isfinite(array)):
             raise ValueError(f"parameter '{name}' must be finite; got {value}")
-        if not bool(jnp.all((array > transform.low) & (array < transform.high))):
+        if not np.all((array > transform.low) & (array < transform.high)):
             raise ValueError(f"parameter '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {value}")
 
 
