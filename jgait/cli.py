@@ -92,7 +92,7 @@ def demo(
     ] = "auto",
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("jgait-demo"),
     subjects: Annotated[int, typer.Option(min=2, help="Simulated people.")] = 6,
-    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 25,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 15,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
     """Estimate joint angles, compare with the truth, tune by gradient, judge on walks the tuning never saw."""

@@ -90,7 +90,7 @@ def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
 
 
 def _lines(walk: str, seen: bool, paper: Judged | None, before: Judged, after: Judged) -> list[Line]:
-    units = {"hip_deg": "hip [°]", "knee_deg": "knee [°]", "x_cm": "foot x [cm]", "y_cm": "foot y [cm]"}
+    units = {"hip_deg": "hip, °", "knee_deg": "knee, °", "x_cm": "foot x, cm", "y_cm": "foot y, cm"}
     rows = [
         Line(
             walk, seen, side, units[column], None if paper is None else paper.rmse[side][column],
@@ -102,12 +102,12 @@ def _lines(walk: str, seen: bool, paper: Judged | None, before: Judged, after: J
     if before.distance_error_pct is not None and after.distance_error_pct is not None:
         theirs = None if paper is None else paper.distance_error_pct
         rows.append(
-            Line(walk, seen, "both", "distance [%]", theirs, before.distance_error_pct, after.distance_error_pct)
+            Line(walk, seen, "both", "distance, %", theirs, before.distance_error_pct, after.distance_error_pct)
         )
     return rows
 
 
-def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 25, seed: int = 0) -> Demo:
+def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, seed: int = 0) -> Demo:
     """A simulated cohort: tune distance scale and standing pose on half of the people, judge on the other half.
 
     Args:
@@ -140,7 +140,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 25, 
     half = subjects // 2
     data = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *lessons[:half])
     fit = tune.fit(
-        _simulated_loss, start, freed(*names), data, optax.adam(0.05), steps=steps,
+        _simulated_loss, start, freed(*names), data, optax.adam(0.1), steps=steps,
         progress=lambda done, total, loss: report(f"tuning on {half} simulated people, loss {loss:.1f}", done, total),
     )  # fmt: skip
     judged = []
@@ -197,7 +197,7 @@ def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tup
     return {name: (before[name], after[name]) for name in before}
 
 
-def neura_sparse(out: Path, report: Report, *, steps: int = 25) -> Demo:
+def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     """One person, motion capture: tune on the walk out, judge on the walk back.
 
     Args:
@@ -229,7 +229,7 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 25) -> Demo:
     out_walk, back, standing = windows["straight_1"], windows["straight_2"], windows["standing"]
     item = lesson(preparation.inputs, reference, out_walk, standing, start)
     fit = tune.fit(
-        _simulated_loss, start, freed(*names), item, optax.adam(0.05), steps=steps, batched=False,
+        _simulated_loss, start, freed(*names), item, optax.adam(0.1), steps=steps, batched=False,
         progress=lambda done, total, loss: report(f"tuning on the walk out, loss {loss:.1f}", done, total),
     )  # fmt: skip
     report("judging on the walk back", 0, 1)
