@@ -172,7 +172,8 @@ class Machine:
     def has(self, name: str, version: str) -> None:
         """A program that says it is this Python, and can do nothing else."""
         new = tuple(map(int, version.split("."))) >= (3, 12)
-        lines = ["#!/bin/sh", 'case "$2" in', f"*print*) echo {version} ;;", f"*exit*) exit {int(not new)} ;;"]
+        lines = ["#!/bin/sh", 'case "$2 $3" in', f"*print*) echo {version} ;;", f"*exit*) exit {int(not new)} ;;"]
+        lines += ["'venv --without-pip') ;;"]
         (self.bin / name).write_text("\n".join([*lines, "*) exit 1 ;;", "esac", ""]))
         (self.bin / name).chmod(0o755)
 
