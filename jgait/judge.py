@@ -26,7 +26,7 @@ class Judged(NamedTuple):
     Attributes:
         rmse: side → column → root mean square error, relative to standing.
         distance_error_pct: signed, of the distance walked within the window; None where either has none.
-        within_two_sigma: share of the angle samples inside the stated two standard deviations; None where none is stated.
+        within_two_sigma: share of the angle samples inside two stated standard deviations; None without any.
     """
 
     rmse: dict[str, dict[str, float]]

@@ -1,7 +1,7 @@
 """Public recordings with a reference, by name: `load("neura_sparse")`, `load("walking5m")`.
 
 Nothing is bundled and nothing is downloaded unasked: `fetch(name)` downloads, or `JGAIT_DATA_DIR` names a folder that
-holds the sets. A set may hold more recordings than this version of jgait knows; they are used, and marked as unverified.
+holds the sets. A set may hold more recordings than this version of jgait knows; they are used, and marked unverified.
 """
 
 from collections.abc import Collection

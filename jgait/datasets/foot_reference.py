@@ -65,7 +65,7 @@ def exponential(rotvec: np.ndarray) -> np.ndarray:
 
 
 def level(acc: np.ndarray) -> np.ndarray:
-    """The smallest rotation, sensor to level frame (z up), that turns a specific force at rest upwards, (3,) → (3, 3)."""
+    """The smallest rotation (3, 3), sensor to level frame (z up), that turns a specific force (3,) at rest upwards."""
     up = acc / np.linalg.norm(acc)
     axis = np.array([up[1], -up[0], 0.0])
     sine = np.linalg.norm(axis)

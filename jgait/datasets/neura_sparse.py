@@ -1,7 +1,8 @@
 """`neura_sparse`: IMUs on pelvis and both legs, with Vicon joint centres (Sy et al. 2020, gait-tech/gaittoolbox).
 
 Sensors: Xsens, 100 Hz, m/s² and rad/s, on pelvis, thighs, shanks (upstream `LowLeg2`, mid shank), ankles (upstream
-`LowLeg`, lower shank, turned about 90° round it) and feet. Reference: Vicon joint centres and markers, 100 Hz, mm, z up.
+`LowLeg`, lower shank, turned about 90° round it) and feet. Reference: Vicon joint centres and markers, 100 Hz, mm,
+z up.
 
 The IMU lags Vicon by two samples, so the first two IMU samples and the last two Vicon frames are dropped; all indices
 in `info` count samples of the aligned recording from 0, half-open.

@@ -50,6 +50,6 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
             walks.append(load_one(name))
         except ImportError:
             raise
-        except Exception as error:  # noqa: BLE001 - whatever is wrong with one file, the others are still wanted
+        except Exception as error:  # whatever is wrong with one file, the others are still wanted
             failures.append(Failure(name, f"{type(error).__name__}: {error}"))
     return Walks(walks, failures)

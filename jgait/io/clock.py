@@ -92,8 +92,8 @@ def _check_order(stamps: np.ndarray, name: str) -> None:
         row = int(wrong[0]) + 1
         what = "repeats" if step[row - 1] == 0 else "runs backwards"
         raise RecordingError(
-            f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows {stamps[row - 1]:.15g}; "
-            f"{len(wrong)} such rows in all"
+            f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows "
+            f"{stamps[row - 1]:.15g}; {len(wrong)} such rows in all"
         )
 
 

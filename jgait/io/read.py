@@ -223,7 +223,8 @@ def _placements(
                 raise RecordingError(_lacking_message(lacking, expected, given, name))
             if kind == "acc" and placement not in found:
                 raise RecordingError(
-                    f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; a sensor needs its gyroscope"
+                    f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
+                    "a sensor needs its gyroscope"
                 )
             found.setdefault(placement, []).append(kind)
     if not found:
