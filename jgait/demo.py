@@ -79,7 +79,7 @@ _run = jax.jit(leg_ekf.run, static_argnames=("options",))
 
 
 def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
-    out = {}
+    out: dict[str, float] = {}
     for name in names:
         value = getattr(p, name)
         if isinstance(value, BySide):
@@ -254,9 +254,8 @@ def _figures(
     seconds: tuple[float, float] | None, others: dict[str, Estimate] | None,
 ) -> list[Path]:  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
-    common = {"seconds": seconds, "title": title}
-    return [
-        plot.save(plot.joint_angles(estimate, reference, **common), out / f"{stem}_angles.png"),
-        plot.save(plot.foot_path(estimate, reference, **common), out / f"{stem}_foot_path.png"),
-        plot.save(plot.distance(estimate, reference, others=others, **common), out / f"{stem}_distance.png"),
-    ]
+    angles = plot.joint_angles(estimate, reference, seconds=seconds, title=title)
+    path = plot.foot_path(estimate, reference, seconds=seconds, title=title)
+    way = plot.distance(estimate, reference, seconds=seconds, title=title, others=others)
+    figures = {"angles": angles, "foot_path": path, "distance": way}
+    return [plot.save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]

@@ -456,7 +456,8 @@ def test_validate_wants_a_rate():
 
 
 def estimate():
-    leg = LegTrajectory(jnp.asarray([0.0, np.pi / 6]), jnp.asarray([0.0, np.pi / 3]), jnp.asarray([0.0, 0.1]), jnp.asarray([-0.8, -0.7]))  # fmt: skip
+    fields = ([0.0, np.pi / 6], [0.0, np.pi / 3], [0.0, 0.1], [-0.8, -0.7])
+    leg = LegTrajectory(*(jnp.asarray(field) for field in fields))
     return Estimate(
         time=jnp.asarray([0.0, 0.01]),
         legs=Legs(leg, None),

@@ -16,6 +16,7 @@ STILL_WINDOW = 0.25  # s either side of a sample that must be quiet too
 SHORTEST_STANDING = 0.5  # s
 WALKING_RATE = 0.6  # rad/s RMS of a shank that walks
 TURNING_RATE = 0.6  # rad/s about the vertical, low-passed: a turn
+SMALLEST_VARIANCE = 1e-8  # rad²/s², of a gyroscope at rest
 THIGH_LEAD = 0.16  # s by which the thigh's forward swing precedes the shank's
 
 
@@ -250,7 +251,9 @@ def orient(
             raw = np.asarray(imu.acc, np.float64)
             acc = raw @ axes.T / np.linalg.norm(raw[standing].mean(axis=0))
         measured = np.asarray(imu.mask, bool)
-        segments[part] = Segment(gyr, acc, measured, axes @ sensor.bias, np.var(gyr[standing, 2]))
+        # A coarsely quantised gyroscope reads the same all the time at rest; its noise is not 0 for that.
+        variance = np.maximum(np.var(gyr[standing, 2]), SMALLEST_VARIANCE)
+        segments[part] = Segment(gyr, acc, measured, axes @ sensor.bias, variance)
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 

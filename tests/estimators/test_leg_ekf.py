@@ -1,0 +1,377 @@
+"""The leg estimator: contract (jit, vmap, gradients, online), invariances, limits, and the paper's worked equations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import losses, simulate
+from jgait.estimators import leg_ekf, leg_model, leg_online
+from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
+from jgait.estimators.leg_inputs import LegInputs, pad
+from jgait.filtering import EKF, UKF, IteratedEKF
+from jgait.types import SIDES, Recording, RecordingError
+
+RATE = 50.0
+SAMPLES = 512
+FILTER = DEFAULT._replace(smooth=False)
+RUN = jax.jit(leg_ekf.run, static_argnames=("options",))
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """One simulated person with ideal sensors."""
+    recording, truth = simulate.leg_recording(jax.random.key(3), noise=simulate.IDEAL, rate=RATE)
+    return recording, truth
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """The same person with an IDG-300-like gyroscope."""
+    return simulate.leg_recording(jax.random.key(4), rate=RATE)
+
+
+def parameters(truth) -> LegParams:
+    thigh, shank = float(truth.diagnostics["thigh_length"]), float(truth.diagnostics["shank_length"])
+    return LegParams(thigh_length=BySide(thigh, thigh), shank_length=BySide(shank, shank))
+
+
+def prepared(recording: Recording, options=DEFAULT) -> LegInputs:
+    inputs = leg_ekf.prepared(recording, options).inputs
+    return jax.tree.map(jnp.asarray, pad(inputs, SAMPLES))
+
+
+def rotated(recording: Recording, seed: int) -> Recording:
+    """Every sensor mounted in another random attitude."""
+    rng = np.random.default_rng(seed)
+    sensors = {}
+    for name, imu in recording.sensors.items():
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        turn = turn * np.sign(np.linalg.det(turn))
+        sensors[name] = imu._replace(gyr=np.asarray(imu.gyr) @ turn.T, acc=np.asarray(imu.acc) @ turn.T)
+    return recording._replace(sensors=sensors)
+
+
+def worst(ours, theirs, field: str) -> float:
+    """Largest difference relative to standing, over both legs."""
+    out = 0.0
+    for side in SIDES:
+        a, b = (
+            np.asarray(getattr(getattr(ours.legs, side), field)),
+            np.asarray(getattr(getattr(theirs.legs, side), field)),
+        )
+        b = np.interp(ours.time, theirs.time, b)
+        out = max(out, np.max(np.abs((a - a[:50].mean()) - (b - b[:50].mean()))))
+    return float(out)
+
+
+def test_ideal_sensors_give_the_true_angles_and_foot_path(walk):
+    recording, truth = walk
+    p = parameters(truth)
+    standing = (
+        [float(np.asarray(leg.hip_angle)[0]) for leg in truth.legs],
+        [float(np.asarray(leg.knee_angle)[0]) for leg in truth.legs],
+    )
+    p = p._replace(standing_hip=BySide(*standing[0]), standing_knee=BySide(*standing[1]))
+    result = leg_ekf.estimate(p, recording)
+    # What is left is the push at the start, which the accelerometer takes for a lean of the segment.
+    assert np.degrees(worst(result, truth, "hip_angle")) < 2.5
+    assert np.degrees(worst(result, truth, "knee_angle")) < 2.5
+    assert worst(result, truth, "x") < 0.04
+    assert worst(result, truth, "y") < 0.02
+    assert bool(np.all(result.valid))
+
+
+def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
+    recording, truth = walk
+    result = leg_ekf.estimate(parameters(truth), recording)
+    assert abs(float(result.distance[-1]) / float(np.asarray(truth.distance)[-1]) - 1.0) < 0.10
+
+
+def test_distance_with_one_leg_and_by_every_read_out(walk):
+    recording, truth = walk
+    right = recording._replace(sensors={k: v for k, v in recording.sensors.items() if k.endswith("right")})
+    true = float(np.asarray(truth.distance)[-1])
+    found = {
+        how: float(leg_ekf.estimate(parameters(truth), right, DEFAULT._replace(distance=how)).distance[-1])
+        for how in ("stance", "accumulate", "forward")
+    }
+    assert abs(found["stance"] / true - 1.0) < 0.25
+    assert abs(found["accumulate"] / true - 1.0) < 0.25
+    assert 0.5 < found["forward"] / true < 0.75  # the hip's own way is left out
+    with pytest.raises(ValueError, match="distance must be 'stance', 'accumulate' or 'forward'; got 'steps'"):
+        leg_ekf.estimate(parameters(truth), right, DEFAULT._replace(distance="steps"))
+
+
+def test_turning_the_sensor_with_its_mount_changes_nothing(noisy):
+    recording, truth = noisy
+    p = parameters(truth)
+    plain, turned = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, rotated(recording, 1))
+    for a, b in zip(jax.tree.leaves(plain.legs), jax.tree.leaves(turned.legs), strict=True):
+        np.testing.assert_allclose(np.asarray(a), np.asarray(b), atol=1e-6)
+    assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), abs=1e-6)
+
+
+def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy):
+    recording, truth = noisy
+    sensors = dict(recording.sensors)
+    sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
+    p = parameters(truth)
+    plain, swapped = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, recording._replace(sensors=sensors))
+    assert any("left thigh and shank sensors look swapped" in note for note in swapped.diagnostics["notes"])
+    np.testing.assert_allclose(plain.legs.left.knee_angle, swapped.legs.left.knee_angle, atol=1e-9)
+
+
+def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
+    recording, truth = noisy
+    bare = recording._replace(sensors={k: v._replace(acc=None) for k, v in recording.sensors.items()})
+    result = leg_ekf.estimate(parameters(truth), bare)
+    assert any("no accelerometer" in note for note in result.diagnostics["notes"])
+    assert np.degrees(worst(result, truth, "hip_angle")) < 10.0
+
+
+def test_paper_pipeline_runs_at_50_hz_and_drifts_more(noisy):
+    recording, truth = noisy
+    p = parameters(truth)
+    paper, best = leg_ekf.estimate(p, recording, PAPER), leg_ekf.estimate(p, recording)
+    assert worst(best, truth, "hip_angle") < worst(paper, truth, "hip_angle")
+    assert 1.0 / np.median(np.diff(paper.time)) == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("options", [FILTER, FILTER._replace(gravity=False)], ids=["gravity", "planar"])
+def test_online_equals_offline(noisy, options):
+    recording, truth = noisy
+    p = parameters(truth)
+    inputs = prepared(recording)
+    inputs = jax.tree.map(lambda v: v[120:180] if v.ndim and v.shape[0] == SAMPLES else v, inputs)
+    inputs = inputs._replace(dt=inputs.dt.at[0].set(0.0))
+    offline = RUN(p, inputs, options)
+    own = one_side(p, 0)
+    state = leg_online.start(own, inputs.right, inputs.start_variance, options)
+    for k in range(60):
+        sample = jax.tree.map(lambda v, k=k: v[k] if v.ndim and v.shape[0] == 60 else v, inputs.right)
+        now = inputs._replace(dt=inputs.dt[k], still=inputs.still[k], valid=inputs.valid[k])
+        result = leg_online.step(own, state, sample, now, options)
+        state = result.state
+        for field in ("hip_angle", "knee_angle", "x", "y"):
+            assert float(getattr(result.leg, field)) == pytest.approx(
+                float(getattr(offline.legs.right, field)[k]), abs=1e-10
+            )
+            assert float(getattr(result.stddev, field)) == pytest.approx(
+                float(getattr(offline.stddev.right, field)[k]), abs=1e-10
+            )
+
+
+def test_vmap_equals_loop_and_padding_changes_nothing(walk, noisy):
+    p = parameters(walk[1])
+    both = [prepared(walk[0]), prepared(noisy[0])]
+    stacked = jax.tree.map(lambda *v: jnp.stack(v), *both)
+    mapped = jax.jit(jax.vmap(lambda i: leg_ekf.run(p, i)))(stacked)
+    for number, inputs in enumerate(both):
+        alone = RUN(p, inputs, DEFAULT)
+        for a, b in zip(jax.tree.leaves(mapped), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_allclose(np.asarray(a)[number], np.asarray(b), rtol=1e-8, atol=1e-9)
+    bare = jax.tree.map(jnp.asarray, leg_ekf.prepared(noisy[0]).inputs)
+    short = RUN(p, bare, DEFAULT)
+    samples = bare.time.shape[0]
+    padded = RUN(p, both[1], DEFAULT)
+    np.testing.assert_allclose(padded.legs.right.knee_angle[:samples], short.legs.right.knee_angle, atol=1e-9)
+    np.testing.assert_allclose(padded.distance[:samples], short.distance, atol=1e-9)
+    assert not np.any(padded.valid[samples:])
+
+
+def test_masked_samples_are_inert(noisy):
+    recording, truth = noisy
+    p = parameters(truth)
+    inputs = prepared(recording)
+    lost = jnp.zeros(SAMPLES, bool).at[200:205].set(True)
+
+    def spoiled(value: float) -> LegInputs:
+        shank = inputs.right.shank
+        gyr = jnp.where(lost[:, None], value, shank.gyr)
+        acc = jnp.where(lost[:, None], value, shank.acc)
+        leg = inputs.right._replace(shank=shank._replace(gyr=gyr, acc=acc, measured=shank.measured & ~lost))
+        return inputs._replace(right=leg)
+
+    one, other = (RUN(p, spoiled(v), DEFAULT._replace(gravity=False)) for v in (0.0, 99.0))
+    np.testing.assert_array_equal(one.legs.right.knee_angle, other.legs.right.knee_angle)
+    gap = RUN(p, spoiled(0.0), DEFAULT)
+    whole = RUN(p, inputs, DEFAULT)
+    assert bool(np.all(np.isfinite(gap.legs.right.knee_angle)))
+    # A tenth of a second without the shank is bridged by the rest of the recording.
+    assert np.degrees(np.max(np.abs(gap.legs.right.knee_angle - whole.legs.right.knee_angle))) < 25.0
+    assert float(gap.stddev.right.knee_angle[202]) > float(whole.stddev.right.knee_angle[202])
+
+
+def _objective(inputs: LegInputs, truth, options):
+    reference = jax.tree.map(lambda v: jnp.pad(jnp.asarray(v), (0, SAMPLES - len(truth.time)), mode="edge"),
+                             truth._replace(diagnostics={}, stddev=None))  # fmt: skip
+    walking = inputs.valid & ~inputs.still
+
+    def loss(vector, p):
+        q = p._replace(
+            thigh_length=BySide(vector[0], p.thigh_length.left),
+            shank_length=BySide(vector[1], p.shank_length.left),
+            angle_noise=jnp.exp(vector[2]),
+            gyro_noise=jnp.exp(vector[3]),
+        )
+        return losses.trajectory(leg_ekf.run(q, inputs, options), reference, window=walking)
+
+    return loss
+
+
+def test_gradients_equal_finite_differences(noisy):
+    recording, truth = noisy
+    p = parameters(truth)
+    # R a hundred times as large, so that the noise settings matter at all
+    options = FILTER._replace(gravity=False)
+    loss = jax.jit(_objective(prepared(recording), truth, options))
+    at = jnp.array([p.thigh_length.right, p.shank_length.right, jnp.log(0.5), jnp.log(100.0)])
+    gradient = np.asarray(jax.jit(jax.grad(loss))(at, p))
+    for k in range(4):
+        step = np.zeros(4)
+        step[k] = 1e-4
+        by_hand = (
+            8.0 * (float(loss(at + step, p)) - float(loss(at - step, p)))
+            - (float(loss(at + 2 * step, p)) - float(loss(at - 2 * step, p)))
+        ) / (12.0 * 1e-4)
+        assert gradient[k] == pytest.approx(by_hand, rel=1e-5, abs=1e-7)
+    assert np.all(np.abs(gradient) > 0.0)
+
+
+def test_gradients_and_values_are_sound_in_float32(noisy):
+    recording, truth = noisy
+    p = parameters(truth)
+    options = FILTER
+    inputs = prepared(recording)
+    single = jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, inputs)
+    p32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), p)
+    fine, coarse = RUN(p, inputs, options), RUN(p32, single, options)
+    assert coarse.legs.right.hip_angle.dtype == jnp.float32
+    gap = np.asarray(fine.legs.right.hip_angle) - np.asarray(coarse.legs.right.hip_angle)
+    assert np.degrees(np.max(np.abs(gap))) < 0.1
+    truth32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32) if np.asarray(v).dtype.kind == "f" else v, truth)
+    gradient = jax.jit(jax.grad(_objective(single, truth32, options)))(
+        jnp.array([p.thigh_length.right, p.shank_length.right, 0.0, 0.0], jnp.float32), p32
+    )
+    assert bool(np.all(np.isfinite(gradient)))
+
+
+@pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF()], ids=["ekf", "iterated", "ukf"])
+def test_every_method_gives_nearly_the_same_leg(noisy, method):
+    recording, truth = noisy
+    p, inputs = parameters(truth), prepared(recording)
+    base = RUN(p, inputs, FILTER)
+    other = RUN(p, inputs, FILTER._replace(method=method))
+    assert np.degrees(np.max(np.abs(base.legs.right.knee_angle - other.legs.right.knee_angle))) < 1.5
+    assert np.max(np.abs(base.legs.right.x - other.legs.right.x)) < 0.005
+
+
+def test_the_transition_is_equation_5_and_its_jacobian_equation_6():
+    p = leg_model.LegModelParams(0.4, 0.5, 1e-6, 1.0, 1e-12, 1e-4, 1e-4, 1e-6)
+    state = leg_model.LegState(0.1, -0.8, -1.4, 2.0, -0.3, -1.5, 0.01, 0.02)
+    control, dt = leg_model.LegControl(1.0, 1.0), 0.02
+    a, b = 0.4 * np.sin(-1.4), 0.5 * np.sin(-1.7)
+    c, d = 0.4 * np.cos(-1.4), 0.5 * np.cos(-1.7)
+    moved = leg_model.transition(p, state, control, dt)
+    assert float(moved.x) == pytest.approx(0.1 + dt * (-a * 2.0 - b * (2.0 - 1.5)))
+    assert float(moved.y) == pytest.approx(-0.8 + dt * (c * 2.0 + d * (2.0 - 1.5)))
+    state = leg_model.LegState(*(jnp.asarray(v) for v in state))
+    jacobian = jax.jacfwd(lambda s: leg_model.transition(p, s, control, dt))(state)
+    assert float(jacobian.x.thigh_rate) == pytest.approx(dt * (-a - b))  # A
+    assert float(jacobian.x.knee_rate) == pytest.approx(dt * -b)  # B
+    assert float(jacobian.y.thigh_rate) == pytest.approx(dt * (c + d))  # C, corrected
+    assert float(jacobian.y.knee_rate) == pytest.approx(dt * d)  # D
+    literal = jax.jacfwd(lambda s: leg_model.transition_literal(p, s, control, dt))(state)
+    assert float(literal.y.thigh_rate) == pytest.approx(dt * (-a + b))  # C, as printed
+    noise = leg_model.transition_noise(p, state, control, dt)
+    assert float(noise["thigh_angle", "thigh_rate"]) == pytest.approx(dt**2 / 2)
+    assert float(noise["knee_angle", "knee_angle"]) == pytest.approx(dt**3 / 3)
+
+
+def test_every_parameter_is_documented_with_its_unit():
+    for record in (LegParams, leg_ekf.LegOptions):
+        for field in record._fields:
+            assert f"\n        {field}: " in record.__doc__, field
+    for line in LegParams.__doc__.splitlines():
+        if line.startswith("        ") and ": " in line and line[8] != " " and "InclinationNoise" not in line:
+            assert "[" in line, line
+
+
+class TestRefusals:
+    """What cannot be estimated is refused with what was expected and what came."""
+
+    def test_missing_placement(self, noisy):
+        recording, truth = noisy
+        waist = recording._replace(sensors={"waist": recording.sensors["thigh_right"]})
+        with pytest.raises(RecordingError, match=r"leg_ekf needs 'thigh_right' and 'shank_right'.*\['waist'\]"):
+            leg_ekf.estimate(parameters(truth), waist)
+        lone = recording._replace(sensors={"thigh_left": recording.sensors["thigh_left"]})
+        with pytest.raises(RecordingError, match=r"leg_ekf needs 'shank_left'; the recording has \['thigh_left'\]"):
+            leg_ekf.estimate(parameters(truth), lone)
+
+    def test_never_still(self, noisy):
+        recording, truth = noisy
+        rng = np.random.default_rng(0)
+        shaken = {
+            k: v._replace(gyr=np.asarray(v.gyr) + rng.normal(size=v.gyr.shape)) for k, v in recording.sensors.items()
+        }
+        with pytest.raises(RecordingError, match="needs 0.5 s of quiet standing .* reaches"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=shaken))
+
+    def test_never_walking(self, noisy):
+        recording, truth = noisy
+        still = {k: v._replace(gyr=np.asarray(v.gyr) * 0.01) for k, v in recording.sensors.items()}
+        with pytest.raises(RecordingError, match="found no walking: .* is the gyroscope in rad/s"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=still))
+
+    def test_clocks_that_differ(self, noisy):
+        recording, truth = noisy
+        late = recording.sensors["shank_left"]
+        sensors = dict(recording.sensors, shank_left=late._replace(time=np.asarray(late.time) + 1.0))
+        with pytest.raises(RecordingError, match="thigh and shank on one clock; 'shank_left'"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
+
+    def test_time_that_runs_backwards(self, noisy):
+        recording, truth = noisy
+        sensors = {}
+        for name, imu in recording.sensors.items():
+            time = np.array(imu.time)
+            time[100] = time[98]
+            sensors[name] = imu._replace(time=time)
+        with pytest.raises(RecordingError, match=r"time must increase .* at sample 100"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
+
+    def test_nan(self, noisy):
+        recording, truth = noisy
+        gyr = np.array(recording.sensors["thigh_right"].gyr)
+        gyr[50] = np.nan
+        sensors = dict(recording.sensors, thigh_right=recording.sensors["thigh_right"]._replace(gyr=gyr))
+        with pytest.raises(RecordingError, match="'thigh_right' holds NaN .* mask"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
+
+    def test_two_samples(self, noisy):
+        recording, truth = noisy
+        sensors = {k: type(v)(v.time[:2], v.gyr[:2], v.acc[:2], v.mask[:2]) for k, v in recording.sensors.items()}
+        with pytest.raises(RecordingError, match="has 2 samples"):
+            leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
+
+    def test_leg_length_in_centimetres(self, noisy):
+        recording, truth = noisy
+        p = parameters(truth)._replace(thigh_length=BySide(43.0, 43.0))
+        with pytest.raises(ValueError, match=r"thigh_length.right.* must lie in \(0.2, 0.7\); got 43"):
+            leg_ekf.estimate(p, recording)
+
+    def test_rate_above_the_recordings_own(self, noisy):
+        recording, truth = noisy
+        with pytest.raises(RecordingError, match="rate_hz=200 is above the recording's rate of 50.0 Hz"):
+            leg_ekf.estimate(parameters(truth), recording, DEFAULT._replace(rate_hz=200.0))
+
+    def test_even_median(self, noisy):
+        recording, truth = noisy
+        with pytest.raises(ValueError, match="median must be an odd number of samples; got 4"):
+            leg_ekf.estimate(parameters(truth), recording, DEFAULT._replace(median=4))
+
+    def test_padding_that_shortens(self, noisy):
+        with pytest.raises(ValueError, match="pad only lengthens; got .* and 3 wanted"):
+            pad(leg_ekf.prepared(noisy[0]).inputs, 3)
