@@ -279,8 +279,22 @@ def test_gradients_equal_finite_differences(problem, smooth):
         step = jnp.zeros(3).at[k].set(1e-5)
         by_differences = (float(value(at + step)) - float(value(at - step))) / 2e-5
         assert float(gradient[k]) == pytest.approx(by_differences, rel=1e-5)
-    small = jax.grad(lambda v: value(v))(at.astype(jnp.float64))
-    assert bool(jnp.all(jnp.isfinite(small)))
+
+
+def test_gradients_are_finite_in_float32(problem):
+    def single(tree: Any) -> Any:
+        return jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), tree)
+
+    def value(v: Any) -> Any:
+        out = filtering.kalman_smoother(
+            CART, CartParams(v[0], v[1], v[2]), single(problem.seen), controls=single(problem.push),
+            dt=single(problem.dt), mask=problem.mask,
+        )  # fmt: skip
+        return jnp.sum(out.mean.position**2) + jnp.sum(out.filtered.log_likelihood)
+
+    gradient = jax.jit(jax.grad(value))(jnp.array([0.3, 0.2, 0.1], jnp.float32))
+    assert gradient.dtype == jnp.float32
+    assert bool(jnp.all(jnp.isfinite(gradient)))
 
 
 class Pendulum(NamedTuple):
@@ -440,8 +454,18 @@ def test_exactly_known_states_do_not_break_smoothing_or_sigma_points(problem):
         assert np.isfinite(float(slope))
 
 
+def negative_noise(p: Any, s: Pendulum, u: Any) -> Shadow:
+    del p, s
+    return Shadow(jnp.where(u.acceleration > 0.0, -10.0, 0.01))
+
+
 def test_a_broken_step_keeps_the_prediction_and_says_so():
-    seen = Shadow(jnp.array([0.1, 1e300, 0.1]))
-    bad = filtering.kalman_filter(PENDULUM, 9.81, seen, dt=0.05)
-    assert np.all(np.isfinite(np.asarray(bad.mean.angle)))
-    assert bad.valid.shape == (3,)
+    model = PENDULUM._replace(observation_noise=negative_noise)
+    control = Push(jnp.array([0.0, 1.0, 0.0]))
+    keep = ("mean", "cov", "predicted_mean", "predicted_cov", "valid", "nis")
+    out = filtering.kalman_filter(model, 9.81, Shadow(jnp.full(3, 0.1)), controls=control, dt=0.05, keep=keep)
+    np.testing.assert_array_equal(out.valid, [True, False, True])
+    assert float(out.mean.angle[1]) == float(out.predicted_mean.angle[1])
+    assert float(out.cov["angle", "angle"][1]) == float(out.predicted_cov["angle", "angle"][1])
+    assert np.all(np.isfinite(np.asarray(out.mean.rate)))
+    assert float(out.nis[1]) == 0.0
