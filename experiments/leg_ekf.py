@@ -96,7 +96,7 @@ def improvements(judged: Any, p: LegParams) -> None:
     variants += [(f"  + {name}", paper._replace(**change)) for name, change in IMPROVEMENTS.items()]
     variants += [
         ("  raw principal axis", paper._replace(perpendicular_axis=False)),
-        ("  literal F and Q (misprints)", paper._replace(literal=True)),
+        ("  literal F and Q (misprints), σ_θ = 0.01", paper._replace(literal=True)),
         ("the default", best),
     ]
     variants += [
@@ -105,8 +105,10 @@ def improvements(judged: Any, p: LegParams) -> None:
     ]
     variants.append(("  raw principal axis", best._replace(perpendicular_axis=False)))
     for name, options in variants:
-        whole = judged(p, options, "whole")
-        lines.append([name, *errors_of(judged(p, options, "straight_1")), *errors_of(whole), whole.distance_error_pct])
+        # The printed Q holds powers of σ_θ, and is of use only where these are small.
+        q = p._replace(angle_noise=0.01) if options.literal else p
+        whole = judged(q, options, "whole")
+        lines.append([name, *errors_of(judged(q, options, "straight_1")), *errors_of(whole), whole.distance_error_pct])
     columns = [f"{column} {side[0]}" for side in SIDES for column in ("hip°", "knee°", "x cm", "y cm")]
     show("neura_sparse, straight part, by improvement", ["", *columns], [line[:9] for line in lines])
     show(
