@@ -21,7 +21,7 @@ Deviations from the paper, their effect measured on the straight part of `neura_
     2. Q's angle blocks are σ_θ [T³/3, T²/2; T²/2, T] with the sample time T; as printed they hold powers of σ_θ, and
        from σ_θ = 1 on the angles are lost (36° and more).
     3. R holds variances; the text says standard deviations. Not measured apart.
-    4. x and y start on the forward kinematics instead of at 0, so that the closure can hold; displacements are the same.
+    4. x and y start on the forward kinematics instead of at 0, so that the closure can hold; displacements stay.
     5. Knee angles come out flexion positive, hip angles from the vertical; the filter's own state keeps the paper's.
     6. Distance "accumulates" Σ Δx⁺ + Σ |Δy|; the paper leaves open which vertical displacement. It falls 21 % short;
        the default read-out, before any calibration, 4.5 %.
