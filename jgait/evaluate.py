@@ -122,8 +122,13 @@ def trajectory_errors(
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("side")
 
 
-def distance_error(estimate: Estimate, reference: Estimate) -> DistanceError:
+def distance_error(estimate: Estimate, reference: Estimate, window: Window = None) -> DistanceError:
     """Error of the distance walked between the first and the last time at which both are valid.
+
+    Args:
+        estimate: with `distance` (T,) [m].
+        reference: with `distance` (T,) [m].
+        window: stretch of the reference to judge on; None for all of it.
 
     Raises:
         ValueError: if either has no distance, they share no time, or the reference did not move.
@@ -131,7 +136,9 @@ def distance_error(estimate: Estimate, reference: Estimate) -> DistanceError:
     for name, one in (("estimate", estimate), ("reference", reference)):
         if one.distance is None:
             raise ValueError(f"the {name} has no distance to compare")
-    common = _common(estimate, reference)
+    common = _common(estimate, reference) & _samples(reference, window, "window")
+    if not common.any():
+        raise ValueError("window holds no sample where estimate and reference are both valid")
     theirs = as_float(reference.distance)[common]
     ours = np.interp(as_float(reference.time), as_float(estimate.time), as_float(estimate.distance))[common]
     ours, theirs = ours - ours[0], theirs - theirs[0]

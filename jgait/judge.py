@@ -9,15 +9,10 @@ from jgait import losses
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import LegOptions, LegParams
 from jgait.estimators.leg_inputs import LegInputs
+from jgait.evaluate import FIELDS, distance_error, trajectory_errors
 from jgait.types import SIDES, Estimate, as_float
 
-FIELDS = {
-    "hip_deg": ("hip_angle", 180.0 / np.pi),
-    "knee_deg": ("knee_angle", 180.0 / np.pi),
-    "x_cm": ("x", 100.0),
-    "y_cm": ("y", 100.0),
-}
-"""Column → field of `LegTrajectory` and what multiplies it."""
+__all__ = ["FIELDS", "Judged", "Lesson", "judge", "leg_loss", "lesson", "with_lengths"]
 
 
 class Judged(NamedTuple):
@@ -48,40 +43,39 @@ def judge(
     Returns:
         Errors of every leg that both have.
     """
-    times = as_float(reference.time)
-    part = slice(*window)
-
-    def at_reference(values: Any) -> np.ndarray:
-        return np.interp(times, as_float(estimate.time), as_float(values))
-
-    rmse: dict[str, dict[str, float]] = {}
-    inside: list[np.ndarray] = []
-    for side in SIDES:
-        ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
-        if ours is None or theirs is None:
-            continue
-        rmse[side] = {}
-        for column, (field, scale) in FIELDS.items():
-            error = at_reference(getattr(ours, field)) - as_float(getattr(theirs, field))
-            if standing is not None:
-                error = error - error[slice(*standing)].mean()
-            rmse[side][column] = float(scale * np.sqrt(np.mean(error[part] ** 2)))
-            if estimate.stddev is not None and column.endswith("_deg"):
-                spread = at_reference(getattr(getattr(estimate.stddev, side), field))
-                inside.append(np.abs(error[part]) <= 2.0 * spread[part])
-    share = float(np.mean(np.concatenate(inside))) if inside else None
-    return Judged(rmse, _distance_error(estimate, reference, window, at_reference), share)
+    look = _within(window, reference)
+    still = None if standing is None else _within(standing, reference)
+    rmse = trajectory_errors(estimate, reference, look, still).to_dict("index")
+    error = None
+    if estimate.distance is not None and reference.distance is not None:
+        error = 100.0 * distance_error(estimate, reference, look).rel_error
+    return Judged(rmse, error, _share_within(estimate, reference, look, still))
 
 
-def _distance_error(
-    estimate: Estimate, reference: Estimate, window: tuple[int, int], at_reference: Any
-) -> float | None:
-    if estimate.distance is None or reference.distance is None:
+def _within(span: tuple[int, int], reference: Estimate) -> np.ndarray:
+    index = np.arange(as_float(reference.time).size)
+    return (index >= span[0]) & (index < span[1])
+
+
+def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, still: np.ndarray | None) -> float | None:
+    """Share of the joint angles inside two stated standard deviations."""
+    if estimate.stddev is None:
         return None
-    first, last = window[0], window[1] - 1
-    true = as_float(reference.distance)
-    ours = at_reference(estimate.distance)
-    return float(100.0 * ((ours[last] - ours[first]) / (true[last] - true[first]) - 1.0))
+    inside = []
+    for side in SIDES:
+        legs = [getattr(record, side) for record in (estimate.legs, estimate.stddev, reference.legs)]
+        if any(leg is None for leg in legs):
+            continue
+        for field in ("hip_angle", "knee_angle"):
+            ours, spread = (
+                np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(leg, field)))
+                for leg in legs[:2]
+            )
+            error = ours - as_float(getattr(legs[2], field))
+            if still is not None:
+                error = error - error[still].mean()
+            inside.append(np.abs(error[look]) <= 2.0 * spread[look])
+    return float(np.mean(np.concatenate(inside)))
 
 
 class Lesson(NamedTuple):
@@ -110,15 +104,16 @@ def lesson(
     inputs: LegInputs, reference: Estimate, window: tuple[int, int], standing: tuple[int, int], p: LegParams
 ) -> Lesson:
     """A walk to tune on: look at `window`, relative to `standing`, with the leg lengths of `p`."""
-    index = np.arange(inputs.time.size)
-
-    def within(span: tuple[int, int]) -> np.ndarray:
-        return (index >= span[0]) & (index < span[1])
-
     lengths = np.asarray([*p.thigh_length, *p.shank_length], float)
     bare = reference._replace(stddev=None, diagnostics={})
     return Lesson(
-        inputs, bare, within(window), within(standing), np.asarray(window[0]), np.asarray(window[1] - 1), lengths
+        inputs,
+        bare,
+        _within(window, bare),
+        _within(standing, bare),
+        np.asarray(window[0]),
+        np.asarray(window[1] - 1),
+        lengths,
     )
 
 
