@@ -106,15 +106,8 @@ def lesson(
     """A walk to tune on: look at `window`, relative to `standing`, with the leg lengths of `p`."""
     lengths = np.asarray([*p.thigh_length, *p.shank_length], float)
     bare = reference._replace(stddev=None, diagnostics={})
-    return Lesson(
-        inputs,
-        bare,
-        _within(window, bare),
-        _within(standing, bare),
-        np.asarray(window[0]),
-        np.asarray(window[1] - 1),
-        lengths,
-    )
+    look, still = _within(window, bare), _within(standing, bare)
+    return Lesson(inputs, bare, look, still, np.asarray(window[0]), np.asarray(window[1] - 1), lengths)
 
 
 def with_lengths(p: LegParams, lengths: Any) -> LegParams:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment
+from jgait.signal import median_filter, true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 STILL_RATE = 0.25  # rad/s; every leg gyroscope stays below it while standing
@@ -94,12 +95,6 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
     }
 
 
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Half-open index ranges over which a boolean array holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
 def _maximum(values: np.ndarray, half: int) -> np.ndarray:
     padded = np.pad(values, half, mode="edge")
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).max(axis=1)
@@ -121,7 +116,7 @@ def find_standing(sensors: dict[str, Imu], time: np.ndarray) -> tuple[np.ndarray
     notes: list[str] = []
     for limit in (STILL_RATE, 2.0 * STILL_RATE):
         still = around < limit
-        runs = [r for r in _runs(still) if (r[1] - r[0]) >= SHORTEST_STANDING * rate]
+        runs = [r for r in true_runs(still) if (r[1] - r[0]) >= SHORTEST_STANDING * rate]
         if runs:
             long = [r for r in runs if (r[1] - r[0]) >= rate]
             if limit > STILL_RATE:
@@ -278,7 +273,7 @@ def prepare(
     sensors, time = _common_clock(recording, sides)
     time, sensors = resampled(time, sensors, rate_hz)
     if median > 1:
-        sensors = {k: i._replace(gyr=_median(np.asarray(i.gyr, np.float64), median)) for k, i in sensors.items()}
+        sensors = {k: i._replace(gyr=np.asarray(median_filter(i.gyr, median))) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
     still, (start, stop), notes = find_standing(sensors, time)
     legs = {}
@@ -293,11 +288,3 @@ def prepare(
     variance = np.asarray(1e-4 if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool), variance)
     return Preparation(inputs, tuple(notes), (start, stop))
-
-
-def _median(values: np.ndarray, width: int) -> np.ndarray:
-    """Running median over an odd number of samples, the edges repeated."""
-    if width % 2 == 0:
-        raise ValueError(f"median must be an odd number of samples; got {width}")
-    padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, width, axis=0), axis=-1)

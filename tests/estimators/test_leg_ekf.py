@@ -369,7 +369,7 @@ class TestRefusals:
 
     def test_even_median(self, noisy):
         recording, truth = noisy
-        with pytest.raises(ValueError, match="median must be an odd number of samples; got 4"):
+        with pytest.raises(ValueError, match="size must be odd and positive.* got 4"):
             leg_ekf.estimate(parameters(truth), recording, DEFAULT._replace(median=4))
 
     def test_padding_that_shortens(self, noisy):
