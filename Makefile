@@ -5,13 +5,17 @@
 
 BIN := .venv/bin
 STAMP := .venv/ready
+BENCH_STAMP := .venv-bench/ready
 JOBS ?= 2
 ARGS ?=
 
-# The stamp holds the folder that the environment was made in: a checkout that was moved sets up anew, and so does
+# A stamp holds the folder that the environment was made in: a checkout that was moved sets up anew, and so does
 # one whose Python has gone.
 ifneq ($(shell test -x $(BIN)/python && cat $(STAMP) 2>/dev/null),$(CURDIR))
 .PHONY: $(STAMP)
+endif
+ifneq ($(shell test -x .venv-bench/bin/python && cat $(BENCH_STAMP) 2>/dev/null),$(CURDIR))
+.PHONY: $(BENCH_STAMP)
 endif
 
 # Recordings that lie beside the checkout are used without being told.
@@ -57,11 +61,13 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick"
 		$(BIN)/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
 
-bench: ## run the benchmarks against other libraries, in .venv-bench
+$(BENCH_STAMP): pyproject.toml .ci/setup
+	@PYTHON="$(PYTHON)" sh .ci/setup bench
+
+bench: $(if $(BENCHMARKS),$(BENCH_STAMP)) ## run the benchmarks against other libraries, in .venv-bench
 ifeq ($(BENCHMARKS),)
 	@echo "There is no benchmark yet: make bench runs experiments/benchmark*.py."
 else
-	@PYTHON="$(PYTHON)" sh .ci/setup bench
 	@for script in $(BENCHMARKS); do echo "$$script"; .venv-bench/bin/python "$$script" $(ARGS) || exit 1; done
 endif
 
