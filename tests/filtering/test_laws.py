@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
 
 from jgait import filtering
 from jgait.filtering import CKF, EKF, KF, UKF, Belief, Covariance, IteratedEKF, Model
@@ -94,67 +95,22 @@ def problem() -> Problem:
     return Problem(seen, Push(jnp.asarray(rng.normal(size=SAMPLES))), rng.uniform(0.05, 0.4, SAMPLES), mask)
 
 
-def matrices(p: CartParams, dt: float):
-    f = np.array([[1.0, dt], [0.0, 1.0 - p.friction * dt]])
-    q = p.q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    h = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]])
-    r = p.r * np.array([[1.0, 0.0, 0.3], [0.0, 2.0, 0.0], [0.3, 0.0, 1.0]])
-    return f, q, h, r
-
-
 PRIOR = np.array([0.5, -0.2]), np.array([[2.0, 0.3], [0.3, 1.0]])
 
 
-def by_hand(problem: Problem, p: CartParams = CartParams()):  # noqa: B008
-    """The Kalman filter in NumPy: rows that were not seen are deleted."""
-    mean, cov = PRIOR
-    means, covs, total = [], [], 0.0
-    for k in range(SAMPLES):
-        f, q, h, r = matrices(p, problem.dt[k])
+def samples_of(problem: Problem, p: CartParams) -> list[reference.Sample]:
+    """The cart as matrices, a sample at a time."""
+    H = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]])
+    R = p.r * np.array([[1.0, 0.0, 0.3], [0.0, 2.0, 0.0], [0.3, 0.0, 1.0]])
+    readings, seen = np.stack(problem.seen, -1), np.stack(problem.mask, -1)
+    out = []
+    for k, dt in enumerate(problem.dt):
         u = float(problem.push.acceleration[k])
-        mean = f @ mean + np.array([0.5 * problem.dt[k] ** 2, problem.dt[k]]) * u
-        cov = f @ cov @ f.T + q
-        rows = [i for i in range(3) if bool(problem.mask[i][k])]
-        if rows:
-            y = np.array([float(problem.seen[i][k]) for i in rows])
-            error = y - (h @ mean + np.array([0.0, 0.1 * u, 0.0]))[rows]
-            s = h[rows] @ cov @ h[rows].T + r[np.ix_(rows, rows)]
-            gain = cov @ h[rows].T @ np.linalg.inv(s)
-            mean, cov = mean + gain @ error, cov - gain @ s @ gain.T
-            total += -0.5 * (error @ np.linalg.solve(s, error) + np.linalg.slogdet(2 * np.pi * s)[1])
-        means.append(mean)
-        covs.append(cov)
-    return np.array(means), np.array(covs), total
-
-
-def least_squares(problem: Problem, p: CartParams = CartParams()):  # noqa: B008
-    """All states at once: the joint Gaussian of prior, transitions and readings, solved as one linear system."""
-    size = 2 * (SAMPLES + 1)
-    information, right = np.zeros((size, size)), np.zeros(size)
-
-    def add(rows: np.ndarray, value: np.ndarray, cov: np.ndarray) -> None:
-        nonlocal information, right
-        weight = np.linalg.inv(cov)
-        information += rows.T @ weight @ rows
-        right += rows.T @ weight @ value
-
-    def block(k: int) -> np.ndarray:
-        out = np.zeros((2, size))
-        out[:, 2 * k : 2 * k + 2] = np.eye(2)
-        return out
-
-    add(block(0), PRIOR[0], PRIOR[1])
-    for k in range(SAMPLES):
-        f, q, h, r = matrices(p, problem.dt[k])
-        u = float(problem.push.acceleration[k])
-        add(block(k + 1) - f @ block(k), np.array([0.5 * problem.dt[k] ** 2, problem.dt[k]]) * u, q)
-        rows = [i for i in range(3) if bool(problem.mask[i][k])]
-        if rows:
-            y = np.array([float(problem.seen[i][k]) for i in rows]) - np.array([0.0, 0.1 * u, 0.0])[rows]
-            add(h[rows] @ block(k + 1), y, r[np.ix_(rows, rows)])
-    cov = np.linalg.inv(information)
-    mean = cov @ right
-    return mean.reshape(-1, 2)[1:], np.array([cov[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(1, SAMPLES + 1)])
+        F = np.array([[1.0, dt], [0.0, 1.0 - p.friction * dt]])
+        Q = p.q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        b, c = np.array([0.5 * dt**2, dt]) * u, np.array([0.0, 0.1 * u, 0.0])
+        out.append(reference.linear_sample(F, b, Q, H, c, R, readings[k], seen[k]))
+    return out
 
 
 def filtered(problem: Problem, method: Any = EKF(), p: CartParams = CartParams()):  # noqa: B008
@@ -166,47 +122,30 @@ def filtered(problem: Problem, method: Any = EKF(), p: CartParams = CartParams()
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_every_filter_is_the_kalman_filter_on_a_linear_model(problem, method):
     posterior = filtered(problem, method)
-    means, covs, total = by_hand(problem)
-    np.testing.assert_allclose(np.stack(posterior.mean, -1), means, atol=1e-10)
-    np.testing.assert_allclose(np.asarray(posterior.cov.dense()), covs, atol=1e-10)
-    assert float(jnp.sum(posterior.log_likelihood)) == pytest.approx(total, abs=1e-9)
+    expected = reference.extended_filter(*PRIOR, samples_of(problem, CartParams()))
+    np.testing.assert_allclose(np.stack(posterior.mean, -1), expected.mean, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(np.asarray(posterior.cov.dense()), expected.cov, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.log_likelihood, expected.log_likelihood, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.nis, expected.nis, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(posterior.count, np.sum(np.stack(problem.mask), axis=0))
     assert bool(jnp.all(posterior.valid))
 
 
-@pytest.mark.parametrize("method", [EKF(), UKF(), CKF()], ids=str)
+@pytest.mark.parametrize("method", [KF(), EKF(), UKF(), CKF()], ids=str)
 def test_smoothing_is_batch_least_squares(problem, method):
     smoothed = filtering.kalman_smoother(
         CART, CartParams(), problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask, method=method
     )
-    means, covs = least_squares(problem)
-    np.testing.assert_allclose(np.stack(smoothed.mean, -1), means, atol=1e-10)
-    np.testing.assert_allclose(np.asarray(smoothed.cov.dense()), covs, atol=1e-10)
+    samples = samples_of(problem, CartParams())
+    textbook = reference.smoother(reference.extended_filter(*PRIOR, samples), samples)
+    for means, covs in (reference.least_squares(*PRIOR, samples), textbook):
+        np.testing.assert_allclose(np.stack(smoothed.mean, -1), means, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.asarray(smoothed.cov.dense()), covs, rtol=0, atol=1e-10)
 
 
 def test_likelihood_is_the_joint_density_of_the_readings(problem):
-    everything = problem._replace(mask=jax.tree.map(jnp.ones_like, problem.mask))
-    p, few = CartParams(), 4
-    mean, cov, blocks = PRIOR[0], PRIOR[1], []
-    cross = []
-    for k in range(few):
-        f, q, _, _ = matrices(p, problem.dt[k])
-        mean = f @ mean + np.array([0.5 * problem.dt[k] ** 2, problem.dt[k]]) * float(problem.push.acceleration[k])
-        cross = [f @ c for c in cross]
-        cov = f @ cov @ f.T + q
-        cross.append(cov)
-        blocks.append((mean, list(cross)))
-    h, r = matrices(p, 1.0)[2:]
-    joint = np.zeros((3 * few, 3 * few))
-    centre = np.zeros(3 * few)
-    for k, (m, before) in enumerate(blocks):
-        centre[3 * k : 3 * k + 3] = h @ m + np.array([0.0, 0.1 * float(problem.push.acceleration[k]), 0.0])
-        for j, c in enumerate(before):
-            joint[3 * k : 3 * k + 3, 3 * j : 3 * j + 3] = h @ c @ h.T
-            joint[3 * j : 3 * j + 3, 3 * k : 3 * k + 3] = (h @ c @ h.T).T
-        joint[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = h @ before[k] @ h.T + r
-    y = np.stack(everything.seen, -1)[:few].reshape(-1) - centre
-    density = -0.5 * (y @ np.linalg.solve(joint, y) + np.linalg.slogdet(2 * np.pi * joint)[1])
-    assert float(jnp.sum(filtered(everything).log_likelihood[:few])) == pytest.approx(density, abs=1e-9)
+    density = reference.joint_log_density(*PRIOR, samples_of(problem, CartParams()))
+    assert float(jnp.sum(filtered(problem).log_likelihood)) == pytest.approx(density, abs=1e-9)
 
 
 def test_an_all_false_mask_is_prediction_only(problem):
@@ -355,17 +294,28 @@ def swing(seed: int, samples: int = 200, dt: float = 0.05):
 def test_ekf_on_a_pendulum_is_the_textbooks():
     _, shadows = swing(1)
     posterior = filtering.kalman_filter(PENDULUM, 9.81, Shadow(jnp.asarray(shadows)), dt=0.05)
-    mean, cov, dt = np.array([0.8, 0.0]), np.diag([0.2, 0.1]), 0.05
-    for k, y in enumerate(shadows):
-        f = np.array([[1.0, dt], [-dt * 9.81 * np.cos(mean[0]), 1.0]])
-        mean = np.array([mean[0] + dt * mean[1], mean[1] - dt * 9.81 * np.sin(mean[0])])
-        cov = f @ cov @ f.T + np.diag([1e-4 * dt, 1e-2 * dt])
-        h = np.array([[np.cos(mean[0]), 0.0]])
-        s = h @ cov @ h.T + 0.01
-        gain = cov @ h.T / s
-        mean, cov = mean + gain[:, 0] * (y - np.sin(mean[0])), cov - gain @ s @ gain.T
-        np.testing.assert_allclose([posterior.mean.angle[k], posterior.mean.rate[k]], mean, atol=1e-9)
-    np.testing.assert_allclose(posterior.cov.dense()[-1], cov, atol=1e-10)
+    dt, Q = 0.05, np.diag([1e-4, 1e-2]) * 0.05
+    samples = [
+        reference.Sample(
+            f=lambda x: np.array([x[0] + dt * x[1], x[1] - dt * 9.81 * np.sin(x[0])]),
+            F=lambda x: np.array([[1.0, dt], [-dt * 9.81 * np.cos(x[0]), 1.0]]),
+            Q=Q,
+            h=lambda x: np.sin(x[:1]),
+            H=lambda x: np.array([[np.cos(x[0]), 0.0]]),
+            R=np.array([[0.01]]),
+            y=np.array([y]),
+            seen=np.array([True]),
+        )
+        for y in shadows
+    ]
+    expected = reference.extended_filter(np.array([0.8, 0.0]), np.diag([0.2, 0.1]), samples)
+    np.testing.assert_allclose(np.stack(posterior.mean, -1), expected.mean, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(np.asarray(posterior.cov.dense()), expected.cov, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.log_likelihood, expected.log_likelihood, rtol=0, atol=1e-9)
+    smoothed = filtering.kalman_smoother(PENDULUM, 9.81, Shadow(jnp.asarray(shadows)), dt=dt)
+    means, covs = reference.smoother(expected, samples)
+    np.testing.assert_allclose(np.stack(smoothed.mean, -1), means, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(smoothed.cov.dense()), covs, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF(), CKF()], ids=str)
