@@ -3,6 +3,8 @@
 import json
 import os
 import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -106,13 +108,14 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             _stop(f"neura_sparse could not be fetched: {error}")
-    results = []
-    with _progress() as progress:
-        bar = _Bar(progress)
+    parts: list[Callable[[Any], Any]] = [lambda bar: demonstration.simulated(out, bar, subjects=subjects, steps=steps)]
+    if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
+        parts.append(lambda bar: demonstration.neura_sparse(out, bar, steps=steps))
+    # Most of the time goes into compiling, which two threads do side by side.
+    with _progress() as progress, ThreadPoolExecutor(len(parts)) as pool:
+        running = [pool.submit(part, _Bar(progress)) for part in parts]
         try:
-            results.append(demonstration.simulated(out, bar, subjects=subjects, steps=steps))
-            if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
-                results.append(demonstration.neura_sparse(out, bar, steps=steps))
+            results = [one.result() for one in running]
         except OSError as error:
             _stop(f"the figures could not be written to {out}: {error}")
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +18,7 @@ from jgait.judge import FIELDS, Judged, Lesson, judge, leg_loss, lesson, with_le
 from jgait.types import SIDES, Estimate
 
 RATE_HZ = 50.0
+_DRAWING = Lock()  # matplotlib draws one figure at a time
 OPTIONS = leg_ekf.DEFAULT._replace(rate_hz=RATE_HZ)
 
 Report = Callable[[str, int, int], None]
@@ -254,8 +256,9 @@ def _figures(
     seconds: tuple[float, float] | None, others: dict[str, Estimate] | None,
 ) -> list[Path]:  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
-    angles = plot.joint_angles(estimate, reference, seconds=seconds, title=title)
-    path = plot.foot_path(estimate, reference, seconds=seconds, title=title)
-    way = plot.distance(estimate, reference, seconds=seconds, title=title, others=others)
-    figures = {"angles": angles, "foot_path": path, "distance": way}
-    return [plot.save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
+    with _DRAWING:
+        angles = plot.joint_angles(estimate, reference, seconds=seconds, title=title)
+        path = plot.foot_path(estimate, reference, seconds=seconds, title=title)
+        way = plot.distance(estimate, reference, seconds=seconds, title=title, others=others)
+        figures = {"angles": angles, "foot_path": path, "distance": way}
+        return [plot.save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
