@@ -27,7 +27,7 @@ endif
 endif
 
 EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
-BENCHMARKS := $(wildcard experiments/benchmark*.py)
+BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
 
 .PHONY: help setup demo test lint types experiments bench lock clean
 
@@ -64,11 +64,15 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick"
 $(BENCH_STAMP): pyproject.toml .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup bench
 
-bench: $(if $(BENCHMARKS),$(BENCH_STAMP)) ## run the benchmarks against other libraries, in .venv-bench
+bench: $(if $(BENCHMARKS),$(BENCH_STAMP)) ## run the benchmarks against other libraries, in .venv-bench; results/NAME.json
 ifeq ($(BENCHMARKS),)
 	@echo "There is no benchmark yet: make bench runs experiments/benchmark*.py."
 else
-	@for script in $(BENCHMARKS); do echo "$$script"; .venv-bench/bin/python "$$script" $(ARGS) || exit 1; done
+	@mkdir -p results
+	@for name in $(BENCHMARKS); do \
+		echo "experiments/$$name.py"; \
+		.venv-bench/bin/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
+	done
 endif
 
 lock: $(STAMP) ## write requirements.lock for a changed pyproject.toml; ARGS="--upgrade" for newer versions
