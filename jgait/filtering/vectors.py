@@ -1,8 +1,4 @@
-"""A model on named tuples seen as a model on vectors: the inside of the dense filters, and of nothing else.
-
-Errors δ are taken about a reference state x: x ⊕ δ by `retract`, x' ⊖ x by `local`; plain sum and difference unless
-the model says otherwise. What the model's functions return is checked here, while tracing, against the state.
-"""
+"""A model on lists of scalars seen as a model on vectors: the inside of the dense filters, and of nothing else."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -10,7 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait.filtering.covariance import Covariance, names_of, structure_names
+from jgait.filtering.component_model import ComponentModel, component_model, noise_matrix, scalars
+from jgait.filtering.components import Matrix
 from jgait.filtering.linear_algebra import congruence
 from jgait.filtering.model import Model
 
@@ -23,14 +20,7 @@ class Moments(NamedTuple):
 
 
 class VectorModel(NamedTuple):
-    """The functions of a model, with its parameters, on vectors; see `Model` for what each does.
-
-    Attributes:
-        state: tree structure of the state tuple (k leaves).
-        error: of the error tuple (n leaves).
-        observed: of the observation tuple (m leaves).
-        curved: whether the model brings its own retract and local.
-    """
+    """The functions of a `ComponentModel` on vectors."""
 
     state: Any
     error: Any
@@ -58,22 +48,8 @@ class VectorModel(NamedTuple):
 
 
 def pack(tree: Any, structure: Any, dtype: Any, what: str) -> Any:
-    """A tuple of scalars as one vector.
-
-    Raises:
-        ValueError: if the tuple is of another type than expected, or a leaf is not a scalar.
-    """
-    leaves, found = jax.tree.flatten(tree)
-    if found != structure:
-        expected = jax.tree.unflatten(structure, range(structure.num_leaves))
-        raise ValueError(
-            f"{what} must be a {type(expected).__name__} of ({', '.join(structure_names(structure))}); "
-            f"got a {type(tree).__name__} of ({', '.join(names_of(tree))})"
-        )
-    for name, leaf in zip(structure_names(structure), leaves, strict=True):
-        if jnp.shape(leaf) != ():
-            raise ValueError(f"{what} must be a tuple of scalars; '{name}' has shape {jnp.shape(leaf)}")
-    return jnp.stack([jnp.asarray(leaf, dtype) for leaf in leaves])
+    """A tuple of scalars as one vector; raises ValueError if it is another tuple than expected."""
+    return _stacked(scalars(tree, structure, dtype, what), dtype)
 
 
 def unpack(vector: Any, structure: Any) -> Any:
@@ -83,86 +59,33 @@ def unpack(vector: Any, structure: Any) -> Any:
 
 def pack_noise(noise: Any, structure: Any, dtype: Any, what: str) -> Any:
     """A `Covariance`, or a tuple of variances, as a matrix; raises ValueError like `pack`."""
-    if not isinstance(noise, Covariance):
-        variances = pack(noise, structure, dtype, f"{what}, where it is no Covariance,")
-        return jnp.where(jnp.eye(structure.num_leaves, dtype=bool), variances[:, None], 0.0)
-    if noise.structure != structure:
-        raise ValueError(f"{what} must be a covariance of ({', '.join(structure_names(structure))}); got {noise!r}")
-    for entry in noise.upper:
-        if jnp.shape(entry) != ():
-            raise ValueError(f"{what} must have scalar entries; got one of shape {jnp.shape(entry)}")
-    upper = tuple(jnp.asarray(entry, dtype) for entry in noise.upper)
-    return Covariance(upper, structure).dense()
+    return _dense(noise_matrix(noise, structure, dtype, what), dtype)
 
 
-def _error_structure(model: Model, state: Any, dtype: Any) -> Any:
-    """The tree structure of the error tuple: the state's, or what `local` gives."""
-    if (model.retract is None) != (model.local is None):
-        given = "retract" if model.local is None else "local"
-        raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
-    if model.local is None:
-        return state
-    like = jax.tree.unflatten(state, [jax.ShapeDtypeStruct((), dtype)] * state.num_leaves)
-    return jax.tree.structure(jax.eval_shape(model.local, like, like))
+def _stacked(values: list[Any], dtype: Any) -> Any:
+    return jnp.stack([jnp.asarray(value, dtype) for value in values])
+
+
+def _dense(matrix: Matrix, dtype: Any) -> Any:
+    return jnp.stack([_stacked(row, dtype) for row in matrix])
 
 
 def vector_model(model: Model, params: Any, mean: Any, observation: Any, dtype: Any) -> VectorModel:
-    """See a model as one on vectors.
+    """See a model as one on vectors; arguments and errors as of `component_model`."""
+    return on_vectors(component_model(model, params, mean, observation, dtype), dtype)
 
-    Args:
-        model: on named tuples.
-        params: passed on to its functions.
-        mean: a tuple of the state's type.
-        observation: a tuple of the observation's type, or None where nothing is observed.
-        dtype: of all vectors.
 
-    Raises:
-        ValueError: now, if retract and local do not go together; while tracing, if a function of the model does not
-            return what its neighbours need.
-    """
-    state, observed = jax.tree.structure(mean), jax.tree.structure(observation)
-    error = _error_structure(model, state, dtype)
-    names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
-
-    def transition(x: Any, control: Any, dt: Any) -> Any:
-        moved = model.transition(params, unpack(x, state), control, dt)
-        return pack(moved, state, dtype, f"what {names['transition']} returns")
-
-    def transition_noise(x: Any, control: Any, dt: Any) -> Any:
-        noise = model.transition_noise(params, unpack(x, state), control, dt)
-        return pack_noise(noise, error, dtype, "what transition_noise returns")
-
-    def predicted(x: Any, control: Any) -> Any:
-        sensed = model.observation(params, unpack(x, state), control)
-        return pack(sensed, observed, dtype, f"what {names['observation']} returns")
-
-    def observation_noise(x: Any, control: Any) -> Any:
-        noise = model.observation_noise(params, unpack(x, state), control)
-        return pack_noise(noise, observed, dtype, "what observation_noise returns")
-
-    def retract(x: Any, delta: Any) -> Any:
-        if model.retract is None:
-            return x + delta
-        return pack(model.retract(unpack(x, state), unpack(delta, error)), state, dtype, "what retract returns")
-
-    def local(reference: Any, x: Any) -> Any:
-        if model.local is None:
-            return x - reference
-        return pack(model.local(unpack(reference, state), unpack(x, state)), error, dtype, "what local returns")
-
-    def residual(measured: Any, expected: Any) -> Any:
-        if model.residual is None:
-            return measured - expected
-        difference = model.residual(unpack(measured, observed), unpack(expected, observed))
-        return pack(difference, observed, dtype, "what residual returns")
-
+def on_vectors(cm: ComponentModel, dtype: Any) -> VectorModel:
+    """The same model on vectors."""
     return VectorModel(
-        state, error, observed, model.local is not None, names, transition, transition_noise, predicted,
-        observation_noise, retract, local, residual,
+        cm.state, cm.error, cm.observed, cm.curved, cm.names,
+        lambda x, control, dt: _stacked(cm.transition(list(x), control, dt), dtype),
+        lambda x, control, dt: _dense(cm.transition_noise(list(x), control, dt), dtype),
+        lambda x, control: _stacked(cm.observation(list(x), control), dtype),
+        lambda x, control: _dense(cm.observation_noise(list(x), control), dtype),
+        (lambda x, delta: _stacked(cm.retract(list(x), list(delta)), dtype)) if cm.curved else jnp.add,
+        (lambda reference, x: _stacked(cm.local(list(reference), list(x)), dtype))
+        if cm.curved else (lambda reference, x: x - reference),
+        (lambda measured, expected: _stacked(cm.residual(list(measured), list(expected)), dtype))
+        if cm.wrapped else jnp.subtract,
     )  # fmt: skip
-
-
-def _named(field: str, function: Any) -> str:
-    """`transition`, or `transition (pendulum_transition)`, for messages."""
-    name = getattr(function, "__name__", "")
-    return field if name.lstrip("_") in ("", field) else f"{field} ({name})"

@@ -1,0 +1,152 @@
+"""A model on named tuples seen as functions on lists of scalars; what its functions return is checked here.
+
+Errors δ are taken about a reference state x: x ⊕ δ by `retract`, x' ⊖ x by `local`; plain sum and difference unless
+the model says otherwise. The checks run while tracing, once for each compilation.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.filtering.components import Matrix, from_upper, symmetric
+from jgait.filtering.covariance import Covariance, names_of, structure_names
+from jgait.filtering.model import Model
+
+
+class ComponentModel(NamedTuple):
+    """The functions of a model, with its parameters, on lists of scalars; see `Model` for what each does.
+
+    Attributes:
+        state: tree structure of the state tuple (k leaves).
+        error: of the error tuple (n leaves).
+        observed: of the observation tuple (m leaves).
+        curved: whether the model brings its own retract and local.
+        wrapped: whether it brings its own residual.
+        names: what to call its functions in messages.
+    """
+
+    state: Any
+    error: Any
+    observed: Any
+    curved: bool
+    wrapped: bool
+    names: Any
+    transition: Callable[[Sequence[Any], Any, Any], list[Any]]
+    transition_noise: Callable[[Sequence[Any], Any, Any], Matrix]
+    observation: Callable[[Sequence[Any], Any], list[Any]]
+    observation_noise: Callable[[Sequence[Any], Any], Matrix]
+    retract: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
+    local: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
+    residual: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
+
+
+def scalars(tree: Any, structure: Any, dtype: Any, what: str) -> list[Any]:
+    """The leaves of a tuple of scalars: Python numbers as floats, all else as arrays of the dtype.
+
+    Raises:
+        ValueError: if the tuple is of another type than expected, or a leaf is not a scalar.
+    """
+    leaves, found = jax.tree.flatten(tree)
+    if found != structure:
+        expected = jax.tree.unflatten(structure, range(structure.num_leaves))
+        raise ValueError(
+            f"{what} must be a {type(expected).__name__} of ({', '.join(structure_names(structure))}); "
+            f"got a {type(tree).__name__} of ({', '.join(names_of(tree))})"
+        )
+    for name, leaf in zip(structure_names(structure), leaves, strict=True):
+        if jnp.shape(leaf) != ():
+            raise ValueError(f"{what} must be a tuple of scalars; '{name}' has shape {jnp.shape(leaf)}")
+    return [_scalar(leaf, dtype) for leaf in leaves]
+
+
+def noise_matrix(noise: Any, structure: Any, dtype: Any, what: str) -> Matrix:
+    """A `Covariance`, or a tuple of variances, as a matrix of scalars; raises ValueError like `scalars`."""
+    size = structure.num_leaves
+    if not isinstance(noise, Covariance):
+        variances = scalars(noise, structure, dtype, f"{what}, where it is no Covariance,")
+        return symmetric(size, lambda i, j: variances[i] if i == j else 0.0)
+    if noise.structure != structure:
+        raise ValueError(f"{what} must be a covariance of ({', '.join(structure_names(structure))}); got {noise!r}")
+    for entry in noise.upper:
+        if jnp.shape(entry) != ():
+            raise ValueError(f"{what} must have scalar entries; got one of shape {jnp.shape(entry)}")
+    return from_upper([_scalar(entry, dtype) for entry in noise.upper], size)
+
+
+def _scalar(value: Any, dtype: Any) -> Any:
+    return float(value) if isinstance(value, int | float) else jnp.asarray(value, dtype)
+
+
+def _error_structure(model: Model, state: Any, dtype: Any) -> Any:
+    """The tree structure of the error tuple: the state's, or what `local` gives."""
+    if (model.retract is None) != (model.local is None):
+        given = "retract" if model.local is None else "local"
+        raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
+    if model.local is None:
+        return state
+    like = jax.tree.unflatten(state, [jax.ShapeDtypeStruct((), dtype)] * state.num_leaves)
+    return jax.tree.structure(jax.eval_shape(model.local, like, like))
+
+
+def component_model(model: Model, params: Any, mean: Any, observation: Any, dtype: Any) -> ComponentModel:
+    """See a model as one on lists of scalars.
+
+    Args:
+        model: on named tuples.
+        params: passed on to its functions.
+        mean: a tuple of the state's type.
+        observation: a tuple of the observation's type, or None where nothing is observed.
+        dtype: of all components.
+
+    Raises:
+        ValueError: now, if retract and local do not go together; while tracing, if a function of the model does not
+            return what its neighbours need.
+    """
+    state, observed = jax.tree.structure(mean), jax.tree.structure(observation)
+    error = _error_structure(model, state, dtype)
+    names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
+
+    def transition(x: Sequence[Any], control: Any, dt: Any) -> list[Any]:
+        moved = model.transition(params, state.unflatten(x), control, dt)
+        return scalars(moved, state, dtype, f"what {names['transition']} returns")
+
+    def transition_noise(x: Sequence[Any], control: Any, dt: Any) -> Matrix:
+        noise = model.transition_noise(params, state.unflatten(x), control, dt)
+        return noise_matrix(noise, error, dtype, "what transition_noise returns")
+
+    def predicted(x: Sequence[Any], control: Any) -> list[Any]:
+        sensed = model.observation(params, state.unflatten(x), control)
+        return scalars(sensed, observed, dtype, f"what {names['observation']} returns")
+
+    def observation_noise(x: Sequence[Any], control: Any) -> Matrix:
+        noise = model.observation_noise(params, state.unflatten(x), control)
+        return noise_matrix(noise, observed, dtype, "what observation_noise returns")
+
+    def retract(x: Sequence[Any], delta: Sequence[Any]) -> list[Any]:
+        if model.retract is None:
+            return [a + d for a, d in zip(x, delta, strict=True)]
+        return scalars(model.retract(state.unflatten(x), error.unflatten(delta)), state, dtype, "what retract returns")
+
+    def local(reference: Sequence[Any], x: Sequence[Any]) -> list[Any]:
+        if model.local is None:
+            return [a - r for a, r in zip(x, reference, strict=True)]
+        return scalars(model.local(state.unflatten(reference), state.unflatten(x)), error, dtype, "what local returns")
+
+    def residual(measured: Sequence[Any], expected: Sequence[Any]) -> list[Any]:
+        if model.residual is None:
+            return [a - b for a, b in zip(measured, expected, strict=True)]
+        difference = model.residual(observed.unflatten(measured), observed.unflatten(expected))
+        return scalars(difference, observed, dtype, "what residual returns")
+
+    return ComponentModel(
+        state, error, observed, model.local is not None, model.residual is not None, names, transition,
+        transition_noise, predicted, observation_noise, retract, local, residual,
+    )  # fmt: skip
+
+
+def _named(field: str, function: Any) -> str:
+    """`transition`, or `transition (pendulum_transition)`, for messages."""
+    name = getattr(function, "__name__", "")
+    return field if name.lstrip("_") in ("", field) else f"{field} ({name})"

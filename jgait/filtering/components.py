@@ -1,0 +1,131 @@
+"""Arithmetic on components: scalars that are either known while tracing (Python floats) or arrays.
+
+What is known is never computed at run time: a sum skips zeros, a product with one is the other factor. Matrices are
+lists of rows; a symmetric one holds the same object at (i, j) and (j, i).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+Matrix = list[list[Any]]
+
+
+def known(value: Any) -> bool:
+    """Whether a component is a constant of the trace."""
+    return isinstance(value, float)
+
+
+def is_zero(value: Any) -> bool:
+    """Whether a component is known to be zero."""
+    return isinstance(value, float) and value == 0.0
+
+
+def plus(a: Any, b: Any) -> Any:
+    """a + b."""
+    if is_zero(a):
+        return b
+    return a if is_zero(b) else a + b
+
+
+def minus(a: Any, b: Any) -> Any:
+    """a − b."""
+    if is_zero(b):
+        return a
+    return -b if is_zero(a) else a - b
+
+
+def times(a: Any, b: Any) -> Any:
+    """a · b; a known zero wins over whatever the other is."""
+    if is_zero(a) or is_zero(b):
+        return 0.0
+    if known(a) and a == 1.0:
+        return b
+    if known(b) and b == 1.0:
+        return a
+    return a * b
+
+
+def total(values: Iterable[Any]) -> Any:
+    """Their sum, from left to right."""
+    result: Any = 0.0
+    for value in values:
+        result = plus(result, value)
+    return result
+
+
+def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """Σ a_k b_k."""
+    return total(times(x, y) for x, y in zip(a, b, strict=True))
+
+
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """The matrix a b."""
+    columns = list(zip(*b, strict=True))
+    return [[dot(row, column) for column in columns] for row in a]
+
+
+def transposed(a: Matrix) -> Matrix:
+    """The matrix aᵀ."""
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def symmetric(size: int, entry: Callable[[int, int], Any]) -> Matrix:
+    """A symmetric matrix from a function that is asked for i ≤ j only."""
+    rows: Matrix = [[0.0] * size for _ in range(size)]
+    for i in range(size):
+        for j in range(i, size):
+            rows[i][j] = rows[j][i] = entry(i, j)
+    return rows
+
+
+def congruence(a: Matrix, p: Matrix) -> Matrix:
+    """The matrix a p aᵀ for symmetric p."""
+    left = product(a, p)
+    return symmetric(len(a), lambda i, j: dot(left[i], a[j]))
+
+
+def added(p: Matrix, q: Matrix) -> Matrix:
+    """The sum of two symmetric matrices."""
+    return symmetric(len(p), lambda i, j: plus(p[i][j], q[i][j]))
+
+
+def identity(size: int) -> Matrix:
+    """The identity."""
+    return symmetric(size, lambda i, j: 1.0 if i == j else 0.0)
+
+
+def upper(p: Matrix) -> list[Any]:
+    """The upper triangle, row by row."""
+    return [p[i][j] for i in range(len(p)) for j in range(i, len(p))]
+
+
+def from_upper(entries: Sequence[Any], size: int) -> Matrix:
+    """The symmetric matrix of an upper triangle."""
+    rest = iter(entries)
+    return symmetric(size, lambda i, j: next(rest))
+
+
+def where(condition: Any, value: Any, otherwise: Any) -> Any:
+    """`jnp.where`, left out where both are the same; the condition may be a Python bool."""
+    if isinstance(condition, bool):
+        return value if condition else otherwise
+    if value is otherwise or (known(value) and known(otherwise) and value == otherwise):
+        return value
+    return jnp.where(condition, value, otherwise)
+
+
+def both(a: Any, b: Any) -> Any:
+    """a and b, for bools known or not."""
+    if isinstance(a, bool):
+        return b if a else False
+    if isinstance(b, bool):
+        return a if b else False
+    return a & b
+
+
+def all_finite(values: Iterable[Any]) -> Any:
+    """Whether all are finite: their sum is, unless something overflows, which is as bad."""
+    unknown = {id(value): value for value in values if not known(value)}
+    return jnp.isfinite(total(unknown.values())) if unknown else True
