@@ -1,0 +1,145 @@
+r"""Factors of covariances, P = L Lᵀ with L lower triangular, and how they change without being computed anew.
+
+Turning the columns of an array changes no product of two of its rows, so every factor of P leads to the triangular
+one. All of it is elementwise arithmetic that XLA fuses into a scan, and has a finite gradient where P is singular.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering.linear_algebra import product, scaled_cholesky
+
+FLAT = 16.0
+"""Below this share of its row what is left of it is rounding and has no derivative [epsilons of the dtype]."""
+
+
+def triangularised(a: Any, floor: float = 1.0) -> Any:
+    """The lower triangle L with L Lᵀ = a aᵀ, with no negative entry on its diagonal.
+
+    A row that adds nothing to those before it gives a column of zeros; the gradient is finite there too: 0 from what
+    the row would have added.
+
+    Args:
+        a: (n, k), finite.
+        floor: what is left of a row below this share of it adds nothing [epsilons of the dtype].
+
+    Returns:
+        L (n, n).
+    """
+    return reduced(a, a.shape[0], floor)[0]
+
+
+def reduced(a: Any, count: int, floor: float = 1.0) -> tuple[Any, Any]:
+    """The first columns of `triangularised`, and the orthonormal rows that the columns were projected on.
+
+    Householder reflections of the array with zeros before it, which come down to the recurrences of Gram and Schmidt
+    and are as accurate: no pivot to cancel against, no sign, and a row that adds nothing leaves the rest untouched.
+
+    Args:
+        a: (n, k), finite.
+        count: how many columns.
+        floor: as of `triangularised`.
+
+    Returns:
+        L (n, count) and U (count, k): a − L U is what the columns leave of a.
+
+    Source: Å. Björck, C. Paige, "Loss and recapture of orthogonality in the modified Gram–Schmidt algorithm",
+    SIAM J. Matrix Anal. Appl. 13(1), 1992, section 2.
+    """
+    whole, least = _rounding(a)
+    rows, columns, directions = a, [], []
+    for i in range(count):
+        row = rows[0]
+        square = jnp.sum(row * row)
+        flat = square <= jnp.maximum(FLAT**2 * whole[i], least)
+        still, there = lax.stop_gradient(row), square > floor**2 * whole[i]
+        fixed = jnp.where(there, still / jnp.sqrt(jnp.where(there, lax.stop_gradient(square), 1.0)), 0.0)
+        length = jnp.sqrt(jnp.where(flat, 1.0, square))
+        direction = jnp.where(flat, fixed, row / length)
+        pivot = jnp.where(flat, jnp.sum(row * fixed), length)
+        shares = product(rows[1:], direction)
+        columns.append(jnp.concatenate([jnp.zeros_like(a, shape=(i,)), pivot[None], shares]))
+        directions.append(direction)
+        rows = rows[1:] - shares[:, None] * direction[None, :]
+    return jnp.stack(columns, axis=1), jnp.stack(directions)
+
+
+def _rounding(a: Any) -> tuple[Any, float]:
+    """Squares of an epsilon of each row (n,), and the least square that can be divided by."""
+    kind = jnp.finfo(a.dtype)
+    return lax.stop_gradient(squares(a)) * float(kind.eps) ** 2, float(kind.tiny) / float(kind.eps)
+
+
+def changed(factor: Any, rest: Any, change: Any, extra: Any) -> tuple[Any, Any]:
+    """The factor L' with L' L'ᵀ = (L + change)(L + change)ᵀ + extra extraᵀ, and what it rounds off.
+
+    Row by row, a rotation moves what lies right of the diagonal, n_i, into the diagonal; written as what it adds,
+
+        ρ² = l_ii² + n_i·n_i,  l_ji ← l_ji + (n_j·n_i − (ρ − l_ii) l_ji) / ρ,
+        n_j ← n_j − (n_j·n_i / (ρ (ρ + l_ii)) + l_ji / ρ) n_i,  ρ − l_ii = n_i·n_i / (ρ + l_ii)
+
+    Args:
+        factor: L (n, n), lower triangular.
+        rest: what it has rounded off (n, n).
+        change: (n, n), any.
+        extra: further columns (n, k).
+    """
+    factor, rest = added(factor, rest, jnp.tril(change))
+    work, more = jnp.concatenate([factor + jnp.triu(change, 1), extra], axis=1), jnp.zeros_like(factor)
+    whole, least = _rounding(work)
+    columns: list[Any] = []
+    signs: list[Any] = []
+    for i in range(factor.shape[0]):
+        sign = jnp.where(work[0, 0] < 0.0, -1.0, 1.0).astype(factor.dtype)
+        pivot, below, row = sign * work[0, 0], sign * work[1:, 0], work[0, 1:]
+        across = jnp.sum(row * row)
+        square = pivot * pivot + across
+        # A row that is nothing but rounding is left alone.
+        flat = square <= jnp.maximum(FLAT**2 * whole[i], least)
+        length = jnp.sqrt(jnp.where(flat, 1.0, square))
+        total = jnp.where(flat, 1.0, length + pivot)
+        row, across = jnp.where(flat, 0.0, row), jnp.where(flat, 0.0, across)
+        grown, shares = across / total, product(work[1:, 1:], row)
+        gain = jnp.concatenate([grown[None], (shares - grown * below) / length])
+        columns.append(jnp.concatenate([jnp.zeros_like(row, shape=(i,)), sign * more[:, 0] + gain]))
+        signs.append(sign)
+        turned = (shares / (length * total) + below / length)[:, None] * row[None, :]
+        work, more = work[1:, 1:] - turned, more[1:, 1:] - turned[:, : more.shape[1] - 1]
+    sign = jnp.stack(signs)[None, :]
+    return added(factor * sign, rest * sign, jnp.stack(columns, axis=1))
+
+
+def added(value: Any, rest: Any, more: Any) -> tuple[Any, Any]:
+    """The unrounded sum value + rest + more as the nearest number and what is left of it."""
+    total = value + more
+    back = total - value
+    low = lax.stop_gradient(rest + ((value - (total - back)) + (more - back)))
+    near = total + low
+    return near, lax.stop_gradient(low - (near - total))
+
+
+def covariance(factor: Any) -> Any:
+    """The matrix L Lᵀ (n, n), symmetric to the last bit."""
+    return product(factor, factor.T)
+
+
+def rooted(p: Any, beside: Any) -> tuple[Any, Any]:
+    """A factor of a perhaps singular covariance (n, n), and whether p is one up to rounding.
+
+    Args:
+        p: covariance (n, n), finite.
+        beside: (n,) variances that p is added to, and whose rounding it may hold.
+    """
+    size = p.shape[0]
+    d, _, lower = scaled_cholesky(p, jitter=size)
+    factor = d[:, None] * lower
+    variance = jnp.diagonal(p)
+    off = jnp.abs(jnp.sum(factor * factor, axis=1) - variance)
+    return factor, jnp.all(off <= 100.0 * size * float(jnp.finfo(p.dtype).eps) * (jnp.abs(variance) + beside))
+
+
+def squares(factor: Any) -> Any:
+    """The variances that a factor (n, k) stands for (n,)."""
+    return jnp.sum(factor * factor, axis=1)
