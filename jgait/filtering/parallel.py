@@ -1,0 +1,273 @@
+r"""Filter and smoother in parallel over time: log T passes over all samples instead of T steps, for accelerators.
+
+Both recursions are prefix sums of an associative operation. A sample's element says what its transition and its
+measurement do to whatever belief comes before: p(x_k | y_k, x_{k−1}) = N(A x_{k−1} + b, C), and what y_k tells of
+x_{k−1} in information form, η and J. Two neighbours i, j make one, with W = C_i (I + J_j C_i)⁻¹,
+
+    A = A_j (I − W J_j) A_i,  b = A_j ((I − W J_j) b_i + W η_j) + b_j,  C = A_j W A_jᵀ + C_j
+    η = A_iᵀ (I − J_j W) (η_j − J_j b_i) + η_i,  J = A_iᵀ (I − J_j W) J_j A_i + J_i
+
+The smoother's element is p(x_k | x_{k+1}, y_1 … y_k) = N(E x_{k+1} + g, L). All in deviations δ from the states that
+the model is linearised about, which have to be known before: any for a linear model, else a trajectory, such as the
+smoothed one of the round before. It takes some times the operations of the sequential filter, so on a CPU it is slower.
+
+Source: S. Särkkä, Á. F. García-Fernández, "Temporal parallelization of Bayesian smoothers", IEEE TAC 66(1), 2021;
+for rounds S. Yaghoobi et al., "Parallel iterated extended and sigma-point Kalman smoothers", ICASSP 2021.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering.dense import LOG_2PI, affine_transition
+from jgait.filtering.linear_algebra import (
+    backward_substitution,
+    cholesky,
+    congruence,
+    forward_substitution,
+    product,
+    scaled_cholesky,
+    solve_covariance,
+)
+from jgait.filtering.linearise import EKF, KF, linearise
+from jgait.filtering.vectors import Moments, VectorModel
+
+if TYPE_CHECKING:  # `kalman` may import this module.
+    from jgait.filtering.kalman import Prepared
+
+
+class Affine(NamedTuple):
+    """One interval and the sample at its end, in deviations δ from the states linearised about.
+
+    δ ← F δ + u + N(0, Q), and the residual e = H δ + N(0, R); `seen` counts its components.
+    """
+
+    F: Any
+    u: Any
+    Q: Any
+    H: Any
+    e: Any
+    R: Any
+    seen: Any
+    good: Any
+
+
+class Element(NamedTuple):
+    """What a stretch of samples does to the belief before it; see the module."""
+
+    A: Any
+    b: Any
+    C: Any
+    eta: Any
+    J: Any
+
+
+class BackwardElement(NamedTuple):
+    """What a stretch of samples makes of the belief after it; see the module."""
+
+    E: Any
+    g: Any
+    L: Any
+
+
+class _Filtered(NamedTuple):
+    """The samples, and deviations and covariances over time at each one, before and after its measurement."""
+
+    samples: Affine
+    predicted: Moments
+    after: Moments
+
+
+def parallel_filter(ready: "Prepared", about: Any = None) -> dict[str, Any]:
+    """The Kalman filter, or the extended one linearised about a given trajectory, in parallel over time.
+
+    A sample whose numbers break down is taken for one without transition or without measurement and marked. The
+    measurement has to be uncertain even where the state before is known: R + H Q Hᵀ > 0.
+
+    Args:
+        ready: a filter's arguments.
+        about: (T, k) states to linearise about, where noises that depend on the state are taken, too: the transition
+            into sample k about entry k − 1 (the first about the initial mean), the observation about entry k. None
+            for a linear model, about its initial mean.
+
+    Returns:
+        Fields of `Posterior` by name, as vectors and matrices over time.
+
+    Raises:
+        ValueError: if the model's states form a manifold, `about` has another shape, or it is None and the model is
+            not linear.
+    """
+    about = _about(ready, about)
+    return _told(about[1], _filtered(ready, *about))
+
+
+def parallel_smoother(ready: "Prepared", about: Any = None) -> dict[str, Any]:
+    """The Rauch–Tung–Striebel smoother of `parallel_filter`, in parallel over time.
+
+    Args:
+        ready: a filter's arguments.
+        about: as of `parallel_filter`.
+
+    Returns:
+        "mean" (T, k), "cov" (T, n, n), and "filtered": what `parallel_filter` returns.
+
+    Raises:
+        ValueError: as of `parallel_filter`.
+    """
+    method, points = _about(ready, about)
+    filtered = _filtered(ready, method, points)
+    ahead = jax.tree.map(lambda leaf: leaf[1:], (filtered.samples, filtered.predicted))
+    now = jax.tree.map(lambda leaf: leaf[:-1], filtered.after)
+    last = jax.tree.map(lambda leaf: leaf[-1:], filtered.after)
+    elements = jax.vmap(_backward_element)(now, *ahead)
+    end = BackwardElement(jnp.zeros_like(last.cov), last.mean, last.cov)
+    elements = jax.tree.map(lambda body, tail: jnp.concatenate([body, tail]), elements, end)
+    smoothed = lax.associative_scan(jax.vmap(_behind), elements, reverse=True)
+    return {"mean": points + smoothed.g, "cov": smoothed.L, "filtered": _told(points, filtered)}
+
+
+def _about(ready: "Prepared", about: Any) -> tuple[KF | EKF, Any]:
+    """How to linearise, and about which states (T, k)."""
+    vm, start = ready.vm, ready.start.mean
+    if vm.curved:
+        raise ValueError(
+            "the parallel filter needs a model whose states are vectors, but this one has retract and local; "
+            "use kalman_filter"
+        )
+    shape = (ready.measured.shape[0], start.shape[0])
+    if about is None:
+        return KF(), jnp.broadcast_to(start[None, :], shape)
+    if jnp.shape(about) != shape:
+        raise ValueError(f"about must be states over time of shape {shape}; got shape {jnp.shape(about)}")
+    return EKF(), jnp.asarray(about, start.dtype)
+
+
+def _filtered(ready: "Prepared", method: KF | EKF, points: Any) -> _Filtered:
+    start = ready.start
+
+    def sample(x: Any, at: Any, measured: Any, control: Any, dt: Any, seen: Any) -> Affine:
+        return _affine(ready.vm, Moments(x, jnp.zeros_like(start.cov)), at, measured, control, dt, seen, method)
+
+    origins = jnp.concatenate([start.mean[None, :], points[:-1]])
+    samples = jax.vmap(sample)(origins, points, ready.measured, ready.controls, ready.dt, ready.seen)
+    zero = jnp.zeros_like(start.mean)
+    # The initial belief is a sample whose transition forgets everything before.
+    first = Element(jnp.zeros_like(start.cov), zero, start.cov, zero, jnp.zeros_like(start.cov))
+    elements, positive = jax.vmap(_element)(samples)
+    elements = jax.tree.map(lambda head, body: jnp.concatenate([head[None], body]), first, elements)
+    scanned = lax.associative_scan(jax.vmap(_joined), elements)
+    before, after = Moments(scanned.b[:-1], scanned.C[:-1]), Moments(scanned.b[1:], scanned.C[1:])
+    samples = samples._replace(good=samples.good & positive)
+    return _Filtered(samples, jax.vmap(_moved)(samples, before), after)
+
+
+def _affine(
+    vm: VectorModel, origin: Moments, at: Any, measured: Any, control: Any, dt: Any, seen: Any, method: KF | EKF
+) -> Affine:
+    """A sample's transition linearised about the origin, and its observation about the state `at`."""
+    prediction = affine_transition(vm, origin, control, dt, method)
+    expected = vm.observation(at, control)
+
+    def g(delta: Any) -> Any:
+        return vm.residual(vm.observation(at + delta, control), expected)
+
+    affine = linearise(method, g, jnp.zeros_like(at), origin.cov, vm.names["observation"])
+    e = jnp.where(seen, vm.residual(jnp.where(seen, measured, expected), expected), 0.0)
+    H = jnp.where(seen[:, None], affine.matrix, 0.0)
+    eye = jnp.eye(seen.shape[0], dtype=at.dtype)
+    R = jnp.where(seen[:, None] & seen[None, :], vm.observation_noise(at, control), eye)
+    finite = jnp.all(jnp.isfinite(e)) & jnp.all(jnp.isfinite(H)) & jnp.all(jnp.isfinite(R))
+    return Affine(
+        prediction.matrix, prediction.mean - at, prediction.noise,
+        jnp.where(finite, H, 0.0), jnp.where(finite, e, 0.0), jnp.where(finite, R, eye),
+        jnp.sum(jnp.where(seen, 1.0, 0.0).astype(at.dtype)), finite & prediction.finite,
+    )  # fmt: skip
+
+
+def _element(s: Affine) -> tuple[Element, Any]:
+    """One sample as an element, and False where its measurement is left out because R + H Q Hᵀ is not positive."""
+    cross = product(s.H, s.Q)
+    lower, positive = cholesky(product(cross, s.H.T) + s.R)
+    H, e = jnp.where(positive, s.H, 0.0), jnp.where(positive, s.e, 0.0)
+    cross = jnp.where(positive, cross, 0.0)
+    gain = backward_substitution(lower, forward_substitution(lower, cross)).T
+    left = jnp.eye(s.Q.shape[0], dtype=s.Q.dtype) - product(gain, H)
+    error = e - product(H, s.u)
+    white, shown = forward_substitution(lower, error), forward_substitution(lower, product(H, s.F))
+    C = congruence(left, s.Q) + congruence(gain, s.R)
+    J = product(shown.T, shown)
+    return Element(product(left, s.F), s.u + product(gain, error), C, product(shown.T, white), J), positive
+
+
+def _joined(i: Element, j: Element) -> Element:
+    """Two neighbouring stretches as one, i before j; see the module.
+
+    With C_i = B Bᵀ all inverses are that of I + Bᵀ J_j B, which is positive in any units, and both covariances are
+    sums of squares.
+    """
+    d, _, lower = scaled_cholesky(i.C, jitter=i.C.shape[0])
+    B = d[:, None] * lower
+    eye = jnp.eye(B.shape[0], dtype=B.dtype)
+    inner, _ = cholesky(congruence(B.T, j.J) + eye)
+    half = forward_substitution(inner, B.T)
+    W = product(half.T, half)
+    thin = backward_substitution(inner, half).T  # W = thin Bᵀ
+    stay = eye - product(W, j.J)
+    told = congruence(stay.T, j.J) + congruence(product(j.J, thin), eye)
+    through = product(j.A, stay)
+    return Element(
+        product(through, i.A),
+        product(through, i.b) + product(j.A, product(W, j.eta)) + j.b,
+        congruence(j.A, W) + j.C,
+        product(i.A.T, product(stay.T, j.eta) - product(told, i.b)) + i.eta,
+        congruence(i.A.T, told) + i.J,
+    )
+
+
+def _moved(s: Affine, before: Moments) -> Moments:
+    return Moments(product(s.F, before.mean) + s.u, congruence(s.F, before.cov) + s.Q)
+
+
+def _told(points: Any, filtered: _Filtered) -> dict[str, Any]:
+    """Fields of `Posterior`, each sample from its own prediction."""
+    samples, predicted, after = filtered
+
+    def told(s: Affine, predicted: Moments, after: Moments) -> dict[str, Any]:
+        S = congruence(s.H, predicted.cov) + s.R
+        lower, positive = cholesky(S)
+        sound = jnp.all(jnp.isfinite(after.mean)) & jnp.all(jnp.isfinite(after.cov))
+        good = s.good & positive & sound
+        innovation = s.e - product(s.H, predicted.mean)
+        white = forward_substitution(lower, innovation)
+        nis, count = jnp.sum(white * white), jnp.where(good, s.seen, 0.0)
+        log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(lower)))
+        variance = jnp.diagonal(S)
+        fields = {
+            "innovation": innovation, "innovation_stddev": jnp.sqrt(jnp.where(variance > 0.0, variance, 1.0)),
+            "log_likelihood": -0.5 * (nis + log_det + count * LOG_2PI), "nis": nis,
+        }  # fmt: skip
+        fields = {name: jnp.where(good, value, 0.0) for name, value in fields.items()}
+        return fields | {"count": count, "valid": good}
+
+    moments = {
+        "mean": points + after.mean, "cov": after.cov,
+        "predicted_mean": points + predicted.mean, "predicted_cov": predicted.cov,
+    }  # fmt: skip
+    return moments | jax.vmap(told)(samples, predicted, after)
+
+
+def _backward_element(now: Moments, ahead: Affine, predicted: Moments) -> BackwardElement:
+    """A filtered belief as an element, with the transition to the next sample and the prediction there."""
+    gain = solve_covariance(predicted.cov, product(ahead.F, now.cov)).T
+    left = jnp.eye(now.cov.shape[0], dtype=now.cov.dtype) - product(gain, ahead.F)
+    spread = congruence(left, now.cov) + congruence(gain, ahead.Q)
+    return BackwardElement(gain, now.mean - product(gain, predicted.mean), spread)
+
+
+def _behind(after: BackwardElement, before: BackwardElement) -> BackwardElement:
+    """Two neighbouring stretches as one, from the later one backward, as a reversed scan meets them."""
+    return BackwardElement(
+        product(before.E, after.E), product(before.E, after.g) + before.g, congruence(before.E, after.L) + before.L
+    )
