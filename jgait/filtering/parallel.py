@@ -28,7 +28,6 @@ from jgait.filtering.linear_algebra import (
     congruence,
     forward_substitution,
     product,
-    scaled_cholesky,
     solve_covariance,
 )
 from jgait.filtering.linearise import EKF, KF, linearise
@@ -202,28 +201,84 @@ def _element(s: Affine) -> tuple[Element, Any]:
 
 
 def _joined(i: Element, j: Element) -> Element:
-    """Two neighbouring stretches as one, i before j; see the module.
-
-    With C_i = B Bᵀ all inverses are that of I + Bᵀ J_j B, which is positive in any units, and both covariances are
-    sums of squares.
-    """
-    d, _, lower = scaled_cholesky(i.C, jitter=i.C.shape[0])
-    B = d[:, None] * lower
-    eye = jnp.eye(B.shape[0], dtype=B.dtype)
-    inner, _ = cholesky(congruence(B.T, j.J) + eye)
-    half = forward_substitution(inner, B.T)
-    W = product(half.T, half)
-    thin = backward_substitution(inner, half).T  # W = thin Bᵀ
-    stay = eye - product(W, j.J)
-    told = congruence(stay.T, j.J) + congruence(product(j.J, thin), eye)
-    through = product(j.A, stay)
+    """Two neighbouring stretches as one, i before j; see the module."""
+    W, told = _met(i.C, j.J)
+    stay = jnp.eye(W.shape[0], dtype=W.dtype) - _times(W, j.J)
+    through = _times(j.A, stay)
     return Element(
-        product(through, i.A),
-        product(through, i.b) + product(j.A, product(W, j.eta)) + j.b,
-        congruence(j.A, W) + j.C,
-        product(i.A.T, product(stay.T, j.eta) - product(told, i.b)) + i.eta,
-        congruence(i.A.T, told) + i.J,
+        _times(through, i.A),
+        _times(through, i.b) + _times(j.A, _times(W, j.eta)) + j.b,
+        _around(j.A, W) + j.C,
+        _times(i.A.T, _times(stay.T, j.eta) - _times(told, i.b)) + i.eta,
+        _around(i.A.T, told) + i.J,
     )
+
+
+def _times(a: Any, b: Any) -> Any:
+    """The product as one batched call: over all samples at once it beats the fused form of `linear_algebra`."""
+    return jnp.matmul(a, b, precision=lax.Precision.HIGHEST)
+
+
+def _around(a: Any, p: Any) -> Any:
+    result = _times(_times(a, p), a.T)
+    return 0.5 * (result + result.T)
+
+
+@jax.custom_jvp
+def _met(C: Any, J: Any) -> tuple[Any, Any]:
+    """A covariance C met by information J: C (I + J C)⁻¹, what is left of C, and (I + J C)⁻¹ J, what is new in J.
+
+    With C = B Bᵀ both are sums of squares of (I + Bᵀ J B)⁻¹, which exists in any units. The loops keep the program
+    small, for it is compiled once for every level of the scan.
+    """
+    B = _factor(C)
+    G = _inverse(_around(B.T, J) + jnp.eye(C.shape[0], dtype=C.dtype))
+    thin = _times(B, G)
+    W = _around(B, G)
+    stay, seen = jnp.eye(C.shape[0], dtype=C.dtype) - _times(W, J), _times(J, thin)
+    return W, _around(stay.T, J) + _times(seen, seen.T)
+
+
+@_met.defjvp
+def _met_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    """In W and V = J − J W J: dW = (I − W J) dC (I − J W) − W dJ W, dV = (I − J W) dJ (I − W J) − V dC V."""
+    (C, J), (dC, dJ) = primals, tangents
+    W, V = _met(C, J)
+    stay = jnp.eye(C.shape[0], dtype=C.dtype) - _times(W, J)
+    dW = _times(_times(stay, dC), stay.T) - _times(_times(W, dJ), W)
+    dV = _times(_times(stay.T, dJ), stay) - _times(_times(V, dC), V)
+    return (W, V), (dW, dV)
+
+
+def _factor(p: Any) -> Any:
+    """A factor B (n, n) of a perhaps singular covariance, p = B Bᵀ up to rounding; as `scaled_cholesky`."""
+    size = p.shape[0]
+    rows, floor = jnp.arange(size), size * float(jnp.finfo(p.dtype).eps)
+    variance = jnp.diagonal(p)
+    known = variance <= 0.0
+    d = jnp.where(known, 0.0, jnp.sqrt(jnp.where(known, 1.0, variance)))
+    inverse = jnp.where(known, 0.0, 1.0 / jnp.where(known, 1.0, d))
+    rest = jnp.where(rows[:, None] == rows[None, :], 1.0, p * inverse[:, None] * inverse[None, :])
+
+    def column(k: Any, carry: Any) -> Any:
+        rest, factor = carry
+        pivot = jnp.maximum(rest[k, k], floor)
+        values = jnp.where(rows > k, rest[:, k], jnp.where(rows == k, pivot, 0.0)) / jnp.sqrt(pivot)
+        return rest - values[:, None] * values[None, :], factor.at[:, k].set(values)
+
+    return d[:, None] * lax.fori_loop(0, size, column, (rest, jnp.zeros_like(rest)))[1]
+
+
+def _inverse(p: Any) -> Any:
+    """The inverse of a symmetric matrix (n, n) that is no less than I, by Gauss and Jordan's exchange steps."""
+
+    def exchange(k: Any, p: Any) -> Any:
+        pivot, row, column = p[k, k], p[k], p[:, k]
+        p = p - column[:, None] * row[None, :] / pivot
+        return p.at[k].set(row / pivot).at[:, k].set(-column / pivot).at[k, k].set(1.0 / pivot)
+
+    result = lax.fori_loop(0, p.shape[0], exchange, p)
+    return 0.5 * (result + result.T)
 
 
 def _moved(s: Affine, before: Moments) -> Moments:
@@ -269,5 +324,5 @@ def _backward_element(now: Moments, ahead: Affine, predicted: Moments) -> Backwa
 def _behind(after: BackwardElement, before: BackwardElement) -> BackwardElement:
     """Two neighbouring stretches as one, from the later one backward, as a reversed scan meets them."""
     return BackwardElement(
-        product(before.E, after.E), product(before.E, after.g) + before.g, congruence(before.E, after.L) + before.L
+        _times(before.E, after.E), _times(before.E, after.g) + before.g, _around(before.E, after.L) + before.L
     )
