@@ -4,6 +4,7 @@ A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` a
 recording, `step` online over one sample; how they linearise is an argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
+from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.kalman import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
 from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
@@ -26,6 +27,7 @@ __all__ = [
     "Smoothed",
     "Step",
     "Updated",
+    "compiled",
     "kalman_filter",
     "kalman_smoother",
     "names_of",

@@ -32,11 +32,18 @@ def in_dtype(tree: Any, dtype: Any) -> Any:
     return jax.tree.map(cast, tree)
 
 
-def check_arguments(model: Any, method: Any, keep: tuple[str, ...], fields: tuple[str, ...]) -> None:
+EXECUTIONS = ("auto", "fast", "dense", "square_root", "parallel")
+"""The ways to run a filter, see `jgait.filtering.execution`."""
+
+
+def check_arguments(
+    model: Any, method: Any, keep: tuple[str, ...], fields: tuple[str, ...], execution: str = "auto"
+) -> None:
     """Refuse what cannot be a static argument.
 
     Raises:
-        ValueError: if the model is no `Model` or cannot be hashed, the method is none, or `keep` names no field.
+        ValueError: if the model is no `Model` or cannot be hashed, the method is none, `keep` names no field, or
+            `execution` is none.
     """
     if not isinstance(model, Model):
         raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
@@ -45,6 +52,8 @@ def check_arguments(model: Any, method: Any, keep: tuple[str, ...], fields: tupl
     except TypeError as error:
         raise ValueError(f"a model must be hashable, its functions at module level or frozen; {error}") from error
     check_method(method)
+    if execution not in EXECUTIONS:
+        raise ValueError(f"execution must be one of {', '.join(EXECUTIONS)}; got {execution!r}")
     if isinstance(keep, str):
         raise ValueError(f"keep is a tuple of names, such as ({keep!r},); got the string {keep!r}")
     unknown = [name for name in keep if name not in fields]
@@ -123,16 +132,22 @@ def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:
     return jax.tree.map(jnp.asarray, tree), length
 
 
-def intervals(dt: Any, length: int, dtype: Any) -> Any:
-    """The intervals dt as (T,); raises ValueError if it is neither a scalar nor of that length."""
+def interval(dt: Any, length: int, dtype: Any) -> Any:
+    """The interval dt, () or (T,); raises ValueError if it is neither a scalar nor of that length."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
         raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
-    return jnp.broadcast_to(jnp.asarray(dt, dtype), (length,))
+    return jnp.asarray(dt, dtype)
 
 
 def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
-    """The mask as booleans (..., m), one column for each component of the observation.
+    """The mask as booleans (..., m); raises like `mask_leaves`."""
+    leaves = mask_leaves(mask, observation, shape)
+    return jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in leaves], axis=-1)
+
+
+def mask_leaves(mask: Any, observation: Any, shape: tuple[int, ...]) -> list[Any]:
+    """The mask of each component of the observation: an array of bools, or True where there is no mask.
 
     Raises:
         ValueError: if it is neither one array of the shape nor a tuple of them like the observation, or not bool.
@@ -140,7 +155,7 @@ def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
     names = names_of(observation)
     structure: Any = jax.tree.structure(observation)
     if mask is None:
-        return jnp.ones((*shape, len(names)), bool)
+        return [True] * len(names)
     given: Any = jax.tree.structure(mask)
     if given == structure:
         leaves = jax.tree.leaves(mask)
@@ -156,4 +171,4 @@ def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
             raise ValueError(
                 f"the mask of '{name}' must be bool of shape {shape}; got {jnp.result_type(leaf)} of {jnp.shape(leaf)}"
             )
-    return jnp.stack([jnp.asarray(leaf) for leaf in leaves], axis=-1)
+    return [jnp.asarray(leaf) for leaf in leaves]

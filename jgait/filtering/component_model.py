@@ -104,7 +104,8 @@ def component_model(model: Model, params: Any, mean: Any, observation: Any, dtyp
         ValueError: now, if retract and local do not go together; while tracing, if a function of the model does not
             return what its neighbours need.
     """
-    state, observed = jax.tree.structure(mean), jax.tree.structure(observation)
+    state: Any = jax.tree.structure(mean)
+    observed: Any = jax.tree.structure(observation)
     error = _error_structure(model, state, dtype)
     names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
 

@@ -23,21 +23,21 @@ def is_zero(value: Any) -> bool:
 
 
 def plus(a: Any, b: Any) -> Any:
-    """a + b."""
+    """A + b."""
     if is_zero(a):
         return b
     return a if is_zero(b) else a + b
 
 
 def minus(a: Any, b: Any) -> Any:
-    """a − b."""
+    """A − b."""
     if is_zero(b):
         return a
     return -b if is_zero(a) else a - b
 
 
 def times(a: Any, b: Any) -> Any:
-    """a · b; a known zero wins over whatever the other is."""
+    """A · b; a known zero wins over whatever the other is."""
     if is_zero(a) or is_zero(b):
         return 0.0
     if known(a) and a == 1.0:
@@ -117,7 +117,7 @@ def where(condition: Any, value: Any, otherwise: Any) -> Any:
 
 
 def both(a: Any, b: Any) -> Any:
-    """a and b, for bools known or not."""
+    """A and b, for bools known or not."""
     if isinstance(a, bool):
         return b if a else False
     if isinstance(b, bool):

@@ -8,14 +8,18 @@ that gradients stay finite too.
 import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
+from jgait.filtering.inputs import Prepared
 from jgait.filtering.linear_algebra import (
     backward_substitution,
     cholesky,
     congruence,
     forward_substitution,
     product,
+    solve_covariance,
 )
 from jgait.filtering.linearise import CKF, UKF, Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
@@ -168,3 +172,68 @@ def _linear_update(
     stddev = jnp.sqrt(jnp.where(variance > 0.0, variance, 1.0))
     log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(lower)))
     return _Terms(product(gain, error), joseph, innovation, stddev, jnp.sum(white * white), log_det, good)
+
+
+def advanced(
+    vm: VectorModel, before: Moments, measured: Any, control: Any, dt: Any, seen: Any, method: Method
+) -> tuple[Moments, Moments, Correction]:
+    """Predict, then update, in vectors: prediction, result, and what the update tells."""
+    predicted, prediction = predicted_moments(vm, before, control, dt, method)
+    after, correction = corrected(vm, predicted, measured, control, seen, method)
+    return predicted, after, correction._replace(valid=correction.valid & prediction.finite)
+
+
+def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
+    """The filter's one scan: fields of `Posterior` by name, as vectors and matrices over time."""
+
+    def body(before: Moments, sample: Any) -> tuple[Moments, dict[str, Any]]:
+        measured, control, interval, seen = sample
+        predicted, after, told = advanced(ready.vm, before, measured, control, interval, seen, method)
+        everything = {
+            "mean": after.mean, "cov": after.cov, "predicted_mean": predicted.mean, "predicted_cov": predicted.cov,
+            "innovation": told.innovation, "innovation_stddev": told.stddev, "log_likelihood": told.log_likelihood,
+            "nis": told.nis, "count": told.count, "valid": told.valid,
+        }  # fmt: skip
+        return after, {name: everything[name] for name in keep}
+
+    return lax.scan(body, ready.start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
+
+
+def smoothed_scan(ready: Prepared, kept: dict[str, Any], method: Method) -> tuple[Any, Any]:
+    """Rauch–Tung–Striebel smoothing of what `scanned` kept as "mean" and "cov": mean (T, k), covariance (T, n, n)."""
+    filtered = Moments(kept["mean"], kept["cov"])
+    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+
+    def body(following: Moments, sample: Any) -> tuple[Moments, Moments]:
+        before, control, interval = sample
+        smoothed = smoothed_moments(ready.vm, before, following, control, interval, method)
+        return smoothed, smoothed
+
+    before = jax.tree.map(lambda leaf: leaf[:-1], filtered)
+    ahead = jax.tree.map(lambda leaf: leaf[1:], (ready.controls, ready.dt))
+    _, smoothed = lax.scan(body, last, (before, *ahead), reverse=True)
+    mean, cov = jax.tree.map(lambda body, end: jnp.concatenate([body, end[None]]), smoothed, last)
+    return mean, cov
+
+
+def smoothed_moments(
+    vm: VectorModel, filtered: Moments, following: Moments, control: Any, dt: Any, method: Method
+) -> Moments:
+    """The smoothed belief at one sample, from its filtered one and the smoothed one at the next."""
+    x, cov = filtered
+    prediction = affine_transition(vm, filtered, control, dt, method)
+    step = vm.local(prediction.mean, following.mean)
+    ahead = following.cov
+    if vm.curved:
+        zero = jnp.zeros_like(ahead[0])
+        turn = jax.jacfwd(lambda d: vm.local(prediction.mean, vm.retract(following.mean, d)))(zero)
+        ahead = congruence(turn, ahead)
+    cross = product(prediction.matrix, cov)
+    predicted = congruence(prediction.matrix, cov) + prediction.noise
+    gain = solve_covariance(predicted, cross).T
+    delta = product(gain, step)
+    left = jnp.eye(cov.shape[0], dtype=cov.dtype) - product(gain, prediction.matrix)
+    smoothed = congruence(left, cov) + congruence(gain, ahead + prediction.noise)
+    good = jnp.all(jnp.isfinite(delta)) & jnp.all(jnp.isfinite(smoothed))
+    delta, smoothed = jnp.where(good, delta, 0.0), jnp.where(good, smoothed, cov)
+    return Moments(vm.retract(x, delta), vm.recentred(x, delta, smoothed))

@@ -7,16 +7,17 @@ All in error coordinates δ about the predicted state, so rotations need no spec
 its linearisation at its own result, but always starts again from the same prior.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax import lax
 
 from jgait.filtering import checks
+from jgait.filtering.compile import compiled
+from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.covariance import Covariance
-from jgait.filtering.dense import Correction, Prediction, corrected, predicted_moments
+from jgait.filtering.dense import Correction, advanced, corrected, predicted_moments
+from jgait.filtering.execution import Execution, filtered
+from jgait.filtering.inputs import inputs
 from jgait.filtering.linearise import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.vectors import Moments, VectorModel, pack, pack_noise, unpack, vector_model
@@ -178,8 +179,7 @@ def step(
     return _step(model, params, belief, observation, control, dt, mask, method)
 
 
-@partial(jax.jit, static_argnames=("model", "method"))
-def _step(
+def _stepped(
     model: Model, params: Any, belief: Belief, observation: Any, control: Any, dt: Any, mask: Any, method: Method
 ) -> Step:
     checks.check_belief(belief)
@@ -194,18 +194,13 @@ def _step(
     return Step(_belief(vm, predicted), _updated(vm, after, correction))
 
 
-def advanced(
-    vm: VectorModel, before: Moments, measured: Any, control: Any, dt: Any, seen: Any, method: Method
-) -> tuple[Moments, Moments, Correction]:
-    """Predict, then update, in vectors: prediction, result, and what the update tells; the step of every filter."""
-    predicted, prediction = predicted_moments(vm, before, control, dt, method)
-    after, correction = corrected(vm, predicted, measured, control, seen, method)
-    return predicted, after, correction._replace(valid=correction.valid & prediction.finite)
+_step = compiled(_stepped, static_argnames=("model", "method"))
 
 
 def kalman_filter(
     model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
     method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
+    execution: Execution = "auto", about: Any = None,
 ) -> Posterior:  # fmt: skip
     """Filter a recording: a jitted scan over its samples.
 
@@ -219,7 +214,9 @@ def kalman_filter(
         mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None.
         method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.
         initial: belief before the first interval; None takes the model's.
-        keep: fields of `Posterior` to return.
+        keep: fields of `Posterior` to return; what is not asked for is neither computed nor stored.
+        execution: how to run it, see `jgait.filtering.execution`; results agree to rounding.
+        about: state tuple of (T,) arrays that execution="parallel" linearises an `EKF` about.
 
     Returns:
         The posterior, every leaf with the time axis in front, in the widest float type of parameters, observations
@@ -228,79 +225,47 @@ def kalman_filter(
     Raises:
         ValueError: observations, controls, mask or dt do not fit the model or each other; NaN in observations.
     """
-    checks.check_arguments(model, method, keep, FIELDS)
+    checks.check_arguments(model, method, keep, FIELDS, execution)
     checks.check_values(observations, controls, dt)
-    return _filter(model, params, observations, controls, dt, mask, initial, method, tuple(keep))
-
-
-class Prepared(NamedTuple):
-    """A filter's arguments, checked and in vectors."""
-
-    vm: VectorModel
-    start: Moments
-    measured: Any  # (T, m)
-    controls: Any
-    dt: Any  # (T,)
-    seen: Any  # (T, m)
-
-
-def prepared(
-    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None
-) -> Prepared:
-    """Check structure and shapes, and bring everything to one dtype and one length; raises, see `kalman_filter`."""
-    observations, length = checks.series(observations, "observation", None)
-    controls, _ = checks.series(controls, "control", length)
-    dtype = checks.common_dtype(params, observations, initial)
-    params, controls = checks.in_dtype((params, controls), dtype)
-    belief = model.initial(params) if initial is None else initial
-    checks.check_belief(belief)
-    first = jax.tree.map(lambda leaf: leaf[0], controls)
-    checks.check_observation(model, params, checks.in_dtype(belief.mean, dtype), first, observations)
-    vm = vector_model(model, params, belief.mean, observations, dtype)
-    measured = jnp.stack([leaf.astype(dtype) for leaf in jax.tree.leaves(observations)], axis=-1)
-    return Prepared(
-        vm, _moments(vm, belief, dtype), measured, controls, checks.intervals(dt, length, dtype),
-        checks.seen(mask, observations, (length,)),
+    return _filter(
+        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), execution
     )  # fmt: skip
 
 
-@partial(jax.jit, static_argnames=("model", "method", "keep"))
-def _filter(
+def _filtered(
     model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    method: Method, keep: tuple[str, ...],
+    about: Any, method: Method, keep: tuple[str, ...], execution: Execution,
 ) -> Posterior:  # fmt: skip
-    ready = prepared(model, params, observations, controls, dt, mask, initial)
-    return posterior(ready.vm, scanned(ready, method, keep))
+    given = inputs(model, params, observations, controls, dt, mask, initial)
+    return posterior(given.cm, filtered(given, method, keep, execution, about))
 
 
-def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
-    """The filter's one scan: fields of `Posterior` by name, as vectors and matrices over time."""
-
-    def body(before: Moments, sample: Any) -> tuple[Moments, dict[str, Any]]:
-        measured, control, interval, seen = sample
-        predicted, after, told = advanced(ready.vm, before, measured, control, interval, seen, method)
-        everything = {
-            "mean": after.mean, "cov": after.cov, "predicted_mean": predicted.mean, "predicted_cov": predicted.cov,
-            "innovation": told.innovation, "innovation_stddev": told.stddev, "log_likelihood": told.log_likelihood,
-            "nis": told.nis, "count": told.count, "valid": told.valid,
-        }  # fmt: skip
-        return after, {name: everything[name] for name in keep}
-
-    return lax.scan(body, ready.start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
+_filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execution"))
 
 
-def posterior(vm: VectorModel, kept: dict[str, Any]) -> Posterior:
-    """The scan's vectors under the names they belong to."""
-    named = {
-        "mean": vm.state, "predicted_mean": vm.state, "innovation": vm.observed, "innovation_stddev": vm.observed,
+def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
+    """What a scan kept, under the names it belongs to."""
+    structures = {
+        "mean": cm.state, "predicted_mean": cm.state, "cov": cm.error, "predicted_cov": cm.error,
+        "innovation": cm.observed, "innovation_stddev": cm.observed,
     }  # fmt: skip
-    fields = {}
-    for name, values in kept.items():
-        if name in named:
-            fields[name] = unpack(values, named[name])
-        else:
-            fields[name] = Covariance.from_dense(values, vm.error) if name.endswith("cov") else values
-    return Posterior(**fields)
+    named = {"cov": named_covariance, "predicted_cov": named_covariance}
+    return Posterior(**{
+        name: named.get(name, named_values)(values, structures[name]) if name in structures else values
+        for name, values in kept.items()
+    })  # fmt: skip
+
+
+def named_values(values: Any, structure: Any) -> Any:
+    """A list of components, or an array (..., k), as the tuple they belong to."""
+    return structure.unflatten(values) if isinstance(values, list) else unpack(values, structure)
+
+
+def named_covariance(values: Any, structure: Any) -> Covariance:
+    """The upper triangle as a list, or an array (..., n, n), as the covariance they belong to."""
+    if isinstance(values, list):
+        return Covariance(tuple(values), structure)
+    return Covariance.from_dense(values, structure)
 
 
 def _moments(vm: VectorModel, belief: Belief, dtype: Any) -> Moments:
@@ -317,6 +282,3 @@ def _belief(vm: VectorModel, moments: Moments) -> Belief:
 def _updated(vm: VectorModel, after: Moments, told: Correction) -> Updated:
     innovation, stddev = unpack(told.innovation, vm.observed), unpack(told.stddev, vm.observed)
     return Updated(_belief(vm, after), innovation, stddev, told.log_likelihood, told.nis, told.count, told.valid)
-
-
-__all__ = ["FIELDS", "KEEP", "Posterior", "Prediction", "Step", "Updated", "kalman_filter", "predict", "step", "update"]

@@ -182,10 +182,10 @@ def depends_on_place(g: Callable[[Any], Any], at: Any) -> bool:
         return jax.jvp(g, (x,), (tangent,))[1]
 
     closed = jax.make_jaxpr(directional)(at, at)
-    return any(_reached(closed.jaxpr, {closed.jaxpr.invars[0]}))
+    return any(reached(closed.jaxpr, {closed.jaxpr.invars[0]}))
 
 
-def _reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
+def reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
     """For each output of a jaxpr, whether any of the source variables can influence it.
 
     Calls of functions are followed into; loops and branches count as a whole, which errs on the side of yes.
@@ -197,7 +197,7 @@ def _reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
             continue
         body = _called(equation)
         if body is not None:
-            outputs = _reached(body, {v for v, hit in zip(body.invars, inputs, strict=True) if hit})
+            outputs = reached(body, {v for v, hit in zip(body.invars, inputs, strict=True) if hit})
         else:
             outputs = [True] * len(equation.outvars)
         touched |= {v for v, hit in zip(equation.outvars, outputs, strict=True) if hit}

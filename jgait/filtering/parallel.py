@@ -15,13 +15,14 @@ Source: S. Särkkä, Á. F. García-Fernández, "Temporal parallelization of Bay
 for rounds S. Yaghoobi et al., "Parallel iterated extended and sigma-point Kalman smoothers", ICASSP 2021.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.dense import LOG_2PI, affine_transition
+from jgait.filtering.inputs import Prepared
 from jgait.filtering.linear_algebra import (
     backward_substitution,
     cholesky,
@@ -32,9 +33,6 @@ from jgait.filtering.linear_algebra import (
 )
 from jgait.filtering.linearise import EKF, KF, linearise
 from jgait.filtering.vectors import Moments, VectorModel
-
-if TYPE_CHECKING:  # `kalman` may import this module.
-    from jgait.filtering.kalman import Prepared
 
 
 class Affine(NamedTuple):
@@ -79,7 +77,7 @@ class _Filtered(NamedTuple):
     after: Moments
 
 
-def parallel_filter(ready: "Prepared", about: Any = None) -> dict[str, Any]:
+def parallel_filter(ready: Prepared, about: Any = None) -> dict[str, Any]:
     """The Kalman filter, or the extended one linearised about a given trajectory, in parallel over time.
 
     A sample whose numbers break down is taken for one without transition or without measurement and marked. The
@@ -102,7 +100,7 @@ def parallel_filter(ready: "Prepared", about: Any = None) -> dict[str, Any]:
     return _told(about[1], _filtered(ready, *about))
 
 
-def parallel_smoother(ready: "Prepared", about: Any = None) -> dict[str, Any]:
+def parallel_smoother(ready: Prepared, about: Any = None) -> dict[str, Any]:
     """The Rauch–Tung–Striebel smoother of `parallel_filter`, in parallel over time.
 
     Args:
@@ -127,7 +125,7 @@ def parallel_smoother(ready: "Prepared", about: Any = None) -> dict[str, Any]:
     return {"mean": points + smoothed.g, "cov": smoothed.L, "filtered": _told(points, filtered)}
 
 
-def _about(ready: "Prepared", about: Any) -> tuple[KF | EKF, Any]:
+def _about(ready: Prepared, about: Any) -> tuple[KF | EKF, Any]:
     """How to linearise, and about which states (T, k)."""
     vm, start = ready.vm, ready.start.mean
     if vm.curved:
@@ -143,7 +141,7 @@ def _about(ready: "Prepared", about: Any) -> tuple[KF | EKF, Any]:
     return EKF(), jnp.asarray(about, start.dtype)
 
 
-def _filtered(ready: "Prepared", method: KF | EKF, points: Any) -> _Filtered:
+def _filtered(ready: Prepared, method: KF | EKF, points: Any) -> _Filtered:
     start = ready.start
 
     def sample(x: Any, at: Any, measured: Any, control: Any, dt: Any, seen: Any) -> Affine:

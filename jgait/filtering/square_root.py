@@ -16,7 +16,7 @@ Sources: P. Kaminski, A. Bryson, S. Schmidt, "Discrete square root filtering: a 
 IEEE TAC 16(6), 1971; for the sum of two numbers D. Knuth, "The Art of Computer Programming 2", section 4.2.2.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,12 +24,10 @@ from jax import lax
 
 from jgait.filtering.dense import LOG_2PI, Correction, affine_transition
 from jgait.filtering.factors import added, changed, covariance, reduced, rooted, squares, triangularised
+from jgait.filtering.inputs import Prepared
 from jgait.filtering.linear_algebra import backward_substitution, forward_substitution, product
 from jgait.filtering.linearise import Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
-
-if TYPE_CHECKING:  # `kalman` imports this module.
-    from jgait.filtering.kalman import Prepared
 
 SINGULAR = 8.0
 """Below this share of its standard deviation the smoother takes what a state adds for rounding [epsilons]."""
@@ -196,8 +194,8 @@ def _regular(lower: Any) -> Any:
     return jnp.where(eye & (lower <= 0.0), 1.0, lower)
 
 
-def scanned(ready: "Prepared", method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
-    """`kalman.scanned` on factors: fields of `Posterior` by name, as vectors and matrices over time.
+def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
+    """`dense.scanned` on factors: fields of `Posterior` by name, as vectors and matrices over time.
 
     Args:
         ready: a filter's arguments.
@@ -226,7 +224,7 @@ def scanned(ready: "Prepared", method: Method, keep: tuple[str, ...]) -> dict[st
     return lax.scan(body, start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
 
-def smoothed_scan(ready: "Prepared", kept: dict[str, Any], method: Method) -> dict[str, Any]:
+def smoothed_scan(ready: Prepared, kept: dict[str, Any], method: Method) -> dict[str, Any]:
     """Rauch–Tung–Striebel smoothing on factors.
 
         [X 0; Y Z] = tria [A L, (Ω + Q)^½; L, 0],  G = Y X⁻¹,  L_s = tria [Z, G L_s']

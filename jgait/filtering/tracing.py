@@ -108,9 +108,9 @@ class Expansion:
             if key not in self._done:
                 self._done[key] = (lax.optimization_barrier(sincos(arrays[0])), inputs)
             return [self._done[key][0][0 if name == "sin" else 1]]
-        functions, params = equation.primitive.get_bind_params(equation.params)
-        results = equation.primitive.bind(*functions, *arrays, **params)
-        outputs = list(results) if equation.primitive.multiple_results else [results]
+        primitive = equation.primitive
+        results = primitive.bind(*arrays, **primitive.get_bind_params(equation.params))
+        outputs = list(results) if primitive.multiple_results else [results]
         return list(lax.optimization_barrier(tuple(outputs))) if name in EXPENSIVE else outputs
 
 

@@ -49,7 +49,7 @@ class VectorModel(NamedTuple):
 
 def pack(tree: Any, structure: Any, dtype: Any, what: str) -> Any:
     """A tuple of scalars as one vector; raises ValueError if it is another tuple than expected."""
-    return _stacked(scalars(tree, structure, dtype, what), dtype)
+    return stacked(scalars(tree, structure, dtype, what), dtype)
 
 
 def unpack(vector: Any, structure: Any) -> Any:
@@ -59,15 +59,17 @@ def unpack(vector: Any, structure: Any) -> Any:
 
 def pack_noise(noise: Any, structure: Any, dtype: Any, what: str) -> Any:
     """A `Covariance`, or a tuple of variances, as a matrix; raises ValueError like `pack`."""
-    return _dense(noise_matrix(noise, structure, dtype, what), dtype)
+    return dense_matrix(noise_matrix(noise, structure, dtype, what), dtype)
 
 
-def _stacked(values: list[Any], dtype: Any) -> Any:
+def stacked(values: list[Any], dtype: Any) -> Any:
+    """Scalars as a vector of the dtype."""
     return jnp.stack([jnp.asarray(value, dtype) for value in values])
 
 
-def _dense(matrix: Matrix, dtype: Any) -> Any:
-    return jnp.stack([_stacked(row, dtype) for row in matrix])
+def dense_matrix(matrix: Matrix, dtype: Any) -> Any:
+    """Rows of scalars as an array of the dtype."""
+    return jnp.stack([stacked(row, dtype) for row in matrix])
 
 
 def vector_model(model: Model, params: Any, mean: Any, observation: Any, dtype: Any) -> VectorModel:
@@ -79,13 +81,13 @@ def on_vectors(cm: ComponentModel, dtype: Any) -> VectorModel:
     """The same model on vectors."""
     return VectorModel(
         cm.state, cm.error, cm.observed, cm.curved, cm.names,
-        lambda x, control, dt: _stacked(cm.transition(list(x), control, dt), dtype),
-        lambda x, control, dt: _dense(cm.transition_noise(list(x), control, dt), dtype),
-        lambda x, control: _stacked(cm.observation(list(x), control), dtype),
-        lambda x, control: _dense(cm.observation_noise(list(x), control), dtype),
-        (lambda x, delta: _stacked(cm.retract(list(x), list(delta)), dtype)) if cm.curved else jnp.add,
-        (lambda reference, x: _stacked(cm.local(list(reference), list(x)), dtype))
+        lambda x, control, dt: stacked(cm.transition(list(x), control, dt), dtype),
+        lambda x, control, dt: dense_matrix(cm.transition_noise(list(x), control, dt), dtype),
+        lambda x, control: stacked(cm.observation(list(x), control), dtype),
+        lambda x, control: dense_matrix(cm.observation_noise(list(x), control), dtype),
+        (lambda x, delta: stacked(cm.retract(list(x), list(delta)), dtype)) if cm.curved else jnp.add,
+        (lambda reference, x: stacked(cm.local(list(reference), list(x)), dtype))
         if cm.curved else (lambda reference, x: x - reference),
-        (lambda measured, expected: _stacked(cm.residual(list(measured), list(expected)), dtype))
+        (lambda measured, expected: stacked(cm.residual(list(measured), list(expected)), dtype))
         if cm.wrapped else jnp.subtract,
     )  # fmt: skip

@@ -1,0 +1,92 @@
+"""Which of the ways to run a filter is taken: the same results, each where it pays.
+
+fast         components, structure found while tracing (`structured`); KF, EKF, iterated EKF
+dense        vectors and matrices (`dense`): the readable reference, for every method and size
+square_root  factors of the covariances (`square_root`): float32 that keeps its digits on tight problems
+parallel     associative scan over time (`parallel`): accelerators; linear, or linearised about a trajectory
+auto         fast where the method has it and the state is small enough to compile soon, else dense
+"""
+
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering import dense, fast, fast_smoother, parallel, square_root
+from jgait.filtering.component_model import scalars
+from jgait.filtering.inputs import Inputs
+from jgait.filtering.linearise import EKF, KF, Method
+
+Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
+
+FAST_UP_TO = 20
+"""Largest state of the fast path in "auto": beyond it, compiling takes longer than most runs are worth."""
+
+
+def chosen(given: Inputs, method: Method, execution: Execution, about: Any) -> Execution:
+    """The way that is taken.
+
+    Raises:
+        ValueError: for a way that the method does not have, or a trajectory that no other way looks at.
+    """
+    if about is not None and execution != "parallel":
+        raise ValueError(f"about is the trajectory of execution='parallel'; got execution={execution!r}")
+    jacobian = isinstance(method, KF | EKF)
+    if execution == "auto":
+        return "fast" if jacobian and len(given.cov) <= FAST_UP_TO else "dense"
+    if execution == "fast" and not jacobian:
+        raise ValueError(f"execution='fast' has KF, EKF and iterated EKF; got {method!r}, which needs 'dense'")
+    if execution == "parallel":
+        if not jacobian or method.iterations > 1:
+            raise ValueError(f"execution='parallel' has KF() and EKF(); got {method!r}")
+        if isinstance(method, EKF) and about is None:
+            raise ValueError("execution='parallel' needs `about`, the states that the EKF() is linearised about")
+    return execution
+
+
+def filtered(given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any) -> dict[str, Any]:
+    """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays."""
+    execution = chosen(given, method, execution, about)
+    if execution == "fast":
+        fast.check_linear(given, method)  # type: ignore[arg-type]
+        return fast.scanned(given, method, keep)  # type: ignore[arg-type]
+    ready = given.vectors()
+    if execution == "parallel":
+        everything = parallel.parallel_filter(ready, trajectory(given, about))
+        return {name: everything[name] for name in keep}
+    return (square_root if execution == "square_root" else dense).scanned(ready, method, keep)
+
+
+def smoothed(
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, covariance: bool
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Smoothed mean and covariance (None where not asked for), and the filter's fields by name."""
+    execution = chosen(given, method, execution, about)
+    if execution == "fast":
+        fast.check_linear(given, method)  # type: ignore[arg-type]
+        smoother = fast_smoother.rts if covariance or given.cm.curved else fast_smoother.bryson_frazier
+        return smoother(given, method, keep)  # type: ignore[arg-type]
+    ready = given.vectors()
+    if execution == "parallel":
+        found = parallel.parallel_smoother(ready, trajectory(given, about))
+        return found["mean"], found["cov"], {name: found["filtered"][name] for name in keep}
+    if execution == "square_root":
+        kept = square_root.scanned(ready, method, tuple(dict.fromkeys((*keep, "mean", "factor"))))
+        found = square_root.smoothed_scan(ready, kept, method)
+        return found["mean"], found["cov"], {name: kept[name] for name in keep}
+    kept = dense.scanned(ready, method, tuple(dict.fromkeys((*keep, "mean", "cov"))))
+    mean, cov = dense.smoothed_scan(ready, kept, method)
+    return mean, cov, {name: kept[name] for name in keep}
+
+
+def trajectory(given: Inputs, about: Any) -> Any:
+    """A state tuple of (T,) arrays as (T, k); raises ValueError for another tuple or shape."""
+    if about is None:
+        return None
+    first = jax.tree.map(lambda leaf: jnp.asarray(leaf)[0] if jnp.ndim(leaf) else leaf, about)
+    scalars(first, given.cm.state, given.dtype, "about")
+    for leaf in jax.tree.leaves(about):
+        if jnp.shape(leaf) != (given.length,):
+            raise ValueError(f"about must hold arrays of shape ({given.length},); got {jnp.shape(leaf)}")
+    return jnp.stack([lax.convert_element_type(leaf, given.dtype) for leaf in jax.tree.leaves(about)], axis=-1)

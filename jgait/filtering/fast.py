@@ -1,0 +1,204 @@
+r"""The structured filter as one scan; under `jax.vmap` every component is an array over the recordings.
+
+The scan runs in segments of about √T samples, each under `jax.checkpoint`: a gradient in reverse mode stores the
+belief at the start of each segment, and takes a segment again when it comes to it. Memory grows with √T, and what
+is stored meanwhile fits a cache.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering.components import Matrix, from_upper, known, plus, total, upper
+from jgait.filtering.inputs import Inputs
+from jgait.filtering.linearise import EKF, KF, depends_on_place, reached
+from jgait.filtering.structured import (
+    Components,
+    Gains,
+    Noise,
+    Sample,
+    Told,
+    Transition,
+    affine_transition,
+    corrected,
+    predicted,
+    sound,
+)
+
+SEGMENTED_FROM = 256
+"""Recordings with fewer samples are scanned in one piece."""
+
+Carry = tuple[tuple[Any, ...], tuple[Any, ...]]
+"""A belief as it is carried along: mean, and upper triangle of the covariance."""
+
+
+class Noises(NamedTuple):
+    """The noise covariances, where they are the same at every sample."""
+
+    transition: Noise | None
+    observation: Noise | None
+
+
+class Advanced(NamedTuple):
+    """One predict and update."""
+
+    transition: Transition
+    predicted: Components
+    gains: Gains
+    after: Components
+    told: Told
+
+
+def check_linear(given: Inputs, method: KF | EKF) -> None:
+    """Refuse a nonlinear model for the `KF`.
+
+    Raises:
+        ValueError: naming the function whose Jacobian depends on the state.
+    """
+    if not isinstance(method, KF):
+        return
+    control, dt = _first(given)
+    functions = {
+        "transition": lambda x: jnp.stack(given.cm.transition(list(x), control, dt)),
+        "observation": lambda x: jnp.stack(given.cm.observation(list(x), control)),
+    }
+    for name, function in functions.items():
+        if depends_on_place(function, jnp.zeros(len(given.mean), given.dtype)):
+            raise ValueError(
+                f"the KF needs a linear model, but the Jacobian of {given.cm.names[name]} depends on the state; use "
+                "EKF(), UKF() or CKF()"
+            )
+
+
+def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample, method: KF | EKF) -> Advanced:
+    """Predict, then update, in components."""
+    transition = affine_transition(given.cm, before, sample, noises.transition)
+    prior = predicted(transition, before.cov)
+    after, gains, told = corrected(given.cm, prior, sample, method, noises.observation)
+    return Advanced(transition, prior, gains, after, told._replace(health=plus(told.health, transition.health)))
+
+
+def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> dict[str, Any]:
+    """The filter's scan: fields of `Posterior` by name, each a list of (T,) arrays, or one (T,) array."""
+    noises = constant_noises(given)
+
+    def body(carry: Carry, leaves: Any) -> tuple[Carry, dict[str, Any]]:
+        step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
+        return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
+
+    start = carried(Components(given.mean, given.cov), given.dtype)
+    kept = segmented(body, start, series(given), given.length)
+    return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
+
+
+def field(step: Advanced, name: str, dtype: Any) -> Any:
+    """One field of `Posterior` at one sample, as arrays."""
+    told = step.told
+    match name:
+        case "mean" | "predicted_mean":
+            return arrays((step.after if name == "mean" else step.predicted).mean, dtype)
+        case "cov" | "predicted_cov":
+            return arrays(upper((step.after if name == "cov" else step.predicted).cov), dtype)
+        case "innovation":
+            return arrays(told.innovation, dtype)
+        case "innovation_stddev":
+            return arrays(told.stddev, dtype)
+        case "valid":
+            return jnp.asarray(sound(told.health))
+        case _:
+            return jnp.asarray(getattr(told, name), dtype)
+
+
+def segmented(body: Callable[[Any, Any], Any], start: Any, leaves: Any, length: int, *, reverse: bool = False) -> Any:
+    """`lax.scan`'s outputs, taken in checkpointed segments; `body` gets the leaves of one sample at a time.
+
+    Where no segment length divides T, the last segment is filled up with copies of the last sample, whose outputs are
+    dropped: nothing but those sees them, since they come last (`reverse` is for lengths that divide).
+    """
+    body = jax.checkpoint(body, prevent_cse=False)
+    if length < SEGMENTED_FROM:
+        return lax.scan(body, start, leaves, reverse=reverse)[1]
+    size = segment_length(length)
+    count = -(-length // size)
+    folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), leaves)
+
+    @jax.checkpoint
+    def segment(carry: Any, part: Any) -> Any:
+        return lax.scan(body, carry, part, reverse=reverse)
+
+    outputs = lax.scan(segment, start, folded, reverse=reverse)[1]
+    return jax.tree.map(lambda leaf: leaf.reshape(count * size)[:length], outputs)
+
+
+def segment_length(length: int) -> int:
+    """A divisor of the length near its root, or the root rounded up."""
+    root = math.isqrt(length)
+    for candidate in sorted(range(max(1, root // 2), 2 * root), key=lambda size: abs(math.log(size / root))):
+        if length % candidate == 0:
+            return candidate
+    return root + 1
+
+
+def filled(leaf: Any, length: int) -> Any:
+    """The array (T,) with its last entry repeated up to the length."""
+    missing = length - leaf.shape[0]
+    return jnp.concatenate([leaf, jnp.broadcast_to(leaf[-1:], (missing,))]) if missing else leaf
+
+
+def series(given: Inputs) -> Any:
+    """What a scan runs over: arrays (T,) only; see `sample_of`."""
+    seen = [leaf for leaf in given.seen if not isinstance(leaf, bool)]
+    return given.measured, given.controls, given.dt if jnp.ndim(given.dt) else None, seen
+
+
+def sample_of(leaves: Any, given: Inputs) -> Sample:
+    """One sample of what `series` gave."""
+    measured, control, dt, seen = leaves
+    rest = iter(seen)
+    flags = [leaf if isinstance(leaf, bool) else next(rest) for leaf in given.seen]
+    return Sample(measured, control, given.dt if dt is None else dt, flags)
+
+
+def carried(moments: Components, dtype: Any) -> Carry:
+    """A belief as arrays of the dtype."""
+    return arrays(moments.mean, dtype), arrays(upper(moments.cov), dtype)
+
+
+def opened(carry: Carry, given: Inputs) -> Components:
+    """Inverse of `carried`."""
+    return Components(list(carry[0]), from_upper(carry[1], len(given.cov)))
+
+
+def arrays(values: list[Any], dtype: Any) -> tuple[Any, ...]:
+    """Scalars, known or not, as arrays of the dtype."""
+    return tuple(jnp.asarray(value, dtype) for value in values)
+
+
+def _first(given: Inputs) -> tuple[Any, Any]:
+    return jax.tree.map(lambda leaf: leaf[0], given.controls), given.dt[0] if jnp.ndim(given.dt) else given.dt
+
+
+def constant_noises(given: Inputs) -> Noises:
+    """The noise covariances that depend neither on the state nor on the sample."""
+    control, dt = _first(given)
+    varying = [jnp.asarray(value, given.dtype) for value in given.mean], control
+    cm = given.cm
+    if jnp.ndim(given.dt):
+        transition = _constant(lambda x, u, h: cm.transition_noise(x, u, h), (*varying, dt), given.dtype)
+    else:
+        transition = _constant(lambda x, u: cm.transition_noise(x, u, dt), varying, given.dtype)
+    return Noises(transition, _constant(cm.observation_noise, varying, given.dtype))
+
+
+def _constant(function: Callable[..., Matrix], arguments: Any, dtype: Any) -> Noise | None:
+    """The matrix that the function gives whatever its arguments, or None if it depends on them."""
+    closed = jax.make_jaxpr(lambda *given: upper(function(*given)))(*arguments)
+    if any(reached(closed.jaxpr, set(closed.jaxpr.invars))):
+        return None
+    matrix = function(*arguments)
+    entries = [value if known(value) else jnp.asarray(value, dtype) for value in upper(matrix)]
+    return Noise(from_upper(entries, len(matrix)), total(entry for entry in entries if not known(entry)))

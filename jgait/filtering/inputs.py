@@ -1,0 +1,87 @@
+"""What a filter works on: a model and a recording, checked, in one float type, as components or as vectors."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.filtering import checks
+from jgait.filtering.component_model import ComponentModel, component_model, noise_matrix, scalars
+from jgait.filtering.components import Matrix
+from jgait.filtering.model import Belief, Model
+from jgait.filtering.vectors import Moments, VectorModel, dense_matrix, on_vectors, stacked
+
+
+class Prepared(NamedTuple):
+    """A filter's arguments in vectors and matrices."""
+
+    vm: VectorModel
+    start: Moments
+    measured: Any  # (T, m)
+    controls: Any
+    dt: Any  # (T,)
+    seen: Any  # (T, m)
+
+
+class Inputs(NamedTuple):
+    """A filter's arguments, component by component.
+
+    Attributes:
+        cm: the model.
+        mean: initial mean (k scalars; known ones are Python floats).
+        cov: initial covariance (n × n scalars).
+        measured: observation (m arrays (T,)).
+        controls: control tuple of (T,) arrays, or None.
+        dt: intervals, () or (T,).
+        seen: the mask (m arrays (T,) of bools, or True where it says nothing).
+        dtype: of all floats.
+        length: T.
+    """
+
+    cm: ComponentModel
+    mean: list[Any]
+    cov: Matrix
+    measured: list[Any]
+    controls: Any
+    dt: Any
+    seen: list[Any]
+    dtype: Any
+    length: int
+
+    def vectors(self) -> Prepared:
+        """The same in vectors and matrices."""
+        shape = (self.length,)
+        return Prepared(
+            on_vectors(self.cm, self.dtype),
+            Moments(stacked(self.mean, self.dtype), dense_matrix(self.cov, self.dtype)),
+            jnp.stack(self.measured, axis=-1),
+            self.controls,
+            jnp.broadcast_to(self.dt, shape),
+            jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in self.seen], axis=-1),
+        )
+
+
+def inputs(
+    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None
+) -> Inputs:
+    """Check structure and shapes, and bring everything to one dtype; raises, see `kalman_filter`."""
+    observations, length = checks.series(observations, "observation", None)
+    controls, _ = checks.series(controls, "control", length)
+    dtype = checks.common_dtype(params, observations, initial)
+    params, controls = checks.in_dtype((params, controls), dtype)
+    belief = model.initial(params) if initial is None else initial
+    checks.check_belief(belief)
+    first = jax.tree.map(lambda leaf: leaf[0], controls)
+    checks.check_observation(model, params, checks.in_dtype(belief.mean, dtype), first, observations)
+    cm = component_model(model, params, belief.mean, observations, dtype)
+    return Inputs(
+        cm,
+        scalars(belief.mean, cm.state, dtype, "the mean of a belief"),
+        noise_matrix(belief.cov, cm.error, dtype, "the covariance of a belief"),
+        [leaf.astype(dtype) for leaf in jax.tree.leaves(observations)],
+        controls,
+        checks.interval(dt, length, dtype),
+        checks.mask_leaves(mask, observations, (length,)),
+        dtype,
+        length,
+    )
