@@ -45,12 +45,14 @@ def chosen(given: Inputs, method: Method, execution: Execution, about: Any) -> E
     return execution
 
 
-def filtered(given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any) -> dict[str, Any]:
-    """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays."""
+def filtered(
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, segments: bool
+) -> dict[str, Any]:
+    """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays; `segments` as of `fast.scanned`."""
     execution = chosen(given, method, execution, about)
     if execution == "fast":
         fast.check_linear(given, method)  # type: ignore[arg-type]
-        return fast.scanned(given, method, keep)  # type: ignore[arg-type]
+        return fast.scanned(given, method, keep, segments=segments)  # type: ignore[arg-type]
     ready = given.vectors()
     if execution == "parallel":
         everything = parallel.parallel_filter(ready, trajectory(given, about))

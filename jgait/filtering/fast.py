@@ -1,8 +1,8 @@
 r"""The structured filter as one scan; under `jax.vmap` every component is an array over the recordings.
 
-The scan runs in segments of about √T samples, each under `jax.checkpoint`: a gradient in reverse mode stores the
-belief at the start of each segment, and takes a segment again when it comes to it. Memory grows with √T, and what
-is stored meanwhile fits a cache.
+Where it is differentiated, the scan runs in segments of about √T samples, each under `jax.checkpoint`: a gradient in
+reverse mode stores the belief at the start of each segment, and takes a segment again when it comes to it. Memory
+grows with √T, and what is stored meanwhile fits a cache.
 """
 
 import math
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 
 from jgait.filtering.components import Matrix, from_upper, known, plus, total, upper
 from jgait.filtering.inputs import Inputs
@@ -82,8 +83,15 @@ def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample, 
     return Advanced(transition, prior, gains, after, told._replace(health=plus(told.health, transition.health)))
 
 
-def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> dict[str, Any]:
-    """The filter's scan: fields of `Posterior` by name, each a list of (T,) arrays, or one (T,) array."""
+def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:
+    """The filter's scan: fields of `Posterior` by name, each a list of (T,) arrays, or one (T,) array.
+
+    Args:
+        given: model and recording.
+        method: how to linearise.
+        keep: fields to return.
+        segments: scan in checkpointed segments, for gradients; in one piece it is faster.
+    """
     noises = constant_noises(given)
 
     def body(carry: Carry, leaves: Any) -> tuple[Carry, dict[str, Any]]:
@@ -91,7 +99,12 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> dict[str,
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
     start = carried(Components(given.mean, given.cov), given.dtype)
-    kept = segmented(body, start, series(given), given.length)
+    if segments:
+        kept = segmented(body, start, series(given), given.length)
+    else:
+        kept = lax.scan(body, start, series(given))[1]
+    # Under vmap a reshape leaves the recordings' axis in front: twins of `with_gradient_of` have to agree on its place.
+    kept = jax.tree.map(lambda leaf: leaf.reshape(1, given.length).reshape(given.length), kept)
     return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
 
 
@@ -113,24 +126,51 @@ def field(step: Advanced, name: str, dtype: Any) -> Any:
             return jnp.asarray(getattr(told, name), dtype)
 
 
-def segmented(body: Callable[[Any, Any], Any], start: Any, leaves: Any, length: int, *, reverse: bool = False) -> Any:
+def with_gradient_of(function: Callable[..., Any], twin: Callable[..., Any]) -> Callable[..., Any]:
+    """A function whose derivatives, of any order and mode, are taken through an equal one.
+
+    Args:
+        function: of positional pytrees, which closes over no array.
+        twin: equal to it, but made to be differentiated.
+    """
+    result = jax.custom_jvp(function)
+
+    def rule(primals: Any, tangents: Any) -> Any:
+        leaves = jax.tree.leaves(primals)
+        structure: Any = jax.tree.structure(primals)
+        moves = structure.flatten_up_to(tangents)
+        places = [i for i, move in enumerate(moves) if not isinstance(move, SymbolicZero)]
+
+        def of_moving(*values: Any) -> Any:
+            every = list(leaves)
+            for i, value in zip(places, values, strict=True):
+                every[i] = value
+            return twin(*structure.unflatten(every))
+
+        return jax.jvp(of_moving, tuple(leaves[i] for i in places), tuple(moves[i] for i in places))
+
+    result.defjvp(rule, symbolic_zeros=True)
+    return result
+
+
+def segmented(body: Callable[[Any, Any], Any], start: Any, leaves: Any, length: int) -> Any:
     """`lax.scan`'s outputs, taken in checkpointed segments; `body` gets the leaves of one sample at a time.
 
     Where no segment length divides T, the last segment is filled up with copies of the last sample, whose outputs are
-    dropped: nothing but those sees them, since they come last (`reverse` is for lengths that divide).
+    dropped: nothing but those sees them, since they come last.
     """
     body = jax.checkpoint(body, prevent_cse=False)
     if length < SEGMENTED_FROM:
-        return lax.scan(body, start, leaves, reverse=reverse)[1]
+        return lax.scan(body, start, leaves)[1]
     size = segment_length(length)
     count = -(-length // size)
     folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), leaves)
 
     @jax.checkpoint
     def segment(carry: Any, part: Any) -> Any:
-        return lax.scan(body, carry, part, reverse=reverse)
+        return lax.scan(body, carry, part)
 
-    outputs = lax.scan(segment, start, folded, reverse=reverse)[1]
+    outputs = lax.scan(segment, start, folded)[1]
     return jax.tree.map(lambda leaf: leaf.reshape(count * size)[:length], outputs)
 
 

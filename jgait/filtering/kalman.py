@@ -7,6 +7,7 @@ All in error coordinates δ about the predicted state, so rotations need no spec
 its linearisation at its own result, but always starts again from the same prior.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.dense import Correction, advanced, corrected, predicted_moments
 from jgait.filtering.execution import Execution, filtered
+from jgait.filtering.fast import with_gradient_of
 from jgait.filtering.inputs import inputs
 from jgait.filtering.linearise import EKF, Method
 from jgait.filtering.model import Belief, Model
@@ -236,8 +238,12 @@ def _filtered(
     model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
     about: Any, method: Method, keep: tuple[str, ...], execution: Execution,
 ) -> Posterior:  # fmt: skip
-    given = inputs(model, params, observations, controls, dt, mask, initial)
-    return posterior(given.cm, filtered(given, method, keep, execution, about))
+    def run(segments: bool, params: Any, recording: tuple[Any, Any, Any, Any], initial: Any, about: Any) -> Posterior:
+        given = inputs(model, params, *recording, initial)
+        return posterior(given.cm, filtered(given, method, keep, execution, about, segments))
+
+    function = with_gradient_of(partial(run, False), partial(run, True))
+    return function(params, (observations, controls, dt, mask), initial, about)
 
 
 _filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execution"))
