@@ -129,31 +129,13 @@ def objective(candidate: Candidate, job: str, batched: bool) -> Callable[..., An
     return loss
 
 
-def forward(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Value and gradient by one tangent for each parameter, all at once."""
-
-    def both(theta: Any, *rest: Any) -> tuple[Any, Any]:
-        def along(direction: Any) -> tuple[Any, Any]:
-            return jax.jvp(lambda v: function(v, *rest), (theta,), (direction,))
-
-        return jax.vmap(along, out_axes=(None, 0))(jnp.eye(theta.size, dtype=theta.dtype))
-
-    return both
-
-
-def automatic(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Value and gradient as `jgait.tune.fit` takes them for this many parameters."""
-    return tune._differentiator("auto", jnp.zeros(6))(function)
-
-
 def function_of(candidate: Candidate, job: str, batched: bool, gradient: str = "reverse") -> Callable[..., Any]:
     """A job as a function of log noise, rates as the candidate wants them, and path."""
     if job == "filter":
         return lambda theta, r, path: mapped(lambda one: candidate.filtered(theta, one), r, batched, (1, 0))
     if job == "smoother":
         return lambda theta, r, path: mapped(lambda one: candidate.smoothed(theta, one), r, batched, 1)
-    differentiate = {"reverse": jax.value_and_grad, "forward": forward, "auto": automatic}[gradient]
-    return differentiate(objective(candidate, job, batched))
+    return tune.value_and_grad(objective(candidate, job, batched), gradient)
 
 
 def compiled(candidate: Candidate, job: str, data: Data, gradient: str = "reverse", try_all: bool = True) -> Program:

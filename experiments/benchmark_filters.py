@@ -1,8 +1,8 @@
 """Filters against each other and against C: steps a second, gradients, compile time and memory of the 8-state leg EKF.
 
 All in one process and in turn, medians; --figure FILE draws steps a second against the number of recordings. Absent
-libraries are named and left out: `make bench` brings them. jgait differentiates as `tune` does for 6 parameters
-("fast", "dense"); "fast_forward" carries six tangents at once, "fast_reverse" goes backwards, like all others.
+libraries are named and left out: `make bench` brings them. Gradients are by 6 tangents at once ("fast"), one after
+another ("fast_forward") and backwards ("fast_reverse", and all others).
 """
 
 import argparse
@@ -52,7 +52,7 @@ def entries(job: str, every: list[Candidate], thorough: bool) -> list[tuple[str,
     """Name, candidate and gradient mode of what a job compares."""
     found = []
     for candidate in every:
-        found.append((candidate.name, candidate, "auto" if candidate.name in OURS else "reverse"))
+        found.append((candidate.name, candidate, "together" if candidate.name == "fast" else "reverse"))
         if thorough and job in GRADIENTS and candidate.name == "fast":
             found += [(f"fast_{mode}", candidate, mode) for mode in ("forward", "reverse")]
     return found
@@ -93,7 +93,7 @@ def outcome(candidate: Candidate | None, job: str, found: Any) -> dict[str, Any]
 def reference_of(dense: Candidate, job: str, walks: Any, samples: int) -> tuple[dict[str, Any], dict[str, float]]:
     """What the dense filter gives in float64 for 64 recordings, and what differences from it are divided by."""
     data = data_of(*walks, 64, np.float64, LOG_NOISE)
-    wanted = outcome(dense, job, compiled(dense, job, data, "auto", False).result())
+    wanted = outcome(dense, job, compiled(dense, job, data, "reverse", False).result())
     scale = {what: float(np.max(np.abs(value))) if job in GRADIENTS else 1.0 for what, value in wanted.items()}
     return wanted, scale | ({"log_likelihood": float(samples)} if job == "filter" else {})
 

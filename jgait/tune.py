@@ -1,6 +1,7 @@
 """Fitting parameters by gradient: optax in a `lax.scan`, in coordinates where every value is allowed."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -151,9 +152,7 @@ def fit[P](
         optimizer: from optax, for example `optax.adam(0.05)`.
         steps: how many.
         batched: whether `data` has an axis of items.
-        gradient: "forward" carries one tangent a free parameter through the filter, in constant memory and with a
-            quick compilation; "reverse" costs the same for any number of them; "auto" takes forward up to
-            `FORWARD_UP_TO` free numbers.
+        gradient: how to differentiate, see `value_and_grad`.
         progress: called on the host after every chunk; it changes nothing in the result.
         chunk: steps between two calls of `progress`, 2 at least; None for about twenty calls.
 
@@ -173,7 +172,7 @@ def fit[P](
     _check_loss(loss, params, data, batched)
     objective = _objective(loss, transforms, batched)
     optimizer = optax.with_extra_args_support(optimizer)
-    differentiate = _differentiator(gradient, free)
+    differentiate = partial(value_and_grad, gradient=gradient)
     # The start is evaluated by the same program as every step, as step −1, so that only one is compiled.
     total = steps + 1
     # A scan of one step would be unrolled and round differently; two is the least.
@@ -202,28 +201,48 @@ def fit[P](
 
 
 FORWARD_UP_TO = 12
-"""Free numbers up to which `fit` differentiates forward by default."""
+"""Free numbers up to which "auto" differentiates forward."""
+
+GRADIENTS = ("auto", "forward", "together", "reverse")
+"""Ways to differentiate, see `value_and_grad`."""
 
 
-def _differentiator(mode: str, free: Any) -> Callable[..., Any]:
-    """`jax.value_and_grad`, or the same by one forward tangent for each free number."""
-    if mode not in ("auto", "forward", "reverse"):
-        raise ValueError(f"gradient must be 'auto', 'forward' or 'reverse'; got {mode!r}")
-    size = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(free))
-    if mode == "reverse" or (mode == "auto" and size > FORWARD_UP_TO):
-        return jax.value_and_grad
-    return _forward_value_and_grad
+def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Callable[..., Any]:
+    """`jax.value_and_grad` with respect to the first argument, by the way that suits a filter.
 
+        forward    one tangent after another, in constant memory and soonest compiled
+        together   all tangents at once: several times faster than "forward" where the filter runs over components
+                   (see `jgait.filtering.execution`), and slower where it runs on matrices
+        reverse    the same cost for any number of parameters; filters over components store √T beliefs for it
+        auto       forward up to `FORWARD_UP_TO` numbers in the first argument, reverse beyond
 
-def _forward_value_and_grad(function: Callable[..., Any]) -> Callable[..., Any]:
+    Args:
+        function: (free, …) → scalar; `free` is any pytree of floats.
+        gradient: one of `GRADIENTS`.
+
+    Returns:
+        (free, …) → (value, gradient in the type of `free`).
+
+    Raises:
+        ValueError: for another `gradient`.
+    """
+    if gradient not in GRADIENTS:
+        raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")
+    backward = jax.value_and_grad(function)
+
     def both(free: Any, *rest: Any) -> tuple[Any, Any]:
         flat, unflatten = ravel_pytree(free)
+        if gradient == "reverse" or (gradient == "auto" and flat.size > FORWARD_UP_TO):
+            return backward(free, *rest)
 
         def along(direction: Any) -> tuple[Any, Any]:
             return jax.jvp(lambda v: function(unflatten(v), *rest), (flat,), (direction,))
 
-        # One after the other: small filters run several times faster so than with a batch of tangents.
-        values, slopes = jax.lax.map(along, jnp.eye(flat.size, dtype=flat.dtype))
+        directions = jnp.eye(flat.size, dtype=flat.dtype)
+        if gradient == "together":
+            value, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
+            return value, unflatten(slopes)
+        values, slopes = jax.lax.map(along, directions)
         return values[0], unflatten(slopes)
 
     return both

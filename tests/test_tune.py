@@ -257,7 +257,7 @@ def test_misuse_is_refused_by_name(change, error, message):
 def test_forward_and_reverse_gradients_find_the_same():
     fits = [
         tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=10, gradient=mode)
-        for mode in ("forward", "reverse", "auto")
+        for mode in ("forward", "together", "reverse", "auto")
     ]
     for other in fits[1:]:
         for a, b in zip(jax.tree.leaves(fits[0].params), jax.tree.leaves(other.params), strict=True):
@@ -265,5 +265,5 @@ def test_forward_and_reverse_gradients_find_the_same():
 
 
 def test_unknown_gradient_mode_is_refused():
-    with pytest.raises(ValueError, match="gradient must be 'auto', 'forward' or 'reverse'; got 'sideways'"):
+    with pytest.raises(ValueError, match="gradient must be one of auto, forward, together, reverse; got 'sideways'"):
         tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=2, gradient="sideways")

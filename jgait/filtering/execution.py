@@ -20,12 +20,16 @@ from jgait.filtering.linearise import EKF, KF, Method
 
 Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
 
-FAST_UP_TO = 20
-"""Largest state of the fast path in "auto": beyond it, compiling takes longer than most runs are worth."""
+FAST_UP_TO = 48
+"""Largest error components × observed components × iterations that "auto" takes to the fast path.
+
+Compiling time grows with the components: 1 s at 8 × 2, some seconds at 15 × 3, and beyond that more than most runs
+are worth. The smoother's covariances take about n times as many operations, so "auto" leaves them to the dense path.
+"""
 
 
-def chosen(given: Inputs, method: Method, execution: Execution, about: Any) -> Execution:
-    """The way that is taken.
+def chosen(given: Inputs, method: Method, execution: Execution, about: Any, small: bool = True) -> Execution:
+    """The way that is taken; `small` says whether what is asked for is little enough for components.
 
     Raises:
         ValueError: for a way that the method does not have, or a trajectory that no other way looks at.
@@ -34,7 +38,8 @@ def chosen(given: Inputs, method: Method, execution: Execution, about: Any) -> E
         raise ValueError(f"about is the trajectory of execution='parallel'; got execution={execution!r}")
     jacobian = isinstance(method, KF | EKF)
     if execution == "auto":
-        return "fast" if jacobian and len(given.cov) <= FAST_UP_TO else "dense"
+        size = len(given.cov) * len(given.measured) * method.iterations
+        return "fast" if jacobian and small and size < FAST_UP_TO else "dense"
     if execution == "fast" and not jacobian:
         raise ValueError(f"execution='fast' has KF, EKF and iterated EKF; got {method!r}, which needs 'dense'")
     if execution == "parallel":
@@ -64,10 +69,11 @@ def smoothed(
     given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, covariance: bool
 ) -> tuple[Any, Any, dict[str, Any]]:
     """Smoothed mean and covariance (None where not asked for), and the filter's fields by name."""
-    execution = chosen(given, method, execution, about)
+    means_only = not covariance and not given.cm.curved
+    execution = chosen(given, method, execution, about, small=means_only)
     if execution == "fast":
         fast.check_linear(given, method)  # type: ignore[arg-type]
-        smoother = fast_smoother.rts if covariance or given.cm.curved else fast_smoother.bryson_frazier
+        smoother = fast_smoother.bryson_frazier if means_only else fast_smoother.rts
         return smoother(given, method, keep)  # type: ignore[arg-type]
     ready = given.vectors()
     if execution == "parallel":

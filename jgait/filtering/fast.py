@@ -99,10 +99,8 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
     start = carried(Components(given.mean, given.cov), given.dtype)
-    if segments:
-        kept = segmented(body, start, series(given), given.length)
-    else:
-        kept = lax.scan(body, start, series(given))[1]
+    leaves = series(given)
+    kept = segmented(body, start, leaves, given.length) if segments else lax.scan(body, start, leaves)[1]
     # Under vmap a reshape leaves the recordings' axis in front: twins of `with_gradient_of` have to agree on its place.
     kept = jax.tree.map(lambda leaf: leaf.reshape(1, given.length).reshape(given.length), kept)
     return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}

@@ -11,6 +11,7 @@ import reference
 
 from jgait import filtering
 from jgait.filtering import KF, Belief, Covariance, Model, kalman, parallel
+from jgait.filtering.inputs import Prepared, inputs
 
 
 class Pendulum(NamedTuple):
@@ -105,7 +106,7 @@ def recording(samples: int) -> Problem:
 
 @partial(jax.jit, static_argnames="model")
 def smoothed(model: Model, p: Params, problem: Problem, about: Any = None) -> dict[str, Any]:
-    ready = kalman.prepared(model, p, problem.seen, problem.push, problem.dt, problem.mask, None)
+    ready = inputs(model, p, problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
     return parallel.parallel_smoother(ready, about)
 
 
@@ -125,7 +126,7 @@ def test_it_is_the_kalman_filter_and_smoother(samples):
         value = np.stack(value, -1) if isinstance(value, Seen | Pendulum) else value
         np.testing.assert_allclose(ours["filtered"][name], value, rtol=0, atol=1e-9, err_msg=name)
     # The filter alone gives the same.
-    ready = kalman.prepared(LINEAR, Params(), problem.seen, problem.push, problem.dt, problem.mask, None)
+    ready = inputs(LINEAR, Params(), problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
     alone = jax.jit(lambda: parallel.parallel_filter(ready))() if samples == 2 else ours["filtered"]
     np.testing.assert_allclose(alone["mean"], ours["filtered"]["mean"], rtol=0, atol=1e-13)
 
@@ -225,8 +226,8 @@ def test_what_the_mask_hides_changes_nothing_and_a_broken_sample_is_left_out():
 def test_it_refuses_what_it_cannot_do():
     problem = recording(3)
 
-    def ready(model: Model) -> kalman.Prepared:
-        return kalman.prepared(model, Params(), problem.seen, problem.push, problem.dt, problem.mask, None)
+    def ready(model: Model) -> Prepared:
+        return inputs(model, Params(), problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
 
     with pytest.raises(ValueError, match="the KF needs a linear model"):
         parallel.parallel_filter(ready(PENDULUM))

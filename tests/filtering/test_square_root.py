@@ -9,7 +9,21 @@ import numpy as np
 import pytest
 
 from jgait import filtering
-from jgait.filtering import CKF, EKF, KF, UKF, Belief, Covariance, IteratedEKF, Model, factors, kalman, square_root
+from jgait.filtering import (
+    CKF,
+    EKF,
+    KF,
+    UKF,
+    Belief,
+    Covariance,
+    IteratedEKF,
+    Model,
+    dense,
+    factors,
+    kalman,
+    square_root,
+)
+from jgait.filtering.inputs import inputs
 
 SAMPLES = 20
 
@@ -165,14 +179,14 @@ FILTERED = (*kalman.FIELDS, "factor")
 
 @partial(jax.jit, static_argnames=("model", "method"))
 def filtered(model: Model, p: Any, problem: Problem, method: Any) -> dict[str, Any]:
-    ready = kalman.prepared(model, p, problem.seen, problem.push, problem.dt, problem.mask, None)
+    ready = inputs(model, p, problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
     return square_root.scanned(ready, method, FILTERED)
 
 
 @partial(jax.jit, static_argnames=("model", "method"))
 def both(model: Model, p: Any, problem: Problem, method: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    ready = kalman.prepared(model, p, problem.seen, problem.push, problem.dt, problem.mask, None)
-    return square_root.scanned(ready, method, FILTERED), kalman.scanned(ready, method, kalman.FIELDS)
+    ready = inputs(model, p, problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
+    return square_root.scanned(ready, method, FILTERED), dense.scanned(ready, method, kalman.FIELDS)
 
 
 CASES = [
@@ -207,7 +221,7 @@ def test_its_smoother_is_the_dense_smoother(case):
 
     @jax.jit
     def smoothed(problem: Problem) -> dict[str, Any]:
-        ready = kalman.prepared(model, p, problem.seen, problem.push, problem.dt, problem.mask, None)
+        ready = inputs(model, p, problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
         return square_root.smoothed_scan(ready, square_root.scanned(ready, method, ("mean", "factor")), method)
 
     ours = smoothed(problem)
@@ -226,7 +240,7 @@ def test_gradients_equal_finite_differences(smooth):
     @jax.value_and_grad
     def value(v: Any) -> Any:
         p = Params(jnp.exp(v[0]), jnp.exp(v[1]), v[2])
-        ready = kalman.prepared(PENDULUM, p, problem.seen, problem.push, problem.dt, problem.mask, None)
+        ready = inputs(PENDULUM, p, problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
         method = EKF() if smooth else IteratedEKF(2)
         kept = square_root.scanned(ready, method, ("mean", "cov", "factor", "log_likelihood"))
         out = square_root.smoothed_scan(ready, kept, method) if smooth else kept
@@ -245,7 +259,7 @@ def test_exactly_known_states_have_finite_gradients():
 
     def value(q: Any) -> Any:
         known = Belief(State(0.5, 0.0, 0.1), Covariance.from_variances(State(0.0, 0.0, 0.0)))
-        ready = kalman.prepared(PENDULUM, Params(q), problem.seen, problem.push, problem.dt, problem.mask, known)
+        ready = inputs(PENDULUM, Params(q), problem.seen, problem.push, problem.dt, problem.mask, known).vectors()
         kept = square_root.scanned(ready, EKF(), ("mean", "cov", "factor"))
         out = square_root.smoothed_scan(ready, kept, EKF())
         return jnp.sum(out["mean"]) + jnp.sum(out["cov"]) + jnp.sum(kept["cov"])
@@ -286,9 +300,9 @@ def test_a_broken_step_keeps_the_belief_and_says_so():
 def test_a_first_covariance_that_is_none_is_marked():
     problem = recording()
     cov = Covariance.from_variances(State(1.0, 1.0, 0.1)).with_entries({("rate", "angle"): 1.5})
-    ready = kalman.prepared(
+    ready = inputs(
         LINEAR, Params(), problem.seen, problem.push, problem.dt, problem.mask, Belief(State(0.5, 0.0, 0.1), cov)
-    )
+    ).vectors()
     valid = square_root.scanned(ready, EKF(), ("valid",))["valid"]
     np.testing.assert_array_equal(valid, np.arange(SAMPLES) > 0)
 
@@ -375,18 +389,18 @@ def test_five_digits_of_a_tight_zero_velocity_problem_in_float32(standing):
     @partial(jax.jit, static_argnames="scan")
     def run(scan: Any, velocity: Any, force: Any) -> Any:
         kind = velocity.dtype
-        ready = kalman.prepared(
+        ready = inputs(
             ZERO_VELOCITY, jnp.asarray(1e-6, kind), Still(velocity), Force(force), jnp.asarray(0.01, kind), mask, None
-        )
+        ).vectors()
         kept = scan(ready, EKF(), ("mean", "cov"))
         return kept["mean"], jnp.diagonal(kept["cov"], axis1=1, axis2=2)
 
     def numbers(scan: Any, kind: Any) -> Any:
         return [np.asarray(v, np.float64) for v in run(scan, jnp.asarray(velocity, kind), jnp.asarray(force, kind))]
 
-    mean, variance = numbers(kalman.scanned, jnp.float64)
+    mean, variance = numbers(dense.scanned, jnp.float64)
     error = {}
-    for name, scan in (("root", square_root.scanned), ("joseph", kalman.scanned)):
+    for name, scan in (("root", square_root.scanned), ("joseph", dense.scanned)):
         means, variances = numbers(scan, jnp.float32)
         error[name] = np.max(np.abs(variances / variance - 1.0)), np.max(np.abs(means - mean) / np.sqrt(variance))
     print(error)
