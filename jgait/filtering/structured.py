@@ -4,8 +4,8 @@ The covariance is updated in the coordinates of the measurement. With z = H x, G
 
     cov(z, ·) = R S⁻¹ [G E],      cov(x_j, x_k) = P⁻_jk − (S^-½ G)_jᵀ (S^-½ G)_k     for the x not in z,
 
-so what is measured precisely is never the difference of two large numbers (as in P⁻ − K S Kᵀ), at less than the cost
-of Joseph's form. It needs rows of H that can be solved, one by one, for a component with a constant entry; where
+so what is measured precisely is never the difference of two large numbers (as in P⁻ − K S Kᵀ), at less than half the
+cost of Joseph's form. It needs rows of H that can be solved, one by one, for a component with a constant entry; where
 there are none, Joseph's form is used.
 
 Barriers stand where XLA would otherwise repeat work in each of the loops that use it. Whether numbers are sound is
@@ -385,23 +385,24 @@ def _joseph(cov: Matrix, g: Gains) -> Matrix:
 def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
     """For each row a column with a known entry, in an order in which the rows can be solved for them; or None.
 
-    A row is taken when its column shows in no row that is still to be taken; solving goes the other way round.
+    A row is taken when its column shows in no row that is still to be taken; solving goes the other way round. Columns
+    that come first in the state are preferred: the motion, not the biases, whose small variances would otherwise come
+    out as differences of large ones.
     """
     rest = set(range(len(matrix)))
     taken: list[tuple[int, int]] = []
     while rest:
+        choices = []
         for row in sorted(rest):
-            others = rest - {row}
-            columns = [
-                j for j, e in enumerate(matrix[row])
-                if known(e) and e != 0.0 and all(is_zero(matrix[other][j]) for other in others)
-            ]  # fmt: skip
-            if columns:
-                taken.append((row, columns[-1]))
-                rest = others
-                break
-        else:
+            columns = [j for j, entry in enumerate(matrix[row]) if known(entry) and entry != 0.0]
+            for rank, j in enumerate(columns):
+                if all(is_zero(matrix[other][j]) for other in rest - {row}):
+                    choices.append((rank, -len(columns), row, j))
+        if not choices:
             return None
+        _, _, row, j = min(choices)
+        taken.append((row, j))
+        rest.discard(row)
     return taken[::-1]
 
 

@@ -16,6 +16,7 @@ from jgait.filtering.inputs import inputs
 from jgait.filtering.tracing import Expansion
 
 SAMPLES = 30
+ONE_UPDATE = EKF()
 
 
 class Cart(NamedTuple):
@@ -178,14 +179,14 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     return Case(getattr(leg_model, name), params, seen, controls, dt, mask(seen))
 
 
-def filtered(c: Case, execution: str, method: Any = EKF(), keep: Any = FIELDS, **more: Any) -> Any:
+def filtered(c: Case, execution: str, method: Any = ONE_UPDATE, keep: Any = FIELDS, **more: Any) -> Any:
     return filtering.kalman_filter(
         c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
         execution=execution, **more,
     )  # fmt: skip
 
 
-def smoothed(c: Case, execution: str, method: Any = EKF(), **more: Any) -> Any:
+def smoothed(c: Case, execution: str, method: Any = ONE_UPDATE, **more: Any) -> Any:
     return filtering.kalman_smoother(
         c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method,
         execution=execution, keep=("log_likelihood",), **more,
@@ -202,7 +203,7 @@ def same(ours: Any, theirs: Any, tolerance: float = 1e-9) -> None:
 EVERY = [
     ("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("bent", IteratedEKF(3), False),
     ("heading", EKF(), True), ("heading", IteratedEKF(2), False), ("inclination", EKF(), True),
-    ("MODEL", EKF(), True), ("MODEL", EKF(), False), ("LITERAL", EKF(), True), ("cart", IteratedEKF(2), True),
+    ("MODEL", EKF(), True), ("MODEL", EKF(), False), ("LITERAL", EKF(), False), ("cart", IteratedEKF(2), True),
 ]  # fmt: skip
 
 
@@ -272,11 +273,8 @@ def test_as_many_recordings_as_samples(samples):
     ours = jax.jit(jax.vmap(jax.value_and_grad(loss), (None, 0, None)))(c.params, batch, weight)
     one = jax.jit(jax.value_and_grad(loss))
     for i in (0, samples // 2, samples - 1):
-        same(
-            jax.tree.map(lambda leaf, i=i: leaf[i], ours),
-            one(c.params, jax.tree.map(lambda v: v[i], batch), weight),
-            1e-8,
-        )
+        alone = one(c.params, Reading(batch.near[i], batch.far[i]), weight)
+        same((ours[0][i], ours[1][i]), alone, 1e-8)
     whole = jax.jit(jax.grad(lambda p: jnp.sum(jax.vmap(loss, (None, 0, None))(p, batch, weight))))(c.params)
     np.testing.assert_allclose(whole, jnp.sum(ours[1], axis=0), rtol=1e-8)
 
