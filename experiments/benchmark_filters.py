@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import _inertial_problem
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -192,6 +193,26 @@ def day_rows() -> list[Row]:
     ]
 
 
+def inertial_rows() -> list[Row]:
+    """How long a filter of 15 error states takes to trace and compile for 64 recordings, by either way."""
+    observed, controls, mask = _inertial_problem.recordings(64, 200)
+    noise = jnp.asarray(_inertial_problem.PARAMS, jnp.float32)
+    rows = []
+    for execution in OURS:
+
+        def one(y: Any, u: Any, m: Any, execution: Any = execution) -> Any:
+            return filtering.kalman_filter(
+                _inertial_problem.MODEL, noise, y, controls=u, dt=0.01, mask=m, keep=("mean", "log_likelihood"),
+                execution=execution,
+            )  # fmt: skip
+
+        start = time.perf_counter()
+        filtering.compiled(jax.vmap(one)).lower(observed, controls, mask).compile()
+        name = "compile_seconds_inertial" + ("" if execution == "fast" else f"_{execution}")
+        rows.append(Row(name, time.perf_counter() - start, "s", split="15 error states, zero velocity, float32"))
+    return rows
+
+
 def accelerator(every: list[Candidate], scope: Scope) -> list[Row]:
     """jgait and dynamax on what else than a CPU there is.
 
@@ -241,6 +262,7 @@ def experiment(quick: bool, figure: Path | None) -> list[Row]:
         if not quick:
             with jax.enable_x64(False):
                 rows += scaling(next(c for c in every if c.name == "fast"), scope)
+                rows += inertial_rows()
             rows += day_rows()
     if jax.default_backend() != "cpu":
         with jax.enable_x64(False):

@@ -20,10 +20,10 @@ from jgait.filtering.linearise import EKF, KF, Method
 
 Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
 
-FAST_UP_TO = 48
+FAST_UP_TO = 32
 """Largest error components × observed components × iterations that "auto" takes to the fast path.
 
-Compiling time grows with the components: 1 s at 8 × 2, some seconds at 15 × 3, and beyond that more than most runs
+Compiling time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), more than most runs
 are worth. The smoother's covariances take about n times as many operations, so "auto" leaves them to the dense path.
 """
 

@@ -210,7 +210,8 @@ EVERY = [
 @pytest.mark.parametrize(("name", "method", "masked"), EVERY)
 def test_the_fast_filter_is_the_dense_one(name, method, masked):
     c = case(name, masked=masked)
-    same(filtered(c, "fast", method), filtered(c, "dense", method))
+    # As printed, the paper's noise lets angles jump by a radian a sample, and any rounding grows with them.
+    same(filtered(c, "fast", method), filtered(c, "dense", method), 1e-5 if name == "LITERAL" else 1e-9)
 
 
 @pytest.mark.parametrize(
