@@ -261,3 +261,11 @@ def test_an_environment_that_is_finished_is_only_brought_up_to_date(machine):
     assert "-m pip install --quiet --require-hashes -r requirements.lock\n" in done.stdout
     assert (environment / "ready").read_text() == f"{machine.checkout}\n"
     assert not (environment / "unfinished").exists()
+
+
+def test_the_readme_s_filter_runs_as_it_is():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "MODEL = Model(" in block]
+    done = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "(64,)" in done.stdout
