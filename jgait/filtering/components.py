@@ -7,7 +7,9 @@ lists of rows; a symmetric one holds the same object at (i, j) and (j, i).
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 Matrix = list[list[Any]]
 
@@ -129,3 +131,18 @@ def all_finite(values: Iterable[Any]) -> Any:
     """Whether all are finite: their sum is, unless something overflows, which is as bad."""
     unknown = {id(value): value for value in values if not known(value)}
     return jnp.isfinite(total(unknown.values())) if unknown else True
+
+
+def barred(*trees: Any) -> Any:
+    """The same values behind an `optimization_barrier`; known ones stay known."""
+    leaves, structure = jax.tree.flatten(trees)
+    places = [i for i, leaf in enumerate(leaves) if not isinstance(leaf, float | bool)]
+    if places:
+        for i, leaf in zip(places, lax.optimization_barrier(tuple(leaves[i] for i in places)), strict=True):
+            leaves[i] = leaf
+    return jax.tree.unflatten(structure, leaves)
+
+
+def sound(health: Any) -> Any:
+    """Whether a float is finite; a Python bool where it is known."""
+    return True if known(health) else jnp.abs(health) < jnp.inf

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
-from jgait.filtering.components import Matrix, from_upper, known, plus, total, upper
+from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
+from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.linearise import EKF, KF, depends_on_place, reached
 from jgait.filtering.structured import (
     Components,
-    Gains,
     Noise,
     Sample,
     Told,
@@ -27,7 +27,6 @@ from jgait.filtering.structured import (
     affine_transition,
     corrected,
     predicted,
-    sound,
 )
 
 SEGMENTED_FROM = 256

@@ -16,11 +16,13 @@ from jax import lax
 
 from jgait.filtering.components import (
     added,
+    barred,
     congruence,
     dot,
     minus,
     plus,
     product,
+    sound,
     symmetric,
     total,
     transposed,
@@ -43,15 +45,9 @@ from jgait.filtering.fast import (
     series,
 )
 from jgait.filtering.inputs import Inputs
+from jgait.filtering.inverse_factor import generalised_inverse_factor
 from jgait.filtering.linearise import EKF, KF
-from jgait.filtering.structured import (
-    Components,
-    Sample,
-    affine_transition,
-    barred,
-    generalised_inverse_factor,
-    sound,
-)
+from jgait.filtering.structured import Components, Sample, affine_transition
 from jgait.filtering.tracing import Expansion
 
 

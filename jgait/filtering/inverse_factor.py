@@ -1,0 +1,70 @@
+"""Inverses of Cholesky factors over components."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering.components import Matrix, barred, minus, plus, sound, times, total, where
+
+
+def inverse_factor(spread: Matrix, summary: Any) -> tuple[Matrix, Any, Any]:
+    """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if all went well.
+
+    Where it did not, L⁻¹ is zero. A pivot that is not positive is replaced before its root is taken, so that
+    gradients stay finite.
+    """
+    health = plus(summary, total(spread[j][j] for j in range(len(spread))))
+    pivots: list[Any] = []
+
+    def root(pivot: Any, variance: Any) -> Any:
+        del variance
+        pivots.append(pivot)
+        return lax.rsqrt(jnp.where(pivot > 0.0, pivot, 1.0))
+
+    lower, roots = _factor(spread, root)
+    for pivot in pivots:
+        health = jnp.where(pivot > 0.0, health, jnp.inf)
+    log_det = -2.0 * total(jnp.log(value) for value in roots)
+    good = sound(health)
+    return _inverted(lower, roots, [where(good, value, 0.0) for value in roots]), log_det, health
+
+
+def generalised_inverse_factor(cov: Matrix, epsilon: float) -> Matrix:
+    """L⁻¹ for cov = L Lᵀ with zero rows for what is known exactly from the components before, up to rounding."""
+    floor = 2.0 * len(cov) * epsilon
+
+    def root(pivot: Any, variance: Any) -> Any:
+        above = pivot > floor * variance
+        return jnp.where(above, lax.rsqrt(jnp.where(above, pivot, 1.0)), 0.0)
+
+    lower, roots = _factor(cov, root)
+    return _inverted(lower, roots, roots)
+
+
+def _factor(spread: Matrix, root: Callable[[Any, Any], Any]) -> tuple[Matrix, list[Any]]:
+    """L below its diagonal, and the reciprocals of the diagonal, from `root(pivot, variance)`."""
+    size = len(spread)
+    lower: Matrix = [[0.0] * size for _ in range(size)]
+    roots: list[Any] = []
+    for j in range(size):
+        pivot = minus(spread[j][j], total(times(lower[j][k], lower[j][k]) for k in range(j)))
+        roots.append(root(pivot, spread[j][j]))
+        for i in range(j + 1, size):
+            below = minus(spread[i][j], total(times(lower[i][k], lower[j][k]) for k in range(j)))
+            lower[i][j] = times(below, roots[j])
+        if j % 2 == 1 and j + 1 < size:
+            lower, roots = barred(lower, roots)
+    return lower, roots
+
+
+def _inverted(lower: Matrix, roots: list[Any], diagonal: list[Any]) -> Matrix:
+    size = len(lower)
+    inverse: Matrix = [[0.0] * size for _ in range(size)]
+    for j in range(size):
+        inverse[j][j] = diagonal[j]
+        for i in range(j + 1, size):
+            inner = total(times(lower[i][k], inverse[k][j]) for k in range(j, i))
+            inverse[i][j] = times(-roots[i], inner)
+    return inverse
