@@ -106,11 +106,16 @@ def check_observation(model: Model, params: Any, mean: Any, control: Any, observ
     """
     expected = jax.eval_shape(model.observation, params, mean, control)
     structure: Any = jax.tree.structure(expected)
-    if structure != jax.tree.structure(observation):
-        raise ValueError(
-            f"the model observes a {type(expected).__name__} of ({', '.join(names_of(expected))}); "
-            f"got a {type(observation).__name__} of ({', '.join(names_of(observation))})"
+    given: Any = jax.tree.structure(observation)
+    if structure != given:
+        name, fields = type(expected).__name__, names_of(expected)
+        bare = given.num_nodes == 1 and given.num_leaves == 1
+        got = (
+            f"a bare array; pass {name}({fields[0]}=…)"
+            if bare
+            else f"a {type(observation).__name__} of ({', '.join(names_of(observation))})"
         )
+        raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
 
 
 def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:

@@ -184,7 +184,7 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     return Case(leg_model.MODEL, params, seen, controls, dt, mask(seen))
 
 
-def filtered(c: Case, execution: str, method: Any = ONE_UPDATE, keep: Any = FIELDS, **more: Any) -> Any:
+def filtered(c: Case, execution: str = "auto", method: Any = ONE_UPDATE, keep: Any = FIELDS, **more: Any) -> Any:
     return filtering.kalman_filter(
         c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
         execution=execution, **more,
@@ -359,3 +359,11 @@ def test_compiled_for_wide_vectors_also_within_another_jit():
     assert float(double(jnp.asarray(2.0), times=3)) == 6.0
     assert float(jax.jit(lambda x: double(x, times=4))(2.0)) == 8.0
     assert float(jax.grad(lambda x: double(x, times=5))(2.0)) == 5.0
+
+
+def test_a_bare_array_is_told_what_to_be():
+    c = case("bent")
+    with pytest.raises(
+        ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
+    ):
+        filtered(c._replace(observations=c.observations.near, mask=None))
