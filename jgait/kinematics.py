@@ -66,12 +66,12 @@ class Motion(NamedTuple):
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
+    """The sum a + b."""
     return Vector(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
 def subtract(a: Vector, b: Vector) -> Vector:
-    """a − b."""
+    """The difference a − b."""
     return Vector(a.x - b.x, a.y - b.y, a.z - b.z)
 
 
