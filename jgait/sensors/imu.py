@@ -6,10 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jgait.kinematics import GRAVITY
 from jgait.types import Imu
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]."""
 
 DEGREE = math.pi / 180.0
 
