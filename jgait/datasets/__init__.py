@@ -6,7 +6,7 @@ holds the sets. A set may hold more recordings than this version of jgait knows;
 
 from collections.abc import Collection
 
-from jgait.datasets import neura_sparse, walking5m
+from jgait.datasets import gaitmap_example, neura_sparse, tripod, walking5m
 from jgait.datasets.registry import (
     ChecksumError,
     DatasetInfo,
@@ -40,7 +40,12 @@ __all__ = [
     "unavailable_reason",
 ]
 
-_LOADERS = {"neura_sparse": neura_sparse, "walking5m": walking5m}
+_LOADERS = {
+    "neura_sparse": neura_sparse,
+    "walking5m": walking5m,
+    "gaitmap_example": gaitmap_example,
+    "tripod": tripod,
+}
 
 
 def names(name: str) -> tuple[str, ...]:

@@ -66,6 +66,16 @@ _DESCRIPTIONS = {
         "none stated: for local use only, never redistribute",
         "Marpino, Walking-Dataset, github.com/Marpino/Walking-dataset",
     ),
+    "gaitmap_example": (
+        "IMUs on both shoes, 204.8 Hz, with motion capture of heel, toe and fifth metatarsal, 2 × 20 m",
+        "MIT (the repository's LICENSE)",
+        "Küderle et al. 2024, gaitmap, IEEE Open Journal of Engineering in Medicine and Biology",
+    ),
+    "tripod": (
+        "IMUs on shanks, feet and sacrum, 128 Hz, on a treadmill, with OptoGait and Zebris",
+        "MIT (the repository's LICENSE)",
+        "Trautmann et al. 2021, TRIPOD, Data 6(9):95, doi 10.3390/data6090095",
+    ),
 }
 
 

@@ -1,0 +1,236 @@
+"""`gaitmap_example`: IMUs on both shoes with motion capture of the feet (Küderle et al. 2024, mad-lab-fau/gaitmap).
+
+The main walk, `imu_sample`: 20 m out and 20 m back, 204.8 Hz, sensors' axes x forward, y left, z up. `_not_rotated` is
+the same walk in the axes of the sensors' cases. The others have no motion capture: two stairs (204.8 Hz), strides cut
+at initial contact (`_ic_stride`; 102.4 Hz, else a stride took 0.57 s), and a person with multiple sclerosis (102.4 Hz;
+left and right are not synchronised, so each is a recording of its own). Upstream m/s² and deg/s; the accelerometers
+clip at 16 g.
+
+Reference: heel, toe and fifth metatarsal of both feet, 100 Hz, mm; no lag against the IMUs. The distance is the path
+of the middle of the heels, smoothed so that sway adds nothing; there are no joint angles.
+
+Keys of `Walk.info`; the reference's are {} (or None) where there is none:
+    mocap: {"right": {"heel" | "toe" | "fm5": (M, 3) [m]}, "left": …}, z up, 100 Hz.
+    mocap_time: (M,) [s] on the clock of the sensors; None where there is no motion capture.
+    stride_borders: {"right": (n, 2) [samples], "left": …}, by hand, at the gyroscope's extremum before toe-off.
+    events: {"right": {"start", "end", "ic", "tc", "min_vel", "pre_ic": (n,) [samples]}, "left": …}: a stride from
+        standing to standing, in it the terminal and initial contact, before it the previous initial contact.
+    strides: {"right": {"length", "width", "width_toe" [m], "time" [s], "stance_fraction" [1], "straight" (bool):
+        (n,)}, "left": …}: of the events' strides. Length: horizontal way of the heel from standing to standing; width:
+        distance of the other heel, standing, from the line of that way, NaN where the other foot does not stand in
+        between; `width_toe` the same of the toes, twice as wide, for the feet are turned out; time: from initial
+        contact to initial contact; `straight` leaves out the turn and the steps next to it.
+    no_reference: why there is no reference; None where there is one.
+    verified: whether every file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.walks import Walk
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+
+ROOT = "example_data"
+RATE_HZ = 204.8
+SLOW_HZ = 102.4
+MOCAP_HZ = 100.0
+CAPTURED = ("imu_sample", "imu_sample_not_rotated")
+MARKERS = {"heel": "FCC", "toe": "TOE", "fm5": "FM5"}
+SIGNALS = ("gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z")
+EVENTS = ("start", "end", "ic", "tc", "min_vel", "pre_ic")
+PATH_SMOOTHING = 0.3  # [s] width of a Gaussian over the middle of the heels
+STRAIGHT = np.deg2rad(15.0)  # a stride that turns more from the walkway is part of the turn
+SHORT = 0.8  # of the median length; a shorter stride starts, stops or turns
+
+
+def names() -> list[str]:
+    """Recordings that are there: files `imu_sample*.csv`, without the extension."""
+    return [Path(file).stem for file in registry.listing("gaitmap_example", ROOT, "imu_sample*.csv")]
+
+
+def load_one(name: str) -> Walk:
+    """One recording: both shoes, or one, and motion capture where there is any."""
+    path, known = registry.file("gaitmap_example", f"{ROOT}/{name}.csv")
+    rate = SLOW_HZ if "_ms_" in name or name.endswith("_ic_stride") else RATE_HZ
+    sensors = _read_sensors(path, rate)
+    # Stairs, the cut strides and the person with multiple sclerosis are other people than the main walk's.
+    subject = name.removeprefix("imu_sample").strip("_") if name not in CAPTURED else "healthy"
+    subject = subject.removesuffix("_left").removesuffix("_right")
+    notes = [f"no sensor on the {side} foot" for side in SIDES if f"foot_{side}" not in sensors]
+    details: dict[str, Any] = {"mocap": {}, "mocap_time": None, "stride_borders": {}, "events": {}, "strides": {}}
+    reference: Estimate | None = None
+    why: str | None = "no motion capture was recorded"
+    flags = [known]
+    if name in CAPTURED:
+        reference, why, known = _add_reference(details, next(iter(sensors.values())).time, rate, notes)
+        flags.append(known)
+    elif name.endswith("_ic_stride"):
+        flags.append(_add_borders(details, "stride_borders_sample_ic_stride.csv", notes))
+    recording = Recording(sensors, rate, name, subject, tuple(notes))
+    return Walk(recording, reference, {**details, "no_reference": why, "verified": all(flags)})
+
+
+def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
+    """Placement → sensor; files with a header of one row hold one foot, the file's name says which."""
+    import pandas as pd
+
+    table = pd.read_csv(path, header=None, nrows=1, dtype=str)
+    two = table.iloc[0].astype(str).str.endswith("_sensor").any()
+    table = pd.read_csv(path, header=[0, 1] if two else 0, index_col=0)
+    feet = {side: table[f"{side}_sensor"] for side in SIDES if two and f"{side}_sensor" in table.columns}
+    if not two:
+        feet = {side: table for side in SIDES if path.stem.endswith(f"_{side}")}
+    if not feet:
+        raise RecordingError(f"{path.name} has no column left_sensor or right_sensor, and no side in its name")
+    sensors = {}
+    for side, columns in feet.items():
+        lacking = [signal for signal in SIGNALS if signal not in columns.columns]
+        if lacking:
+            raise RecordingError(f"{path.name} has no {lacking[0]} of the {side} foot; needed are {', '.join(SIGNALS)}")
+        values = columns[list(SIGNALS)].to_numpy(np.float64)
+        if len(values) < 2:
+            raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
+        mask = np.isfinite(values).all(axis=1)
+        values = np.where(mask[:, None], values, 0.0)
+        time = np.arange(len(values)) / rate_hz
+        sensors[f"foot_{side}"] = Imu(time, np.deg2rad(values[:, :3]), values[:, 3:], mask)
+    return sensors
+
+
+def _add_reference(
+    details: dict[str, Any], time: np.ndarray, rate_hz: float, notes: list[str]
+) -> tuple[Estimate | None, str | None, bool]:
+    """The motion capture, and the strides on it, into `details`; the reference, why there is none, files known."""
+    known = [_add_borders(details, "stride_borders_sample.csv", notes)]
+    try:
+        path, verified = registry.file("gaitmap_example", f"{ROOT}/mocap_sample.csv")
+    except registry.DatasetUnavailable as error:
+        return None, str(error), all(known)
+    details["mocap"] = _read_mocap(path)
+    samples = len(details["mocap"]["right"]["heel"])
+    mocap_time = details["mocap_time"] = np.arange(samples) / MOCAP_HZ
+    known.append(verified)
+    try:
+        path, verified = registry.file("gaitmap_example", f"{ROOT}/stride_events_sample.csv")
+        details["events"] = _read_by_foot(path, EVENTS)
+        details["strides"] = _strides(details["events"], details["mocap"], mocap_time, rate_hz)
+        known.append(verified)
+    except registry.DatasetUnavailable as error:
+        notes.append(str(error))
+    walked = _path({side: markers["heel"] for side, markers in details["mocap"].items()})
+    estimate = Estimate(
+        time=time,
+        legs=Legs(None, None),
+        stddev=None,
+        distance=np.interp(time, mocap_time, walked),
+        valid=time <= mocap_time[-1],
+        diagnostics={"source": "path of the middle of the heel markers"},
+    )
+    return estimate, None, all(known)
+
+
+def _add_borders(details: dict[str, Any], file: str, notes: list[str]) -> bool:
+    try:
+        path, known = registry.file("gaitmap_example", f"{ROOT}/{file}")
+    except registry.DatasetUnavailable as error:
+        notes.append(str(error))
+        return True
+    borders = _read_by_foot(path, ("start", "end"))
+    details["stride_borders"] = {
+        side: np.stack([columns["start"], columns["end"]], axis=1).astype(np.int64) for side, columns in borders.items()
+    }
+    return known
+
+
+def _read_mocap(path: Path) -> dict[str, dict[str, np.ndarray]]:
+    """Side → marker → (M, 3) [m]."""
+    import pandas as pd
+
+    table = pd.read_csv(path, header=[0, 1], index_col=0)
+    wanted = {side: {key: f"{side[0].upper()}_{marker}" for key, marker in MARKERS.items()} for side in SIDES}
+    lacking = [column for of in wanted.values() for column in of.values() if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no marker {lacking[0]}")
+    return {
+        side: {key: table[column][["x", "y", "z"]].to_numpy(np.float64) / 1000.0 for key, column in of.items()}
+        for side, of in wanted.items()
+    }
+
+
+def _read_by_foot(path: Path, columns: tuple[str, ...]) -> dict[str, dict[str, np.ndarray]]:
+    import pandas as pd
+
+    table = pd.read_csv(path)
+    lacking = [column for column in ("foot", *columns) if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    return {
+        side: {column: table.loc[table["foot"] == side, column].to_numpy(np.float64) for column in columns}
+        for side in SIDES
+    }
+
+
+def _path(heels: dict[str, np.ndarray]) -> np.ndarray:
+    """(M,) [m] horizontal path of the middle of the heels, from the first sample on."""
+    from scipy.ndimage import gaussian_filter1d
+
+    middle = sum(heel[:, :2] for heel in heels.values()) / len(heels)
+    smooth = gaussian_filter1d(middle, PATH_SMOOTHING * MOCAP_HZ, axis=0, mode="nearest")
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))])
+
+
+def _strides(
+    events: dict[str, dict[str, np.ndarray]],
+    mocap: dict[str, dict[str, np.ndarray]],
+    mocap_time: np.ndarray,
+    rate_hz: float,
+) -> dict[str, dict[str, np.ndarray]]:
+    """Length, width, time and stance fraction of every stride of the events."""
+    stands = {side: np.unique(np.concatenate([of["start"], of["end"]])) / rate_hz for side, of in events.items()}
+    ways = {}
+    for side, of in events.items():
+        heel = mocap[side]["heel"]
+        ways[side] = (_at(heel, mocap_time, of["start"] / rate_hz), _at(heel, mocap_time, of["end"] / rate_hz))
+    whole = np.concatenate([end - start for start, end in ways.values()])
+    walkway = np.linalg.svd(whole, full_matrices=False)[2][0]
+    typical = np.median(np.linalg.norm(whole, axis=1))
+    strides = {}
+    for side, of in events.items():
+        start, end = ways[side]
+        length = np.linalg.norm(end - start, axis=1)
+        other = "left" if side == "right" else "right"
+        cosine = np.abs((end - start) @ walkway) / np.maximum(length, 1e-9)
+        strides[side] = {
+            "length": length,
+            "width": _width(of, stands[other], mocap, side, "heel", mocap_time, rate_hz),
+            "width_toe": _width(of, stands[other], mocap, side, "toe", mocap_time, rate_hz),
+            "time": (of["ic"] - of["pre_ic"]) / rate_hz,
+            "stance_fraction": (of["tc"] - of["pre_ic"]) / (of["ic"] - of["pre_ic"]),
+            "straight": (cosine > np.cos(STRAIGHT)) & (length > SHORT * typical),
+        }
+    return strides
+
+
+def _width(
+    of: dict[str, np.ndarray], stands: np.ndarray, mocap: dict[str, dict[str, np.ndarray]], side: str, marker: str,
+    mocap_time: np.ndarray, rate_hz: float,
+) -> np.ndarray:  # fmt: skip
+    """How far the other foot's marker stands from the line of each stride [m]; NaN where it does not in between."""
+    own, other = mocap[side][marker], mocap["left" if side == "right" else "right"][marker]
+    start, end = (_at(own, mocap_time, of[key] / rate_hz) for key in ("start", "end"))
+    width = np.full(len(start), np.nan)
+    for k, (first, last) in enumerate(zip(of["start"] / rate_hz, of["end"] / rate_hz, strict=True)):
+        between = stands[(stands > first) & (stands < last)]
+        way = end[k] - start[k]
+        if len(between) and np.linalg.norm(way) > 0:
+            there = _at(other, mocap_time, between[:1])[0] - start[k]
+            width[k] = abs(way[0] * there[1] - way[1] * there[0]) / np.linalg.norm(way)
+    return width
+
+
+def _at(marker: np.ndarray, mocap_time: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """(n, 2) [m] horizontal position at given times."""
+    return np.stack([np.interp(time, mocap_time, marker[:, axis]) for axis in (0, 1)], axis=1)

@@ -1,0 +1,279 @@
+"""`tripod`: IMUs on shanks, feet and sacrum on a treadmill, with OptoGait and Zebris (Trautmann et al. 2021).
+
+Upstream's repository holds one person at three speeds, the full set (15 people) is handed out on request; both have
+`<root>/Sub_XX/<trial>/IMU/*.csv`, and any root is taken. Trials: `PWS` (preferred speed), `PWS+20`, `PWS-20`; two
+minutes each after the first step, the right foot first. Sensors: Physilog, 128 Hz, deg/s and g. The shank's gyroscope
+z is mediolateral: swing + right, − left. The sacrum is the recording's `pelvis`; `LH` and `RH` are not read.
+
+Reference: the belt's speed; the distance is speed × time, on the belt, from the first swing on. A treadmill's frame
+does not advance, so the distance is what the feet walked, and not a displacement. There are no joint angles.
+OptoGait gives every step, noisy (standard deviation of a stride 6.5–8.3 cm, Zebris 2.6–3.1 cm), so compare medians. Its
+clock started at another time; it is shifted as a whole so that its contacts follow the shanks' swings as the
+gyroscopes' do, which leaves it some 0.1 s off, differently for each leg: take durations from it, not instants.
+
+Keys of `Walk.info`:
+    speed: [m/s] of the belt; None where neither MetaInfo.csv nor Zebris tells it.
+    leg_length: [m] greater trochanter to lateral malleolus, or None.
+    windows: name → (start, end) [samples], half-open: `standing` (before the first swing), `whole` (from the first
+        swing to the last), `steady` (10 s after the first swing to 118 s after it); {} without a shank sensor.
+    optogait: {"right": {"time" (of the contact that begins the stride, on the sensors' clock [s], NaN where no shank
+        tells it), "stride_length" [m], "stride_time", "stance_time", "swing_time" [s], "kept" (bool): (n,)},
+        "left": …}; {} without the file. `kept`: 10 to 118 s after the first contact, and 0.5 m to 2.5 m.
+    zebris: name → number: "stride_length" [m], "stride_time" [s], "step_width" [m], "step_length_right", … [m],
+        "stance_fraction_right", … [1], "speed" [m/s], each also with "_sd"; {} without the file.
+    no_reference: why there is no reference; None where there is one.
+    verified: whether every file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.walks import Walk
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+
+RATE_HZ = 128.0
+GRAVITY = 9.80665
+SENSORS = {
+    "LS": "shank_left",
+    "RS": "shank_right",
+    "LF": "foot_left",
+    "RF": "foot_right",
+    "SA": "pelvis",
+}
+HEADER = 7
+STEADY = (10.0, 118.0)  # [s] after the first swing or contact; the belt is at its speed by then, and until then
+STRIDE_LENGTH = (0.5, 2.5)  # [m]
+SWING = 2.0  # [rad/s] least peak of a shank's swing
+OPTOGAIT = {
+    "time": ("Split", 0, 1.0),
+    "stride_length": ("Stride", 1, 0.01),
+    "stride_time": ("StrideTime\\Cycle", 1, 1.0),
+    "stance_time": ("TStance", 0, 1.0),
+    "swing_time": ("TSwing", 1, 1.0),
+}
+"""Column upstream; rows of the same foot by which it comes late (a stride is known when it has ended); factor to SI."""
+ZEBRIS = {
+    "Stride length": ("stride_length", 0.01),
+    "Stride time": ("stride_time", 1.0),
+    "Step width": ("step_width", 0.01),
+    "Velocity": ("speed", 1 / 3.6),
+    **{
+        f"{theirs} {side[0].upper()}": (f"{ours}_{side}", factor)
+        for side in SIDES
+        for theirs, ours, factor in (("Step length", "step_length", 0.01), ("Step time", "step_time", 1.0),
+                                     ("Stance phase", "stance_fraction", 0.01))
+    },
+}  # fmt: skip
+
+
+def names() -> list[str]:
+    """Trials that are there, for example 'Sub_FZ/PWS+20'."""
+    return sorted(_folders())
+
+
+def load_one(name: str) -> Walk:
+    """One trial: up to five sensors, and the belt's distance as an `Estimate`."""
+    folder = _folders()[name]
+    tables, flags, notes = {}, [], []
+    for code, placement in SENSORS.items():
+        try:
+            path, known = registry.file("tripod", f"{folder}/IMU/{code}.csv")
+        except registry.DatasetUnavailable:
+            notes.append(f"no file for {placement}")
+            continue
+        tables[placement] = _read_sensor(path)
+        flags.append(known)
+    if not tables:
+        raise RecordingError(f"{name} has none of the sensors {', '.join(SENSORS)}")
+    sensors = _on_one_clock(tables, notes)
+    time = next(iter(sensors.values())).time
+    swings = {side: _swings(sensors[f"shank_{side}"].gyr[:, 2], side) for side in SIDES if f"shank_{side}" in sensors}
+    windows = _windows(swings, len(time))
+    zebris, known = _optional(f"{folder}/Zebris/gait_report/parameters.csv", _read_zebris, notes)
+    flags.append(known)
+    optogait, known = _optional(f"{folder}/OptoGait/optogait.csv", _read_optogait, notes)
+    flags.append(known)
+    _shift_clock(optogait, swings)
+    subject, trial = name.split("/")
+    person, known = _optional(str(Path(folder).parent.parent / "MetaInfo.csv"), _read_people, notes)
+    flags.append(known)
+    about = person.get(subject.removeprefix("Sub_"), {})
+    speed = about.get(trial, zebris.get("speed"))
+    reference, why = _reference(time, windows, speed)
+    return Walk(Recording(sensors, RATE_HZ, name, subject, tuple(notes)), reference, {
+        "speed": speed,
+        "leg_length": about.get("leg_length"),
+        "windows": windows,
+        "optogait": optogait,
+        "zebris": zebris,
+        "no_reference": why,
+        "verified": all(flags),
+    })  # fmt: skip
+
+
+def _folders() -> dict[str, str]:
+    """Name → upstream folder of each trial that has a sensor file; the first root wins."""
+    found: dict[str, str] = {}
+    for file in registry.listing("tripod", "", "*.csv"):
+        folder, parent, stem = Path(file).parent.parent, Path(file).parent.name, Path(file).stem
+        if parent == "IMU" and stem in SENSORS and folder.parent.name.startswith("Sub_"):
+            found.setdefault(f"{folder.parent.name}/{folder.name}", folder.as_posix())
+    return found
+
+
+def _optional(path: str, read: Any, notes: list[str]) -> tuple[dict[str, Any], bool]:
+    """What a file says and whether it is known; {} and a note where it is not there."""
+    try:
+        local, known = registry.file("tripod", path)
+    except registry.DatasetUnavailable:
+        notes.append(f"no {Path(path).name}")
+        return {}, True
+    return read(local), known
+
+
+def _read_sensor(path: Path) -> np.ndarray:
+    """(n, 7): time [s], gyroscope [rad/s], accelerometer [m/s²]."""
+    import pandas as pd
+
+    table = pd.read_csv(path, skiprows=HEADER, header=None)
+    if table.shape[1] < 7 or len(table) < 2:
+        raise RecordingError(f"{path.name} has {table.shape} numbers after {HEADER} lines; 2 rows of 7 are needed")
+    values = table.iloc[:, :7].to_numpy(np.float64)
+    values[:, 1:4] = np.deg2rad(values[:, 1:4])
+    values[:, 4:] *= GRAVITY
+    return values
+
+
+def _on_one_clock(tables: dict[str, np.ndarray], notes: list[str]) -> dict[str, Imu]:
+    """Sensors on the samples that all span; what a sensor lacks is masked."""
+    rows = {placement: np.rint(table[:, 0] * RATE_HZ).astype(np.int64) for placement, table in tables.items()}
+    first = max(int(row[0]) for row in rows.values())
+    length = min(int(row[-1]) for row in rows.values()) + 1 - first
+    if length < RATE_HZ:
+        raise RecordingError(f"the sensors have {max(length, 0) / RATE_HZ:.2f} s in common; 1 s is needed")
+    sensors = {}
+    for placement, table in tables.items():
+        row = rows[placement] - first
+        keep = (row >= 0) & (row < length) & np.isfinite(table).all(axis=1)
+        mask = np.zeros(length, bool)
+        signals = np.zeros((length, 6))
+        mask[row[keep]] = True
+        signals[row[keep]] = table[keep, 1:]
+        sensors[placement] = Imu(np.arange(length) / RATE_HZ, signals[:, :3], signals[:, 3:], mask)
+        if not mask.all():
+            notes.append(f"{placement}: {int((~mask).sum())} of {length} samples are masked")
+    return sensors
+
+
+def _swings(rate: np.ndarray, side: str) -> np.ndarray:
+    """(n,) [s] of the middles of a shank's swings."""
+    from scipy.signal import butter, filtfilt, find_peaks
+
+    numerator, denominator = butter(2, 6.0 / (RATE_HZ / 2))
+    smooth = filtfilt(numerator, denominator, rate if side == "right" else -rate)
+    return find_peaks(smooth, height=SWING, distance=round(0.6 * RATE_HZ))[0] / RATE_HZ
+
+
+def _windows(swings: dict[str, np.ndarray], samples: int) -> dict[str, tuple[int, int]]:
+    middles = np.concatenate([np.zeros(0), *swings.values()])
+    if len(middles) < 2:
+        return {}
+    first, last = round(middles.min() * RATE_HZ), round(middles.max() * RATE_HZ)
+    steady = tuple(first + round(seconds * RATE_HZ) for seconds in STEADY)
+    windows = {"standing": (0, first), "whole": (first, last + 1), "steady": (steady[0], min(steady[1], last + 1))}
+    return {name: window for name, window in windows.items() if window[1] > window[0]}
+
+
+def _reference(
+    time: np.ndarray, windows: dict[str, tuple[int, int]], speed: float | None
+) -> tuple[Estimate | None, str | None]:
+    """The belt's distance, valid while it is at its speed; or why there is none."""
+    if speed is None:
+        return None, "neither MetaInfo.csv nor Zebris tells the belt's speed"
+    if "steady" not in windows:
+        return None, "no shank sensor tells when the walk begins"
+    start, (first, last) = time[windows["whole"][0]], windows["steady"]
+    valid = np.zeros(len(time), bool)
+    valid[first:last] = True
+    distance = speed * np.clip(time - start, 0.0, time[last - 1] - start)
+    source = {"source": "speed of the belt × time"}
+    return Estimate(time, Legs(None, None), None, distance, valid, source), None
+
+
+def _read_zebris(path: Path) -> dict[str, float]:
+    """Names and units share the header's commas: type, name, unit, name, unit …; the values have one column each."""
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    header, values = (line.split(",") for line in lines[:2])
+    found = {}
+    for name, value in zip(header[1::2], values[1:], strict=False):
+        base, sd = name.removesuffix(" SD"), "_sd" if name.endswith(" SD") else ""
+        if base in ZEBRIS and value:
+            ours, factor = ZEBRIS[base]
+            found[ours + sd] = float(value) * factor
+    return found
+
+
+def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
+    """Side → strides; a row of the file is a contact, and tells of the stride that it ends."""
+    import pandas as pd
+
+    table = pd.read_csv(path)
+    lacking = [column for column, _, _ in OPTOGAIT.values() if column not in table.columns]
+    if lacking or "L/R" not in table.columns:
+        raise RecordingError(f"{path.name} has no column {[*lacking, 'L/R'][0]}")
+    strides = {}
+    begin = table.loc[table["L/R"].isin(["L", "R"]), "Split"].to_numpy(np.float64)[:1]
+    for side in SIDES:
+        rows = table[table["L/R"] == side[0].upper()]
+        of = {
+            ours: rows[column].shift(-late).to_numpy(np.float64) * factor
+            for ours, (column, late, factor) in OPTOGAIT.items()
+        }
+        walked = of["time"] - begin
+        plausible = (of["stride_length"] >= STRIDE_LENGTH[0]) & (of["stride_length"] <= STRIDE_LENGTH[1])
+        whole = np.isfinite(of["stride_time"]) & np.isfinite(of["stance_time"]) & np.isfinite(of["swing_time"])
+        strides[side] = {**of, "kept": (walked >= STEADY[0]) & (walked <= STEADY[1]) & plausible & whole}
+    return strides
+
+
+def _shift_clock(optogait: dict[str, dict[str, np.ndarray]], swings: dict[str, np.ndarray]) -> None:
+    """Put OptoGait's contacts on the sensors' clock, in place; NaN where no shank tells it.
+
+    A first guess lets the first of the steady contacts follow one of its leg's swings. The right one is that under
+    which the time from the nearest swing to each contact varies least, for no two strides last equally long; both legs
+    decide, as one alone sometimes has a stride of delay that fits nearly as well. A shank's swing is fastest about 0.16
+    of a stride before the foot lands.
+    """
+    legs, guesses = [], []
+    for side, middles in swings.items():
+        contacts = optogait[side]["time"][optogait[side]["kept"]] if optogait else np.zeros(0)
+        if len(contacts) >= 10 and len(middles) >= 10:
+            landing = middles + 0.16 * np.median(np.diff(contacts))
+            legs.append((contacts, landing))
+            guesses.extend(contacts[0] - landing)
+    trials = []
+    for guess in guesses:
+        late = [c - landing[np.abs(c[:, None] - guess - landing).argmin(axis=1)] for c, landing in legs]
+        trials.append((float(np.std(np.concatenate(late))), float(np.median(np.concatenate(late)))))
+    for of in optogait.values():
+        of["time"] = of["time"] - (min(trials)[1] if trials else np.nan)
+
+
+def _read_people(path: Path) -> dict[str, dict[str, float]]:
+    """Alias → leg length [m] and belt speeds [m/s] by trial; the file has semicolons and decimal commas."""
+    import pandas as pd
+
+    table = pd.read_csv(path, sep=";", decimal=",", encoding="utf-8-sig")
+    columns = {"leg_length": ("Leg length (cm)", 0.01)}
+    columns |= {trial: (f"{trial} (km/h)", 1 / 3.6) for trial in ("PWS", "PWS+20", "PWS-20")}
+    return {
+        str(row["Subject Alias"]): {
+            ours: float(row[theirs]) * factor
+            for ours, (theirs, factor) in columns.items()
+            if theirs in table.columns and pd.notna(row[theirs])
+        }
+        for _, row in table.iterrows()
+    }

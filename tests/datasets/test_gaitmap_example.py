@@ -1,0 +1,183 @@
+"""Shoes and motion capture: parsing by files written here, alignment and strides by the real ones."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait import datasets
+
+real = pytest.mark.skipif(
+    not datasets.available("gaitmap_example"), reason=datasets.unavailable_reason("gaitmap_example")
+)
+RATE, MOCAP = 204.8, 100.0
+SECONDS, PERIOD, LENGTH, WIDTH = 13.0, 1.0, 1.2, 0.14
+FEET = {"left": (WIDTH / 2, 0.0), "right": (-WIDTH / 2, 0.5)}  # [m] to the left, [s] later
+
+
+def heel(side, time):
+    """Ten strides along +y, each in the second half of its period: the left foot's first ends at 2 s."""
+    lateral, late = FEET[side]
+    phase = np.clip(time - 1.0 - late, 0.0, 10.0)
+    swing = np.clip(2 * (phase % PERIOD) - 1, 0, 1)
+    return np.stack([-lateral + 0 * time, LENGTH * (phase // PERIOD + swing), 0.05 + 0 * time], axis=1)
+
+
+def sensor_table(order):
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    columns = {
+        (f"{side}_sensor", f"{kind}_{axis}"): {"gyr": 90.0, "acc": 9.81}[kind] * (axis == "z") + 0 * time
+        for side, kind, axis in order
+    }
+    table = pd.DataFrame(columns)
+    table.columns = pd.MultiIndex.from_tuples(table.columns, names=["sensor", "axis"])
+    return table
+
+
+ORDER = [(side, kind, axis) for kind in ("acc", "gyr") for axis in "xyz" for side in ("left", "right")]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "gaitmap_example" / "example_data"
+    folder.mkdir(parents=True)
+    sensor_table(ORDER).to_csv(folder / "imu_sample_new.csv")
+    return folder
+
+
+def written(folder, monkeypatch):
+    """The main walk's files with other content, under a registry that does not know them."""
+    known = datasets.info("gaitmap_example")._replace(files={})
+    monkeypatch.setattr(datasets.registry, "info", lambda _: known)
+    sensor_table(ORDER).to_csv(folder / "imu_sample.csv")
+    time = np.arange(round(SECONDS * MOCAP)) / MOCAP
+    markers = {}
+    for side in FEET:
+        letter = side[0].upper()
+        for marker, ahead, out in (("FCC", 0.0, 0.0), ("TOE", 0.24, 0.03), ("FM5", 0.17, 0.07)):
+            sign = -1 if side == "left" else 1
+            position = heel(side, time) + [sign * out, ahead, 0]
+            markers |= {(f"{letter}_{marker}", axis): 1000 * position[:, k] for k, axis in enumerate("xyz")}
+    pd.DataFrame(markers).to_csv(folder / "mocap_sample.csv")
+    rows = []
+    for side, (_, late) in FEET.items():
+        for k in range(1, 9):
+            ic = 1.0 + late + k * PERIOD
+            stride = {"pre_ic": ic, "start": ic + 0.2, "tc": ic + 0.6, "ic": ic + 1.0, "end": ic + 1.2}
+            rows.append({"s_id": len(rows), "foot": side, "min_vel": (ic + 0.2) * RATE}
+                        | {key: value * RATE for key, value in stride.items()})  # fmt: skip
+    pd.DataFrame(rows).to_csv(folder / "stride_events_sample.csv", index=False)
+    borders = [{"s_id": 0, "foot": "left", "start": 10, "end": 20, "gsd_id": 1}]
+    pd.DataFrame(borders).to_csv(folder / "stride_borders_sample.csv", index=False)
+    return datasets.load("gaitmap_example", ["imu_sample"])
+
+
+def test_units_and_a_file_that_this_version_does_not_know(folder):
+    assert datasets.names("gaitmap_example") == ("imu_sample_new",)
+    walk = datasets.load("gaitmap_example")[0]
+    assert walk.recording.sampling_rate_hz == RATE and walk.recording.subject == "new"
+    assert walk.reference is None and walk.info["no_reference"] == "no motion capture was recorded"
+    assert walk.info["verified"] is False and walk.info["strides"] == {}
+    for side in ("right", "left"):
+        imu = walk.recording.sensors[f"foot_{side}"]
+        np.testing.assert_allclose(imu.gyr[7], [0, 0, np.pi / 2])
+        np.testing.assert_allclose(imu.acc[7], [0, 0, 9.81])
+        assert imu.mask.all() and imu.time[1] == pytest.approx(1 / RATE)
+
+
+def test_strides_from_the_markers(folder, monkeypatch):
+    walks = written(folder, monkeypatch)
+    assert walks.failures == ()
+    walk = walks[0]
+    for side in ("right", "left"):
+        strides = walk.info["strides"][side]
+        np.testing.assert_allclose(strides["length"], LENGTH, atol=1e-9)
+        np.testing.assert_allclose(strides["width"][~np.isnan(strides["width"])], WIDTH, atol=1e-9)
+        np.testing.assert_allclose(strides["width_toe"][~np.isnan(strides["width"])], WIDTH + 0.06, atol=1e-9)
+        assert np.isfinite(strides["width"]).sum() >= 7
+        np.testing.assert_allclose(strides["time"], PERIOD)
+        np.testing.assert_allclose(strides["stance_fraction"], 0.6)
+        assert strides["straight"].all()
+    assert walk.reference.distance[-1] == pytest.approx(10 * LENGTH, abs=0.01)
+    assert walk.info["stride_borders"]["left"].tolist() == [[10, 20]]
+    np.testing.assert_allclose(walk.info["mocap"]["left"]["heel"], heel("left", walk.info["mocap_time"]), atol=1e-9)
+
+
+def test_what_is_missing_is_said(folder, monkeypatch):
+    written(folder, monkeypatch)
+    (folder / "stride_events_sample.csv").unlink()
+    walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
+    assert walk.reference is not None and walk.info["strides"] == {}
+    assert any("stride_events_sample.csv" in note for note in walk.recording.notes)
+    (folder / "mocap_sample.csv").unlink()
+    walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
+    assert walk.reference is None and "mocap_sample.csv" in walk.info["no_reference"]
+
+
+def test_bad_files_are_named_and_the_others_are_not_lost(folder):
+    sensor_table([one for one in ORDER if one != ("left", "gyr", "y")]).to_csv(folder / "imu_sample_lacks.csv")
+    pd.DataFrame({"acc_x": [1.0]}).to_csv(folder / "imu_sample_strange.csv")
+    loaded = datasets.load("gaitmap_example")
+    assert [walk.recording.name for walk in loaded] == ["imu_sample_new"]
+    reasons = dict(loaded.failures)
+    assert "imu_sample_lacks.csv has no gyr_y of the left foot" in reasons["imu_sample_lacks"]
+    assert "imu_sample_strange.csv has no column left_sensor" in reasons["imu_sample_strange"]
+
+
+def test_one_foot_with_lost_samples(folder):
+    table = pd.DataFrame({f"{kind}_{axis}": np.ones(50) for kind in ("acc", "gyr") for axis in "xyz"})
+    table.loc[3, "gyr_x"] = np.nan
+    table.to_csv(folder / "imu_sample_ms_new_right.csv")
+    recording = datasets.load("gaitmap_example", ["imu_sample_ms_new_right"])[0].recording
+    assert list(recording.sensors) == ["foot_right"] and recording.notes == ("no sensor on the left foot",)
+    assert recording.sampling_rate_hz == 102.4 and recording.subject == "ms_new"
+    imu = recording.sensors["foot_right"]
+    assert np.flatnonzero(~imu.mask).tolist() == [3] and np.all(imu.acc[3] == 0)
+
+
+# --- the real files ---
+
+
+@real
+def test_every_recording_gives_a_walk():
+    walks = datasets.load("gaitmap_example")
+    assert walks.failures == ()
+    assert {walk.recording.name for walk in walks} == set(datasets.names("gaitmap_example"))
+    for walk in walks:
+        assert (walk.reference is None) == bool(walk.info["no_reference"])
+        for imu in walk.recording.sensors.values():
+            assert all(np.isfinite(part).all() for part in imu)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    if "imu_sample" not in datasets.names("gaitmap_example"):
+        pytest.skip("the main walk is not there")
+    return datasets.load("gaitmap_example", ["imu_sample"])[0]
+
+
+@real
+def test_the_main_walk_is_twice_twenty_metres(walk):
+    assert walk.info["verified"] is True
+    assert walk.reference.distance[-1] == pytest.approx(40.65, abs=0.15)
+    lengths = np.concatenate([of["length"][of["straight"]] for of in walk.info["strides"].values()])
+    assert len(lengths) == 55, "28 and 29 strides without one turn each"
+    assert np.percentile(lengths, 5) > 1.28 and np.percentile(lengths, 95) < 1.46
+    for side in ("right", "left"):
+        toes = walk.info["strides"][side]["width_toe"]
+        assert np.nanmedian(toes) == pytest.approx(0.11, abs=0.01)
+
+
+@real
+def test_axes_and_clock_of_the_shoes_are_the_markers(walk):
+    """The pitch of the line from heel to toe turns as the gyroscope about y does, and no sample earlier or later."""
+    for side in ("right", "left"):
+        markers, imu = walk.info["mocap"][side], walk.recording.sensors[f"foot_{side}"]
+        line = markers["toe"] - markers["heel"]
+        pitch = -np.arctan2(line[:, 2], np.hypot(line[:, 0], line[:, 1]))  # toe down, about the left
+        rate = np.gradient(pitch) * MOCAP
+        gyr = np.interp(walk.info["mocap_time"], imu.time, imu.gyr[:, 1])
+        agreement = {lag: np.corrcoef(np.roll(gyr, -lag), rate)[0, 1] for lag in range(-3, 4)}
+        assert agreement[0] > 0.97
+        assert max(agreement, key=lambda lag: agreement[lag]) == 0

@@ -1,0 +1,232 @@
+"""The treadmill trials: parsing by files written here, belt and clocks by the real ones."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait import datasets
+from jgait.datasets import tripod
+
+real = pytest.mark.skipif(not datasets.available("tripod"), reason=datasets.unavailable_reason("tripod"))
+RATE = 128.0
+SECONDS, START, PERIOD = 150.0, 6.0, 1.2
+CLOCK = 11.0  # OptoGait's clock is ahead of the sensors'
+
+
+def swings(side):
+    """Middles of the swings [s]; the stride times differ, or clocks could not be compared."""
+    number = np.arange(105)
+    return START + (0.6 if side == "left" else 0.0) + PERIOD * number + 0.05 * np.sin(1.7 * number**1.3)
+
+
+def sensor(code, first=1):
+    samples = round(SECONDS * RATE)
+    time = (first + np.arange(samples)) / RATE
+    table = np.zeros((samples, 14))
+    table[:, 0] = np.round(time, 5)
+    table[:, 5] = 1.0
+    if code in ("LS", "RS"):
+        side = "left" if code == "LS" else "right"
+        rate = sum(np.exp(-0.5 * ((time - 1 / RATE - middle) / 0.08) ** 2) for middle in swings(side))
+        table[:, 3] = np.rad2deg(5.0 * rate) * (-1 if side == "left" else 1)
+    return table
+
+
+def write_sensor(folder, code, table=None):
+    (folder / "IMU").mkdir(parents=True, exist_ok=True)
+    with (folder / "IMU" / f"{code}.csv").open("w", newline="") as stream:
+        stream.write("Gait Up - Physilog data export\n" + 6 * "header\n")
+        pd.DataFrame(sensor(code) if table is None else table).to_csv(stream, index=False, header=False)
+
+
+def write_optogait(folder):
+    rows = [{"#": "External trigger", "L/R": "START"}]
+    contacts = sorted(
+        (middle + 0.19, side[0].upper(), k) for side in ("right", "left") for k, middle in enumerate(swings(side))
+    )
+    before = {}
+    for time, side, k in contacts:
+        cycle = time - before[side] if side in before else np.nan
+        before[side] = time
+        rows.append({"#": k, "L/R": side, "Split": time + CLOCK, "Stride": 130.0, "StrideTime\\Cycle": cycle,
+                     "TStance": 0.8, "TSwing": cycle - 0.8})  # fmt: skip
+    rows[41]["Stride"] = 20.0
+    (folder / "OptoGait").mkdir(parents=True)
+    pd.DataFrame(rows).to_csv(folder / "OptoGait" / "optogait.csv")
+
+
+def write_zebris(folder):
+    folder = folder / "Zebris" / "gait_report"
+    folder.mkdir(parents=True)
+    header = "type,Stride length, cm,Stride length SD, cm,Stance phase L, %,Velocity, km/h,Max gait line, cm/sec"
+    (folder / "parameters.csv").write_text(
+        f"\ufeff{header}\nparameter values,127.750,3.077,64.8,3.6,", encoding="utf-8"
+    )
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "tripod" / "data" / "raw" / "TRIPOD"
+
+
+@pytest.fixture
+def folder(root):
+    folder = root / "Sub_AB" / "PWS-20"
+    for code in tripod.SENSORS:
+        write_sensor(folder, code)
+    write_optogait(folder)
+    write_zebris(folder)
+    return folder
+
+
+def load(name="Sub_AB/PWS-20"):
+    walks = datasets.load("tripod", [name])
+    assert walks.failures == ()
+    return walks[0]
+
+
+def test_units_placements_and_a_trial_that_this_version_does_not_know(folder):
+    assert datasets.names("tripod") == ("Sub_AB/PWS-20",)
+    walk = load()
+    assert set(walk.recording.sensors) == set(tripod.SENSORS.values())
+    assert walk.recording.subject == "Sub_AB" and walk.recording.sampling_rate_hz == RATE
+    assert walk.info["verified"] is False
+    shank = walk.recording.sensors["shank_left"]
+    np.testing.assert_allclose(shank.acc, np.tile([0, 9.80665, 0], (len(shank.time), 1)))
+    assert shank.gyr[:, 2].min() == pytest.approx(-5.0, abs=0.01)
+
+
+def test_zebris_and_the_belt(folder):
+    walk = load()
+    zebris = {"stride_length": 1.2775, "stride_length_sd": 0.03077, "stance_fraction_left": 0.648, "speed": 1.0}
+    assert walk.info["zebris"] == pytest.approx(zebris)
+    assert walk.info["speed"] == pytest.approx(1.0) and walk.info["leg_length"] is None
+    reference = walk.reference
+    start, steady = walk.info["windows"]["whole"][0], walk.info["windows"]["steady"]
+    assert start == pytest.approx(START * RATE, abs=2)
+    assert steady == (start + 1280, start + 118 * 128)
+    np.testing.assert_array_equal(np.flatnonzero(reference.valid), np.arange(*steady))
+    np.testing.assert_allclose(np.diff(reference.distance)[start : steady[1] - 1], 1 / RATE, atol=1e-9)
+    assert np.all(reference.distance[: start + 1] == 0) and np.all(np.diff(reference.distance)[steady[1] :] == 0)
+
+
+def test_the_person_when_upstream_tells(folder, root):
+    (root / "MetaInfo.csv").write_text(
+        "Subject Alias;Leg length (cm);PWS (km/h);PWS+20 (km/h);PWS-20 (km/h)\nAB;82,5;4,5;5,4;3,6\nCD;90;4;5;3\n"
+    )
+    walk = load()
+    assert walk.info["leg_length"] == pytest.approx(0.825)
+    assert walk.info["speed"] == pytest.approx(1.0)
+
+
+def test_optogaits_strides_and_clock(folder):
+    walk = load()
+    for side in ("right", "left"):
+        of = walk.info["optogait"][side]
+        ends = swings(side) + 0.19
+        np.testing.assert_allclose(of["time"], ends, atol=0.015)
+        np.testing.assert_allclose(of["stride_time"][:-1], np.diff(ends), atol=1e-9)
+        np.testing.assert_allclose(of["stance_time"], 0.8)
+        np.testing.assert_allclose((of["swing_time"] + of["stance_time"])[:-1], np.diff(ends), atol=1e-9)
+        kept = of["kept"]
+        np.testing.assert_allclose(of["stride_length"][kept], 1.3)
+        assert 85 <= kept.sum() <= 91 and not kept[:8].any() and not kept[-1]
+
+
+def test_what_is_missing_is_said(folder):
+    (folder / "OptoGait" / "optogait.csv").unlink()
+    (folder / "Zebris" / "gait_report" / "parameters.csv").unlink()
+    (folder / "IMU" / "SA.csv").unlink()
+    walk = load()
+    assert walk.recording.notes == (
+        "no file for pelvis", "no parameters.csv", "no optogait.csv", "no MetaInfo.csv"
+    )  # fmt: skip
+    assert walk.reference is None
+    assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris tells the belt's speed"
+    assert walk.info["optogait"] == {} and walk.info["zebris"] == {}
+    write_zebris_again = folder / "Zebris" / "gait_report" / "parameters.csv"
+    write_zebris_again.write_text("type,Velocity, km/h\nparameter values,3.6\n")
+    for code in ("LS", "RS"):
+        (folder / "IMU" / f"{code}.csv").unlink()
+    walk = load()
+    assert walk.info["windows"] == {}
+    assert walk.info["no_reference"] == "no shank sensor tells when the walk begins"
+
+
+def test_lost_samples_and_sensors_that_start_apart(folder):
+    table = sensor("LF", first=4)
+    write_sensor(folder, "LF", np.delete(table, [100, 101], axis=0))
+    walk = load()
+    foot, shank = walk.recording.sensors["foot_left"], walk.recording.sensors["shank_right"]
+    assert len(foot.time) == len(shank.time) == round(SECONDS * RATE) - 3
+    assert np.flatnonzero(~foot.mask).tolist() == [100, 101]
+    assert f"foot_left: 2 of {len(foot.mask)} samples are masked" in walk.recording.notes
+    assert np.argmax(shank.gyr[:1100, 2]) == pytest.approx(swings("right")[0] * RATE - 3, abs=1)
+
+
+def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
+    write_sensor(root / "Sub_AB" / "PWS", "LS", np.zeros((1, 14)))
+    loaded = datasets.load("tripod")
+    assert [walk.recording.name for walk in loaded] == ["Sub_AB/PWS-20"]
+    assert "LS.csv has (1, 14) numbers after 7 lines" in dict(loaded.failures)["Sub_AB/PWS"]
+
+
+# --- the real trials ---
+
+
+@pytest.fixture(scope="module")
+def walks():
+    loaded = datasets.load("tripod")
+    assert loaded.failures == ()
+    return loaded
+
+
+@real
+def test_belt_times_stride_time_is_zebris_and_optogaits_stride(walks):
+    for walk in walks:
+        if not walk.info["zebris"]:
+            continue
+        for side in ("right", "left"):
+            of = walk.info["optogait"][side]
+            kept = of["kept"]
+            assert kept.sum() > 80
+            by_belt = walk.info["speed"] * np.median(of["stride_time"][kept])
+            assert by_belt == pytest.approx(walk.info["zebris"]["stride_length"], rel=0.015)
+            assert np.median(of["stride_length"][kept]) == pytest.approx(by_belt, rel=0.025)
+            assert np.median(of["stance_time"][kept] / of["stride_time"][kept]) == pytest.approx(0.7, abs=0.02)
+
+
+@real
+def test_the_known_person_walks_at_the_published_speeds(walks):
+    published = {"Sub_FZ/PWS": 3.7, "Sub_FZ/PWS+20": 4.4}
+    for walk in walks:
+        if walk.recording.name in published:
+            assert walk.info["verified"] is True
+            assert walk.info["speed"] * 3.6 == pytest.approx(published[walk.recording.name], abs=0.03)
+
+
+@real
+def test_steady_is_steady_and_the_axes_are_as_said(walks):
+    for walk in walks:
+        first, last = walk.info["windows"]["steady"]
+        for side, sign in (("right", 1), ("left", -1)):
+            rate = sign * walk.recording.sensors[f"shank_{side}"].gyr[first:last, 2]
+            assert rate.max() > -rate.min(), "the shank swings forward faster than back"
+            middles = tripod._swings(walk.recording.sensors[f"shank_{side}"].gyr[:, 2], side) * RATE
+            time = np.diff(middles[(middles >= first) & (middles < last)]) / RATE
+            assert np.abs(time / np.median(time) - 1).max() < 0.12
+            of = walk.info["optogait"][side]
+            began = of["time"][of["kept"]]
+            after = began - np.array([middles[middles / RATE < instant][-1] / RATE for instant in began])
+            assert after.min() > 0.02 and after.max() < 0.45, "each contact follows its swing"
+
+
+@real
+def test_units_by_gravity(walks):
+    for walk in walks:
+        standing = slice(0, 128)
+        for imu in walk.recording.sensors.values():
+            assert np.linalg.norm(imu.acc[standing].mean(axis=0)) == pytest.approx(9.81, rel=0.02)
+            assert imu.mask.all()
