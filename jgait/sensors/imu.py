@@ -1,79 +1,171 @@
-"""What a worn inertial sensor makes of an exact motion: mounting, noise, bias, range, steps of the converter, loss."""
+"""What a worn inertial sensor makes of an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
 
 import math
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jgait.kinematics import GRAVITY
+from jgait.sensors.dynamics import low_pass, soft_tissue
 from jgait.types import Imu
 
 DEGREE = math.pi / 180.0
 
 
-class SensorNoise(NamedTuple):
-    """How a sensor errs and how carefully it is put on; every field is a scalar, 0 switches an error off.
+class ImuErrors(NamedTuple):
+    """How an inertial sensor errs and how it is put on; every field is a scalar, and the default switches it off.
 
     Attributes:
         gyr_noise: density of the gyroscope's white noise [rad/s/√Hz].
         gyr_bias: standard deviation over trials of its constant bias [rad/s].
         gyr_drift: random walk of that bias [rad/s/√s].
-        gyr_range: where the gyroscope saturates [rad/s].
+        gyr_scale: standard deviation over trials of the scale error of each axis [1].
+        gyr_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+        gyr_range: where the gyroscope saturates [rad/s]; inf: nowhere.
         gyr_resolution: one step of its converter [rad/s].
         acc_noise: density of the accelerometer's white noise [m/s²/√Hz].
         acc_bias: standard deviation over trials of its constant bias [m/s²].
-        acc_range: where the accelerometer saturates [m/s²].
+        acc_drift: random walk of that bias [m/s²/√s].
+        acc_scale: standard deviation over trials of the scale error of each axis [1].
+        acc_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+        acc_range: where the accelerometer saturates [m/s²]; inf: nowhere.
         acc_resolution: one step of its converter [m/s²].
-        mounting: standard deviation of the angle by which it is turned about a random axis [rad].
-        packet_loss: probability that a sample is lost [1].
-        left_flipped: 1 if sensors of the left leg are worn turned half round the segment (x and z change sign).
+        mounting: standard deviation of the angle by which the sensor is turned about a random axis [rad].
+        mounting_x: rotation vector from the segment's axes to the sensor's, the same in every trial [rad].
+        mounting_y: its second component [rad].
+        mounting_z: its third component [rad].
+        packet_loss: probability that a sample is lost on its own [1].
+        burst_loss: probability that at any one sample a burst of losses begins [1].
+        burst_length: how many samples a burst lasts on average [samples], at least 1.
+        soft_tissue_frequency: natural frequency of the sensor on the flesh [Hz]; inf: it is fixed to the bone.
+        soft_tissue_damping: damping ratio of that motion [1].
+        soft_tissue_tilt: how far the sensor leans per displacement [rad/m].
+        left_flipped: 1 if sensors of the left leg are worn turned half round the segment (x and y change sign); for
+            who dresses a person: `measure` has its own argument.
     """
 
     gyr_noise: Any = 0.0
     gyr_bias: Any = 0.0
     gyr_drift: Any = 0.0
+    gyr_scale: Any = 0.0
+    gyr_bandwidth: Any = math.inf
     gyr_range: Any = math.inf
     gyr_resolution: Any = 0.0
     acc_noise: Any = 0.0
     acc_bias: Any = 0.0
+    acc_drift: Any = 0.0
+    acc_scale: Any = 0.0
+    acc_bandwidth: Any = math.inf
     acc_range: Any = math.inf
     acc_resolution: Any = 0.0
     mounting: Any = 0.0
+    mounting_x: Any = 0.0
+    mounting_y: Any = 0.0
+    mounting_z: Any = 0.0
     packet_loss: Any = 0.0
+    burst_loss: Any = 0.0
+    burst_length: Any = 1.0
+    soft_tissue_frequency: Any = math.inf
+    soft_tissue_damping: Any = 0.2
+    soft_tissue_tilt: Any = 0.0
     left_flipped: Any = 0.0
 
 
-IDEAL = SensorNoise()
-"""A perfect sensor, perfectly mounted."""
+_UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
+_RANGES = {
+    **dict.fromkeys(_UNBOUNDED, (0.0, math.inf)),
+    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt"), (-math.inf, math.inf)),
+    **dict.fromkeys(("packet_loss", "burst_loss", "left_flipped"), (0.0, 1.0)),
+    "burst_length": (1.0, math.inf),
+    "soft_tissue_damping": (0.0, 5.0),
+}
+"""Closed ranges of the fields; the others must not be negative. Those without a bound must not be zero either."""
 
-IDG300 = SensorNoise(
-    gyr_noise=0.014 * math.sqrt(140.0 * math.pi / 2.0 / 25.0) * DEGREE,
-    gyr_bias=1.0 * DEGREE,
-    gyr_drift=0.01 * DEGREE,
-    gyr_range=500.0 * DEGREE,
-    gyr_resolution=2.5 / 4096 / 0.002 * DEGREE,
-    acc_noise=160e-6 * GRAVITY,
-    acc_bias=0.02 * GRAVITY,
-    acc_range=6.0 * GRAVITY,
-    acc_resolution=GRAVITY / 340.0,
-    mounting=5.0 * DEGREE,
-    packet_loss=0.01,
-)
-"""A Telos mote with an IDG-300 gyroscope and an LIS3LV02DQ accelerometer.
 
-From the data sheets: gyroscope ±500 °/s, 2 mV per °/s into a 12-bit converter of 2.5 V, 0.014 °/s/√Hz up to a
-first-order filter at 140 Hz, which sampling at 50 Hz folds into 25 Hz (0.2 °/s in all); accelerometer ±6 g in 340
-steps per g. Chosen, since no source states them for this mote: biases, drift, mounting, loss, accelerometer noise.
-"""
+def check_fields(errors: Any, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
+    """Refuse a record of numbers of which one lies outside its range.
+
+    Args:
+        errors: a NamedTuple of numbers; arrays are taken as many of them, and every entry is checked.
+        ranges: field → closed range; the fields not named must not be negative.
+        unbounded: the fields that may be infinite, and may not be zero.
+
+    Raises:
+        TypeError: if a field is no number.
+        ValueError: if a number is outside its range or not finite; the message names the field.
+    """
+    kind = type(errors).__name__
+    for name, value in zip(errors._fields, errors, strict=True):
+        numbers = np.asarray(value)
+        if not (np.issubdtype(numbers.dtype, np.number) or numbers.dtype == np.bool_):
+            raise TypeError(f"{kind}.{name} must be a number; got {value!r}")
+        low, high = ranges.get(name, (0.0, math.inf))
+        good = (numbers >= low) & (numbers <= high)  # false for what is not a number
+        good &= (numbers > 0.0) if name in unbounded else np.isfinite(numbers)
+        if not good.all():
+            expected = "above 0" if name in unbounded else f"finite and in [{low:g}, {high:g}]"
+            raise ValueError(f"{kind}.{name} must be {expected}; got {float(numbers[~good].flat[0]):g}")
+
+
+def check_errors(errors: ImuErrors) -> None:
+    """Refuse errors that no sensor has; on the host, before anything is traced.
+
+    Args:
+        errors: how the sensor errs; arrays in the fields are taken as many sensors.
+
+    Raises:
+        TypeError: if a field is no number.
+        ValueError: if a field lies outside its range; the message names field and range.
+    """
+    check_fields(errors, _RANGES, _UNBOUNDED)
+
+
+def rotation(vector: Any) -> Any:
+    """Rotation matrix of a rotation vector, R = I + (sin θ / θ) [v]ₓ + ((1 − cos θ) / θ²) [v]ₓ², smooth at zero.
+
+    Args:
+        vector: (..., 3) axis times angle [rad].
+
+    Returns:
+        (..., 3, 3).
+
+    Source: Rodrigues' formula.
+    """
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    square = x * x + y * y + z * z
+    near = square < 1e-4
+    angle = jnp.sqrt(jnp.where(near, jnp.ones_like(square), square))
+    a = jnp.where(near, 1.0 - square / 6.0 + square * square / 120.0, jnp.sin(angle) / angle)
+    b = jnp.where(near, 0.5 - square / 24.0 + square * square / 720.0, 2.0 * (jnp.sin(angle / 2.0) / angle) ** 2)
+    rows = (
+        (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
+        (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
+        (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def turn(axis: Any, angle: Any) -> Any:
-    """Rotation matrix (3, 3) about a direction (3,) of any length, by an angle [rad] (Rodrigues' formula)."""
-    x, y, z = axis / jnp.linalg.norm(axis)
-    zero = jnp.zeros_like(x)
-    cross = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
-    return jnp.eye(3, dtype=x.dtype) + jnp.sin(angle) * cross + (1.0 - jnp.cos(angle)) * (cross @ cross)
+    """Rotation matrix (3, 3) about a direction (3,) of any length, by an angle [rad]."""
+    return rotation(axis / jnp.sqrt(jnp.sum(axis * axis)) * angle)
+
+
+def _turned_back(values: Any, matrix: Any) -> Any:
+    """Rows of `values` (T, 3) in axes turned by `matrix` (1 or T, 3, 3): Rᵀ v, in full precision on any device."""
+    return jnp.sum(values[:, :, None] * matrix, axis=1)
+
+
+def _leaning(gyr: Any, acc: Any, errors: ImuErrors, dt: Any) -> tuple[Any, Any]:
+    """What the sensor feels on soft tissue: it leans towards where it is displaced, about y forward, about x left."""
+    frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
+    wobble = soft_tissue(acc, frequency, damping, dt)
+
+    def lean(d: Any) -> Any:
+        return errors.soft_tissue_tilt * jnp.stack([-d[:, 1], d[:, 0], jnp.zeros_like(d[:, 0])], axis=1)
+
+    matrix = rotation(lean(wobble.displacement))
+    return _turned_back(gyr, matrix) + lean(wobble.velocity), _turned_back(acc + wobble.acceleration, matrix)
 
 
 def _quantise(value: Any, resolution: Any) -> Any:
@@ -81,41 +173,63 @@ def _quantise(value: Any, resolution: Any) -> Any:
     return jnp.where(resolution > 0.0, step * jnp.round(value / step), value)
 
 
-def measure(key: Any, time: Any, rate: Any, force: Any, noise: SensorNoise, flipped: Any = 0.0) -> Imu:
+def _kept(draws: Any, errors: ImuErrors) -> Any:
+    """Which samples arrive (T,), from two uniform draws each (T, 2).
+
+    A burst is a chain of two states. One draw decides it: below `burst_loss` the state is lost whatever it was before,
+    above 1 − 1/`burst_length` it is kept, between it stays. So the later of the two events tells the state.
+    """
+    index = jnp.arange(1, draws.shape[0] + 1)
+    begins = draws[:, 1] < errors.burst_loss
+    ends = ~begins & (draws[:, 1] > 1.0 - 1.0 / jnp.asarray(errors.burst_length, draws.dtype))
+    begun, ended = (jax.lax.cummax(jnp.where(event, index, jnp.zeros_like(index))) for event in (begins, ends))
+    return (draws[:, 0] >= errors.packet_loss) & (begun <= ended)
+
+
+def measure(key: Any, time: Any, gyr: Any, acc: Any, errors: ImuErrors, flipped: Any = 0.0) -> Imu:
     """Read an exact motion with one sensor.
 
-    White noise fills the bandwidth up to half the sampling rate, the gyroscope's bias starts at random and walks,
-    then the converter rounds and saturates.
+    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
+
+    White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
+    holds behind the sensor's own filter, and sampling folds what lies above. Gradients flow to every field but the
+    probabilities and `burst_length`, which act through decisions; rounding to a resolution stops the gradients of all
+    that comes before it.
 
     Args:
-        key: PRNG key.
+        key: PRNG key of one sensor on one trial.
         time: (T,) [s], evenly spaced, T ≥ 2.
-        rate: (T, 3) angular rate in the segment's axes [rad/s].
-        force: (T, 3) specific force in the segment's axes [m/s²].
-        noise: how the sensor errs.
-        flipped: 1 if it is worn turned half round the segment's long axis.
+        gyr: (T, 3) exact angular rate in the segment's axes [rad/s].
+        acc: (T, 3) exact specific force in the segment's axes, where the sensor sits [m/s²].
+        errors: how the sensor errs.
+        flipped: 1 if it is worn turned half round the segment's long axis (x and y change sign).
 
     Returns:
         The readings in the sensor's axes; lost samples are 0 and masked.
     """
-    dtype, samples, n = rate.dtype, time.shape[0], noise
-    errors, losses = jax.random.split(key)
-    draws = jax.random.normal(errors, (2 * samples + 2, 6), dtype)  # one draw: each costs a compilation
-    white, steps, bias, mount = draws[:samples], draws[samples:-2], draws[-2], draws[-1]
-
-    def channels(gyr: Any, acc: Any) -> Any:
-        return jnp.repeat(jnp.stack([jnp.asarray(gyr, dtype), jnp.asarray(acc, dtype)]), 3)[None, :]
-
-    mounting = turn(mount[:3], mount[3] * n.mounting)
-    side = jnp.where(jnp.asarray(flipped, dtype) > 0.5, -jnp.ones((), dtype), jnp.ones((), dtype))
-    half_turn = jnp.stack([side, jnp.ones_like(side), side])[None, :]
-    exact = jnp.concatenate([(rate * half_turn) @ mounting, (force * half_turn) @ mounting], axis=1)
+    dtype, n, e = gyr.dtype, time.shape[0], errors
     dt = time[1] - time[0]
-    read = exact + white * channels(n.gyr_noise, n.acc_noise) / jnp.sqrt(2.0 * dt)
-    read = read + bias[None, :] * channels(n.gyr_bias, n.acc_bias)
-    read = read + jnp.cumsum(steps, axis=0) * channels(n.gyr_drift, 0.0) * jnp.sqrt(dt)
-    limit = channels(n.gyr_range, n.acc_range)
-    read = jnp.clip(_quantise(read, channels(n.gyr_resolution, n.acc_resolution)), -limit, limit)
-    mask = jax.random.uniform(losses, time.shape, dtype) >= n.packet_loss
+    draws = jax.random.normal(key, (14 * n + 18,), dtype)  # one draw: each costs a compilation
+    white, steps = draws[: 6 * n].reshape(n, 6), draws[6 * n : 12 * n].reshape(n, 6)
+    losses, (bias, scale, mount) = draws[12 * n : 14 * n].reshape(n, 2), draws[14 * n :].reshape(3, 6)
+
+    def channels(of_gyr: Any, of_acc: Any) -> Any:
+        return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
+
+    gyr, acc = _leaning(gyr, acc, e, dt)
+    fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
+    across = jnp.where(jnp.asarray(flipped, dtype) > 0.5, -jnp.ones((), dtype), jnp.ones((), dtype))
+    half_turn = jnp.stack([across, across, jnp.ones_like(across)])[None, :]
+    # columns are the sensor's axes in the segment's; the random error comes last, in the axes it was meant to have
+    axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
+    read = jnp.concatenate([_turned_back(part * half_turn, axes) for part in (gyr, acc)], axis=1)
+    read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]
+    read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
+    read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)
+    read = read + (bias * channels(e.gyr_bias, e.acc_bias))[None, :]
+    read = read + jnp.cumsum(steps, axis=0) * channels(e.gyr_drift, e.acc_drift)[None, :] * jnp.sqrt(dt)
+    limit = channels(e.gyr_range, e.acc_range)[None, :]
+    read = jnp.clip(_quantise(read, channels(e.gyr_resolution, e.acc_resolution)[None, :]), -limit, limit)
+    mask = _kept(jax.scipy.special.ndtr(losses), e)
     read = jnp.where(mask[:, None], read, jnp.zeros_like(read))
     return Imu(time, read[:, :3], read[:, 3:], mask)
