@@ -1,0 +1,294 @@
+"""The virtual inertial sensor: each error by its statistics, its filters against SciPy, and what JAX asks of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import interp1d
+from scipy.signal import butter, lfilter, lfilter_zi
+from scipy.spatial.transform import Rotation
+
+from jgait.kinematics import GRAVITY
+from jgait.sensors import IDEAL, ImuErrors, check_errors, measure, turn
+from jgait.sensors.dynamics import low_pass, soft_tissue
+
+RATE = 100.0
+T = 600
+TIME = jnp.arange(float(T)) / RATE
+STANDING = jnp.asarray(np.tile([0.0, 0.0, GRAVITY], (T, 1)))
+GYR = jnp.stack([jnp.sin(7.0 * TIME), 3.0 * jnp.sin(5.0 * TIME), jnp.cos(3.0 * TIME)], axis=1)
+ACC = STANDING + jnp.stack([4.0 * jnp.sin(6.0 * TIME), jnp.sin(9.0 * TIME), 8.0 * jnp.sin(4.0 * TIME) ** 3], axis=1)
+KEY = jax.random.key(0)
+KEYS = jax.random.split(jax.random.key(7), 300)
+
+compiled = jax.jit(measure)
+read_many = jax.jit(jax.vmap(measure, in_axes=(0, None, None, None, None)))
+
+
+def read(key, time, gyr, acc, errors, flipped=0.0):
+    """One trial; all errors as arrays, so that every test finds it compiled."""
+    return compiled(key, time, gyr, acc, jax.tree.map(lambda leaf: jnp.asarray(leaf, time.dtype), errors), flipped)
+
+
+def within(values, expected):
+    """The standard deviation of independent normal numbers about zero is as expected, within six of its own."""
+    measured = np.sqrt(np.mean(np.square(values)))
+    assert measured == pytest.approx(expected, rel=6.0 / np.sqrt(2 * np.size(values)))
+
+
+def trials(errors):
+    """Errors of the readings (trials, 5, 6) of a sensor that turns and is pushed evenly."""
+    even = jnp.full((5, 3), 2.0)
+    imu = read_many(KEYS, TIME[:5], even, even, errors)
+    return np.concatenate([imu.gyr, imu.acc], axis=2) - 2.0
+
+
+# --- errors, by their statistics ---
+
+
+def test_a_perfect_sensor_reads_the_motion():
+    imu = read(KEY, TIME, GYR, ACC, IDEAL)
+    np.testing.assert_allclose(imu.gyr, GYR, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(imu.acc, ACC, rtol=0, atol=1e-12)
+    assert imu.mask.dtype == jnp.bool_ and bool(imu.mask.all())
+    np.testing.assert_array_equal(imu.time, TIME)
+
+
+def test_white_noise_has_its_density():
+    imu = read(KEY, TIME, GYR, ACC, ImuErrors(gyr_noise=0.01, acc_noise=0.02))
+    for part, exact, density in ((imu.gyr, GYR, 0.01), (imu.acc, ACC, 0.02)):
+        error = np.asarray(part - exact)
+        within(error, density * np.sqrt(RATE / 2))
+        lagged = np.mean(error[1:] * error[:-1]) / np.mean(error**2)
+        assert abs(lagged) < 6.0 / np.sqrt(error.size)
+
+
+@pytest.mark.parametrize("sensor", ["gyr", "acc"])
+def test_bias_scale_and_drift_spread_over_trials(sensor):
+    columns, others = (slice(0, 3), slice(3, 6))[:: 1 if sensor == "gyr" else -1]
+    bias = trials(ImuErrors(**{f"{sensor}_bias": 0.1}))
+    assert np.ptp(bias, axis=1).max() < 1e-12
+    within(bias[:, 0, columns], 0.1)
+    scale = trials(ImuErrors(**{f"{sensor}_scale": 0.03}))
+    within(scale[:, 0, columns], 0.03 * 2.0)
+    drift = trials(ImuErrors(**{f"{sensor}_drift": 0.5}))
+    within(np.diff(drift, axis=1)[..., columns], 0.5 / np.sqrt(RATE))
+    within(drift[:, -1, columns], 0.5 * np.sqrt(5 / RATE))
+    for error in (bias, scale, drift):
+        np.testing.assert_allclose(error[..., others], 0.0, atol=1e-12)
+        assert abs(np.corrcoef(error[:, -1, columns].T)[0, 1]) < 6.0 / np.sqrt(len(KEYS))
+
+
+def test_mounting_turns_both_sensors_alike_by_the_angle_stated():
+    imu = read_many(KEYS, TIME[:5], GYR[:5], ACC[:5], ImuErrors(mounting=0.1))
+    angles = []
+    for trial in range(60):
+        ours = np.concatenate([imu.gyr[trial], imu.acc[trial]])
+        turned, rest = Rotation.align_vectors(np.concatenate([GYR[:5], ACC[:5]]), ours)
+        assert rest < 1e-6  # the residual is the root of a rounding error
+        angles.append(turned.magnitude())
+    within(angles, 0.1)
+
+
+def test_a_fixed_mounting_is_the_rotation_vector_from_segment_to_sensor():
+    vector = np.array([0.3, -0.8, 1.1])
+    errors = ImuErrors(mounting_x=vector[0], mounting_y=vector[1], mounting_z=vector[2])
+    turned = Rotation.from_rotvec(vector).inv()
+    for flipped, sign in ((0.0, np.ones(3)), (1.0, np.array([-1.0, -1.0, 1.0]))):
+        imu = read(KEY, TIME, GYR, ACC, errors, flipped)
+        np.testing.assert_allclose(imu.gyr, turned.apply(np.asarray(GYR) * sign), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(imu.acc, turned.apply(np.asarray(ACC) * sign), rtol=0, atol=1e-12)
+    axis = np.array([0.0, 2.0, -1.0])
+    exact = Rotation.from_rotvec(0.7 * axis / np.linalg.norm(axis)).as_matrix()
+    np.testing.assert_allclose(turn(jnp.asarray(axis), 0.7), exact, rtol=0, atol=1e-12)
+
+
+def test_the_converter_rounds_and_saturates():
+    noisy = ImuErrors(gyr_noise=0.01, acc_noise=0.02)
+    fine = read(KEY, TIME, GYR, ACC, noisy)
+    coarse = read(KEY, TIME, GYR, ACC, noisy._replace(gyr_resolution=0.04, acc_resolution=0.3))
+    clipped = read(KEY, TIME, GYR, ACC, noisy._replace(gyr_range=1.5, acc_range=9.0))
+    for part, step, limit in (("gyr", 0.04, 1.5), ("acc", 0.3, 9.0)):
+        values, steps = np.asarray(getattr(fine, part)), np.asarray(getattr(coarse, part)) / step
+        np.testing.assert_allclose(steps, np.round(steps), rtol=0, atol=1e-9)
+        assert np.abs(steps * step - values).max() <= step / 2 + 1e-12
+        np.testing.assert_array_equal(getattr(clipped, part), np.clip(values, -limit, limit))
+        assert np.abs(values).max() > limit
+
+
+def test_single_samples_are_lost_as_often_as_stated():
+    imu = read(KEY, TIME, GYR, ACC, ImuErrors(packet_loss=0.2))
+    lost = ~np.asarray(imu.mask)
+    assert lost.mean() == pytest.approx(0.2, abs=6.0 * np.sqrt(0.16 / T))
+    assert np.all(np.asarray(imu.gyr)[lost] == 0.0) and np.all(np.asarray(imu.acc)[lost] == 0.0)
+    np.testing.assert_allclose(np.asarray(imu.acc)[~lost], np.asarray(ACC)[~lost], rtol=0, atol=1e-12)
+
+
+def test_bursts_begin_and_last_as_stated():
+    keys = jax.random.split(KEY, 20)
+    masks = np.asarray(read_many(keys, TIME, GYR, ACC, ImuErrors(burst_loss=0.02, burst_length=6.0)).mask)
+    begun = masks[:, :-1] & ~masks[:, 1:]
+    rate = begun.sum() / masks[:, :-1].sum()
+    assert rate == pytest.approx(0.02, rel=6.0 * np.sqrt((1 - 0.02) / begun.sum()))
+    lengths = []
+    for mask in masks:
+        padded = np.concatenate([[True], mask, [True]])
+        starts, ends = np.flatnonzero(padded[:-1] & ~padded[1:]), np.flatnonzero(~padded[:-1] & padded[1:])
+        lengths.extend((ends - starts)[ends < T])  # those cut short by the end do not count
+    # geometric, of mean 6 and standard deviation √30
+    assert np.mean(lengths) == pytest.approx(6.0, abs=6.0 * np.sqrt(30.0 / len(lengths)))
+    alone = np.asarray(read_many(keys, TIME, GYR, ACC, ImuErrors(burst_loss=0.02)).mask)
+    assert 1.0 - alone.mean() == pytest.approx(0.02, rel=6.0 * np.sqrt(0.98 / 0.02 / alone.size))
+
+
+# --- filters ---
+
+
+def test_the_bandwidth_is_where_the_amplitude_falls_by_the_root_of_two():
+    tone = jnp.tile(jnp.sin(2.0 * np.pi * 12.0 * TIME)[:, None], 3)
+    imu = read(KEY, TIME, tone, tone, ImuErrors(gyr_bandwidth=12.0, acc_bandwidth=20.0))
+    whole = slice(T - 400, T)  # periods of 12 Hz in 4 s: the root mean square is exact
+    assert np.sqrt(2.0) * np.std(imu.gyr[whole, 0]) == pytest.approx(np.sqrt(0.5), abs=1e-9)
+    assert 0.9 < np.sqrt(2.0) * np.std(imu.acc[whole, 0]) < 0.999
+
+
+def test_the_low_pass_is_a_butterworth_without_a_transient_at_the_start():
+    frequencies = np.array([3.0, 12.0, 44.0, 45.0, np.inf])
+    signal = np.tile(ACC[:, 2:] + GYR[:, :1], 5)
+    ours = np.asarray(jax.jit(low_pass)(jnp.asarray(signal), jnp.asarray(frequencies), 1.0 / RATE))
+    for channel, frequency in enumerate(frequencies[:3]):
+        b, a = butter(2, frequency, fs=RATE)
+        expected, _ = lfilter(b, a, signal[:, channel], zi=lfilter_zi(b, a) * signal[0, channel])
+        np.testing.assert_allclose(ours[:, channel], expected, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(ours[:, 3:], signal[:, 3:])
+    still = read(KEY, TIME, 0.0 * GYR, STANDING, ImuErrors(acc_bandwidth=5.0))
+    np.testing.assert_allclose(still.acc, STANDING, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("frequency, damping", [(8.0, 0.15), (3.0, 1.0), (5.0, 1.6), (15.0, 0.0)])
+def test_soft_tissue_solves_its_equation(frequency, damping):
+    n, omega = 120, 2.0 * np.pi * frequency
+    force = np.asarray(ACC[:n]) + 5.0 * (np.arange(n) == 40)[:, None]  # a knock, straight up and down
+    at = interp1d(np.arange(n) / RATE, force - force[0], axis=0)
+
+    def slope(t, state):
+        d, v = state[:3], state[3:]
+        return np.concatenate([v, -at(min(t, (n - 1) / RATE)) - 2 * damping * omega * v - omega**2 * d])
+
+    times = np.arange(n) / RATE
+    # steps of a quarter of a sample: an integrator with longer ones looks past the knock
+    exact = solve_ivp(slope, (0.0, times[-1]), np.zeros(6), t_eval=times, rtol=1e-9, atol=1e-12, max_step=0.25 / RATE)
+    wobble = jax.jit(soft_tissue)(jnp.asarray(force), frequency, damping, 1.0 / RATE)
+    np.testing.assert_allclose(wobble.displacement, exact.y[:3].T, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(wobble.velocity, exact.y[3:].T, rtol=0, atol=1e-6)
+    acceleration = [slope(t, state)[3:] for t, state in zip(times, exact.y.T, strict=True)]
+    np.testing.assert_allclose(wobble.acceleration, acceleration, rtol=0, atol=2e-4)
+
+
+def test_soft_tissue_moves_and_tilts_the_sensor():
+    errors = ImuErrors(soft_tissue_frequency=8.0, soft_tissue_tilt=6.0)
+    imu = read(KEY, TIME, GYR, ACC, errors)
+    wobble = jax.jit(soft_tissue)(ACC, 8.0, errors.soft_tissue_damping, 1.0 / RATE)
+    x, y, _ = np.asarray(wobble.displacement).T
+    lean = Rotation.from_rotvec(6.0 * np.stack([-y, x, 0 * x], axis=1))
+    assert 0.005 < lean.magnitude().max() < 0.2
+    np.testing.assert_allclose(imu.acc, lean.inv().apply(ACC + wobble.acceleration), rtol=0, atol=1e-12)
+    x, y, _ = np.asarray(wobble.velocity).T
+    leaning = 6.0 * np.stack([-y, x, 0 * x], axis=1)
+    np.testing.assert_allclose(imu.gyr, lean.inv().apply(GYR) + leaning, rtol=0, atol=1e-12)
+    still = read(KEY, TIME, 0.0 * GYR, STANDING, errors)
+    np.testing.assert_allclose(still.acc, STANDING, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(still.gyr, 0.0, atol=1e-12)
+    # what is displaced forward leans forward: gravity then reads backwards along its x
+    pushed = read(KEY, TIME, 0.0 * GYR, STANDING.at[200:, 0].add(-2.0), errors._replace(soft_tissue_damping=1.0))
+    assert float(pushed.acc[-1, 0]) == pytest.approx(-2.0 - GRAVITY * 6.0 * 2.0 / (2 * np.pi * 8.0) ** 2, rel=1e-3)
+
+
+# --- what JAX asks ---
+
+SMOOTH = ImuErrors(
+    gyr_noise=0.01, gyr_bias=0.05, gyr_drift=0.01, gyr_scale=0.02, gyr_bandwidth=20.0, acc_noise=0.02, acc_bias=0.1,
+    acc_drift=0.03, acc_scale=0.02, acc_bandwidth=15.0, mounting=0.1, mounting_x=0.2, mounting_y=-0.4, mounting_z=0.3,
+    soft_tissue_frequency=9.0, soft_tissue_damping=0.3, soft_tissue_tilt=5.0,
+)  # fmt: skip
+
+
+def total(errors):
+    imu = measure(KEY, TIME[:60], GYR[:60], ACC[:60], errors)
+    return jnp.sum(jnp.sin(imu.gyr)) + jnp.sum(jnp.sin(0.3 * imu.acc))
+
+
+gradient_of = jax.jit(jax.grad(total))
+
+
+def test_gradients_equal_finite_differences():
+    gradient = gradient_of(jax.tree.map(jnp.asarray, SMOOTH))
+    value = jax.jit(total)
+    for name in (name for name in ImuErrors._fields if getattr(SMOOTH, name) != getattr(IDEAL, name)):
+        at = getattr(SMOOTH, name)
+        h = 1e-5 * max(1.0, abs(at))
+        ahead, behind = (value(SMOOTH._replace(**{name: at + side})) for side in (h, -h))
+        expected = float(ahead - behind) / (2 * h)
+        assert float(getattr(gradient, name)) == pytest.approx(expected, rel=1e-5, abs=1e-6), name
+
+
+def test_gradients_are_finite_where_every_error_is_off():
+    gradient = gradient_of(jax.tree.map(jnp.asarray, IDEAL))
+    for name, value in zip(ImuErrors._fields, gradient, strict=True):
+        assert np.isfinite(value), name
+    assert gradient.acc_bias != 0.0
+
+
+def test_mapping_equals_a_loop():
+    many = SMOOTH._replace(gyr_noise=jnp.array([0.0, 0.01, 0.1]), soft_tissue_frequency=jnp.array([9.0, jnp.inf, 4.0]))
+    axes = ImuErrors(*(0 if np.ndim(leaf) else None for leaf in many))
+    mapped = jax.jit(jax.vmap(measure, in_axes=(0, None, None, None, axes)))(KEYS[:3], TIME, GYR, ACC, many)
+    for i in range(3):
+        one = SMOOTH._replace(gyr_noise=many.gyr_noise[i], soft_tissue_frequency=many.soft_tissue_frequency[i])
+        imu = read(KEYS[i], TIME, GYR, ACC, one)
+        np.testing.assert_allclose(mapped.gyr[i], imu.gyr, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(mapped.acc[i], imu.acc, rtol=0, atol=1e-10)
+
+
+def test_equal_keys_give_equal_errors_and_others_do_not():
+    one, same, other = (read(jax.random.key(seed), TIME, GYR, ACC, SMOOTH) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.gyr, same.gyr)
+    assert np.abs(one.gyr - other.gyr).max() > 0.01
+
+
+def test_single_precision_stays_close_to_double():
+    # the draws differ in the two precisions: what can be compared is what draws nothing
+    errors = SMOOTH._replace(**{f"{s}_{e}": 0.0 for s in ("gyr", "acc") for e in ("noise", "bias", "drift", "scale")})
+    errors = errors._replace(mounting=0.0)
+    double = read(KEY, TIME, GYR, ACC, errors)
+    single = read(KEY, *(a.astype(jnp.float32) for a in (TIME, GYR, ACC)), errors)
+    assert single.gyr.dtype == single.acc.dtype == jnp.float32
+    np.testing.assert_allclose(single.gyr, double.gyr, rtol=0, atol=2e-4)
+    np.testing.assert_allclose(single.acc, double.acc, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"gyr_noise": -0.1}, r"ImuErrors\.gyr_noise must be finite and in \[0, inf\]; got -0\.1"),
+        ({"acc_drift": np.inf}, r"ImuErrors\.acc_drift must be finite"),
+        ({"acc_range": 0.0}, r"ImuErrors\.acc_range must be above 0; got 0"),
+        ({"gyr_bandwidth": np.nan}, r"ImuErrors\.gyr_bandwidth must be above 0; got nan"),
+        ({"mounting_y": np.nan}, r"ImuErrors\.mounting_y must be finite"),
+        ({"packet_loss": 1.5}, r"ImuErrors\.packet_loss must be finite and in \[0, 1\]; got 1\.5"),
+        ({"burst_length": 0.5}, r"ImuErrors\.burst_length must be finite and in \[1, inf\]; got 0\.5"),
+        ({"soft_tissue_frequency": -4.0}, r"ImuErrors\.soft_tissue_frequency must be above 0; got -4"),
+        ({"gyr_bias": np.array([0.1, -0.2])}, r"ImuErrors\.gyr_bias must .*; got -0\.2"),
+    ],
+)
+def test_errors_that_no_sensor_has_are_refused_by_name(change, message):
+    with pytest.raises(ValueError, match=message):
+        check_errors(IDEAL._replace(**change))
+
+
+def test_errors_that_are_no_numbers_are_refused():
+    with pytest.raises(TypeError, match=r"ImuErrors\.acc_bias must be a number; got 'small'"):
+        check_errors(IDEAL._replace(acc_bias="small"))
+    check_errors(SMOOTH)
+    check_errors(SMOOTH._replace(gyr_noise=np.array([0.1, 0.0]), soft_tissue_tilt=-3.0))

@@ -1,0 +1,34 @@
+"""Sensors of published studies: allowed, and as those papers and data sheets have them."""
+
+import numpy as np
+import pytest
+
+from jgait import sensors
+from jgait.sensors import DEGREE, FREESENSE, GRAVITY, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
+
+
+@pytest.mark.parametrize("errors", [IDEAL, IDG300, MPU6000, OPAL, FREESENSE])
+def test_every_preset_is_allowed(errors):
+    sensors.check_errors(errors)
+
+
+def test_every_public_name_is_there():
+    assert all(hasattr(sensors, name) for name in sensors.__all__)
+
+
+def test_converters_have_whole_bits():
+    for errors, bits in ((MPU6000, (16, 16)), (OPAL, (16, 12)), (FREESENSE, (12, 12))):
+        steps = [2 * errors.gyr_range / errors.gyr_resolution, 2 * errors.acc_range / errors.acc_resolution]
+        # 32.8 and 0.0096 are printed rounded
+        np.testing.assert_allclose(np.log2(steps), bits, atol=0.005)
+    # the whole of 2.5 V is more than the ±1 V that the gyroscope uses
+    assert np.log2(2 * IDG300.gyr_range / IDG300.gyr_resolution) == pytest.approx(12 + np.log2(2.0 / 2.5), abs=1e-9)
+
+
+def test_noise_of_the_mote_is_a_fifth_of_a_degree_a_second():
+    assert IDG300.gyr_noise * np.sqrt(25.0) / DEGREE == pytest.approx(0.2, abs=0.01)
+    assert IDG300.acc_range == pytest.approx(6.0 * GRAVITY)
+
+
+def test_the_ultrasonic_sensor_is_allowed():
+    sensors.check_ranging(HC_SR04)

@@ -1,0 +1,133 @@
+"""Ultrasonic ranges between two feet of which one passes the other."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait.sensors import HC_SR04, Ranging, check_ranging, measure_range, nearest_point
+
+RATE = 128.0
+T = 1024
+TIME = jnp.arange(float(T)) / RATE
+X = 0.6 * jnp.sin(2.0 * jnp.pi * 0.9 * TIME)
+ZERO = jnp.zeros_like(X)
+SENDER = jnp.stack([X, ZERO + 0.18, ZERO + 0.1], axis=1)
+RECEIVER = jnp.stack([-X, ZERO, ZERO + 0.1], axis=1)
+RIGHT, LEFT = (jnp.asarray(np.tile([0.0, side, 0.0], (T, 1))) for side in (-1.0, 1.0))
+DISTANCE = np.linalg.norm(np.asarray(SENDER - RECEIVER), axis=1)
+KEY = jax.random.key(0)
+
+read = jax.jit(measure_range)
+PLAIN = Ranging()
+ALWAYS = Ranging(rate_hz=1e3, half_angle=np.pi)
+
+
+def test_pings_come_at_their_rate_and_only_there():
+    mask = np.asarray(read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, Ranging(half_angle=np.pi)).mask)
+    exact = np.ceil(np.arange(240) / 30.0 * RATE - 1e-9).astype(int)  # the first sample at or after each
+    np.testing.assert_array_equal(np.flatnonzero(mask), exact)
+    later = np.asarray(read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, Ranging(half_angle=np.pi, phase=0.5)).mask)
+    np.testing.assert_array_equal(
+        np.flatnonzero(later), np.ceil((np.arange(240) + 0.5) / 30.0 * RATE - 1e-9).astype(int)
+    )
+    assert bool(read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS).mask.all())
+
+
+def test_single_precision_pings_at_the_same_samples():
+    arrays = (TIME, SENDER, RECEIVER, RIGHT, LEFT)
+    double = read(KEY, *arrays, PLAIN)
+    single = read(KEY, *(a.astype(jnp.float32) for a in arrays), PLAIN)
+    assert single.distance.dtype == jnp.float32
+    np.testing.assert_array_equal(single.mask, double.mask)
+    np.testing.assert_allclose(single.distance, double.distance, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("ranging", [PLAIN, Ranging(half_angle=0.7), Ranging(half_angle=1.2, facing_half_angle=0.4)])
+def test_only_a_foot_in_view_is_heard(ranging):
+    readings = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ranging._replace(rate_hz=1e3))
+    angle = np.arctan2(np.abs(2.0 * np.asarray(X)), 0.18)
+    np.testing.assert_array_equal(readings.mask, angle <= min(ranging.half_angle, ranging.facing_half_angle))
+    assert 0 < int(readings.mask.sum()) < T
+    heard = np.asarray(readings.mask)
+    np.testing.assert_allclose(np.asarray(readings.distance)[heard], DISTANCE[heard], rtol=0, atol=1e-12)
+    assert np.all(np.asarray(readings.distance)[~heard] == 0.0)
+
+
+def test_nobody_is_heard_behind_the_sensor():
+    assert not bool(read(KEY, TIME, SENDER, RECEIVER, LEFT, LEFT, PLAIN._replace(rate_hz=1e3)).mask.any())
+    facing = PLAIN._replace(rate_hz=1e3, facing_half_angle=1.0)
+    assert not bool(read(KEY, TIME, SENDER, RECEIVER, RIGHT, RIGHT, facing).mask.any())
+
+
+def test_too_near_and_too_far_are_not_heard():
+    mask = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS._replace(min_distance=0.3, max_distance=0.9)).mask
+    np.testing.assert_array_equal(mask, (DISTANCE >= 0.3) & (DISTANCE <= 0.9))
+    here = read(KEY, TIME, SENDER, SENDER, RIGHT, LEFT, ALWAYS)
+    assert not bool(here.mask.any())
+    assert np.isfinite(here.distance).all()
+
+
+def test_noise_and_bias():
+    noisy = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS._replace(noise=0.002, bias=0.03))
+    error = np.asarray(noisy.distance) - DISTANCE
+    assert error.mean() == pytest.approx(0.03, abs=6 * 0.002 / np.sqrt(T))
+    assert error.std() == pytest.approx(0.002, rel=6.0 / np.sqrt(2 * T))
+
+
+def test_late_echoes_are_longer_and_as_frequent_as_stated():
+    readings = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS._replace(outlier=0.3, outlier_size=0.4))
+    error = np.asarray(readings.distance) - DISTANCE
+    late = error > 1e-9
+    assert np.all(np.abs(error[~late]) < 1e-12)
+    assert late.mean() == pytest.approx(0.3, abs=6.0 * np.sqrt(0.21 / T))
+    assert error[late].mean() == pytest.approx(0.4, rel=6.0 / np.sqrt(late.sum()))
+    assert np.median(error[late]) == pytest.approx(0.4 * np.log(2.0), rel=6.0 / np.log(2.0) / np.sqrt(late.sum()))
+    kept = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS._replace(dropout=0.25)).mask
+    assert float(kept.mean()) == pytest.approx(0.75, abs=6.0 * np.sqrt(0.1875 / T))
+
+
+def test_gradients_flow_to_positions():
+    def total(shift):
+        sender = SENDER + shift * jnp.array([[0.0, 1.0, 0.0]])
+        return jnp.sum(measure_range(KEY, TIME, sender, RECEIVER, RIGHT, LEFT, HC_SR04).distance)
+
+    heard = np.asarray(read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, HC_SR04).mask)
+    gradient = float(jax.jit(jax.grad(total))(0.0))
+    assert gradient == pytest.approx(np.sum(0.18 / DISTANCE[heard]), rel=1e-10)
+    same = jax.jit(jax.grad(lambda at: jnp.sum(read(KEY, TIME, at, SENDER, RIGHT, LEFT, HC_SR04).distance)))(SENDER)
+    assert np.isfinite(same).all()
+
+
+def test_mapping_equals_a_loop():
+    keys, many = jax.random.split(KEY, 2), jax.tree.map(lambda leaf: jnp.asarray([leaf, leaf]), HC_SR04)
+    many = many._replace(half_angle=jnp.array([0.3, 0.9]))
+    mapped = jax.jit(jax.vmap(measure_range, in_axes=(0, None, None, None, None, None, 0)))(
+        keys, TIME, SENDER, RECEIVER, RIGHT, LEFT, many
+    )
+    for i in range(2):
+        one = read(keys[i], TIME, SENDER, RECEIVER, RIGHT, LEFT, HC_SR04._replace(half_angle=many.half_angle[i]))
+        np.testing.assert_array_equal(mapped.mask[i], one.mask)
+        np.testing.assert_allclose(mapped.distance[i], one.distance, rtol=0, atol=1e-12)
+
+
+def test_the_nearest_point_of_a_limb():
+    point = jnp.array([[1.0, 0.0, 0.5], [1.0, 0.0, 7.0], [1.0, 0.0, -3.0]])
+    start, end = jnp.zeros((3, 3)), jnp.asarray(np.tile([0.0, 0.0, 2.0], (3, 1)))
+    np.testing.assert_allclose(nearest_point(point, start, end)[:, 2], [0.5, 2.0, 0.0])
+    np.testing.assert_allclose(nearest_point(point, start, end)[:, :2], 0.0)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"rate_hz": 0.0}, r"Ranging\.rate_hz must be above 0; got 0"),
+        ({"noise": -1.0}, r"Ranging\.noise must be finite and in \[0, inf\]; got -1"),
+        ({"outlier": 2.0}, r"Ranging\.outlier must be .*\[0, 1\]; got 2"),
+        ({"half_angle": 4.0}, r"Ranging\.half_angle must be"),
+        ({"min_distance": 5.0}, r"Ranging\.min_distance must be below max_distance; got 5 and 4"),
+    ],
+)
+def test_impossible_sensors_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        check_ranging(PLAIN._replace(**change))
