@@ -123,9 +123,9 @@ def test_signals_are_those_of_the_motion_in_closed_form(walked):
         *(f"{p}_{s}" for p in ("thigh", "shank", "ankle", "foot") for s in SIDES),
     }
     gyr, acc = worst(recording)
-    # At 10 Hz the spline passes 1.8 Hz, the fastest of the motion, but for 3e-5; the joints' acceleration is 10 m/s².
-    assert gyr < 1e-3
-    assert acc < 1e-2
+    # A cut-off of 10 Hz takes (1.8 / 10)⁶ = 3e-5 of the fastest sine in the motion.
+    assert gyr < 1e-4
+    assert acc < 1e-3
 
 
 def test_the_error_falls_with_the_rate():
@@ -134,8 +134,9 @@ def test_the_error_falls_with_the_rate():
         points = centres(np.arange(int(6 * rate) + 1) / rate)
         errors.append(worst(replay.replay(points, 100.0, cutoff_hz=rate / 5.0)[0]))
     for coarse, fine in itertools.pairwise(errors):
-        assert coarse[0] > 8.0 * fine[0]
-        assert coarse[1] > 8.0 * fine[1]
+        # The cut-off doubles with the rate: 2⁶ = 64.
+        assert coarse[0] > 40.0 * fine[0]
+        assert coarse[1] > 40.0 * fine[1]
 
 
 def test_any_rate_can_be_had():
@@ -143,8 +144,8 @@ def test_any_rate_can_be_had():
     assert len(truth.time) == 1999
     assert truth.time[1] - truth.time[0] == pytest.approx(1.0 / 333.0)
     gyr, acc = worst(recording)
-    assert gyr < 1e-3
-    assert acc < 1e-2
+    assert gyr < 1e-4
+    assert acc < 1e-3
 
 
 def test_truth_is_the_angles_and_the_path(walked):
@@ -154,14 +155,13 @@ def test_truth_is_the_angles_and_the_path(walked):
     for side in SIDES:
         leg = getattr(truth.legs, side)
         thigh, shank, _ = angles(TIME, side)
-        # The pelvis' heading is low-passed at 1 Hz, so the plane differs a little from that of the leg.
-        np.testing.assert_allclose(leg.hip_angle[INNER], thigh[INNER], atol=2e-3)
-        np.testing.assert_allclose(leg.knee_angle[INNER], (thigh - shank)[INNER], atol=4e-3)
+        np.testing.assert_allclose(leg.hip_angle[INNER], thigh[INNER], atol=1e-5)
+        np.testing.assert_allclose(leg.knee_angle[INNER], (thigh - shank)[INNER], atol=1e-5)
         np.testing.assert_allclose(leg.y, (at[f"ankle_{side}"] - at[f"hip_{side}"])[:, 2], atol=1e-3)
         assert truth.diagnostics[f"thigh_length_{side}"] == pytest.approx(THIGH, abs=1e-4)
         assert truth.diagnostics[f"shank_length_{side}"] == pytest.approx(SHANK, abs=1e-4)
-    np.testing.assert_allclose(heading[INNER], facing(TIME)[INNER], atol=0.02)
-    assert truth.distance[-1] == pytest.approx(6.6, rel=0.02)
+    np.testing.assert_allclose(heading[INNER], facing(TIME)[INNER], atol=3e-3)
+    assert truth.distance[-1] == pytest.approx(6.6, rel=0.01)
     assert truth.valid.all()
 
 
@@ -207,8 +207,8 @@ def test_one_leg_with_a_heading_is_that_leg_of_two():
     assert "pelvis" not in recording.sensors
     assert truth.legs.right is None
     gyr, acc = worst(recording)
-    assert gyr < 1e-3
-    assert acc < 1e-2
+    assert gyr < 1e-4
+    assert acc < 1e-3
     np.testing.assert_allclose(truth.legs.left.hip_angle[INNER], angles(TIME, "left")[0][INNER], atol=1e-4)
 
 
@@ -344,7 +344,7 @@ def test_places_and_offsets():
     np.testing.assert_allclose(replay.mount(body, "foot_left"), [0.05, 0.0, -0.01], atol=1e-4)
     down = {"shank_left": (0.0, 0.0, -0.4 * SHANK)}
     recording, _ = replay.replay(points, 100.0, placements=["shank_left", "ankle_left"], offsets=down)
-    np.testing.assert_allclose(recording.sensors["shank_left"].acc, recording.sensors["ankle_left"].acc, atol=1e-9)
+    np.testing.assert_allclose(recording.sensors["shank_left"].acc, recording.sensors["ankle_left"].acc, atol=1e-3)
 
 
 def test_errors_of_the_sensors(walked):
@@ -469,9 +469,9 @@ def test_truth_is_the_reference_of_the_data_set(real):
     walk, _, truth = real
     for side in SIDES:
         mine, reference = getattr(truth.legs, side), getattr(walk.reference.legs, side)
-        np.testing.assert_allclose(mine.hip_angle, reference.hip_angle, atol=0.5 * DEGREE)
-        np.testing.assert_allclose(mine.knee_angle, reference.knee_angle, atol=0.5 * DEGREE)
-        np.testing.assert_allclose(mine.x, reference.x, atol=2e-3)
-        np.testing.assert_allclose(mine.y, reference.y, atol=2e-3)
-    assert truth.distance[-1] == pytest.approx(walk.reference.distance[-1], rel=0.02)
+        np.testing.assert_allclose(mine.hip_angle, reference.hip_angle, atol=0.05 * DEGREE)
+        np.testing.assert_allclose(mine.knee_angle, reference.knee_angle, atol=0.05 * DEGREE)
+        np.testing.assert_allclose(mine.x, reference.x, atol=2e-4)
+        np.testing.assert_allclose(mine.y, reference.y, atol=2e-4)
+    assert truth.distance[-1] == pytest.approx(walk.reference.distance[-1], rel=0.01)
     assert truth.valid.all()

@@ -10,7 +10,7 @@ from jgait.kinematics import Motion
 from jgait.types import as_float
 
 CUTOFF_HZ = 10.0
-"""Where the splines halve the amplitude [Hz]."""
+"""Where the splines halve the amplitude [Hz]; for filtered points. Raw markers want their `noise` said."""
 
 MAX_GAP = 0.1
 """Gaps up to this long are bridged by the spline [s]; longer ones are masked."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from jgait.kinematics import Motion, Vector, in_segment, inertial
 from jgait.replay.body import JointCentres, LegCentres, Replay, body_motion, median
-from jgait.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered
+from jgait.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
 from jgait.sensors import ImuErrors, measure
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
@@ -54,7 +54,7 @@ def replay(
 
     Returns:
         The recording, each sensor in the axes of its segment (x forward, y left, z up), and the truth: legs in the
-        sagittal plane, the length of the path of the hips; its diagnostics hold the heading (T,) [rad], lengths of
+        sagittal plane, the length of the hips' path; its diagnostics hold the heading (T,) [rad], lengths of
         the segments [m], and for each point the spline's residual [m] and cut-off [Hz].
 
     Raises:
@@ -156,9 +156,11 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
         if getattr(points, side) is not None:
             legs[side] = leg_in_plane(at[f"hip_{side}"], at[f"knee_{side}"], at[f"ankle_{side}"], heading)
             diagnostics |= {f"{part}_length_{side}": _length(body, part, side) for part in ("thigh", "shank")}
-    hips = np.mean([at[f"hip_{side}"] for side in SIDES if f"hip_{side}" in at], axis=0)[:, :2]
-    smoothed = gaussian_filter1d(hips, PATH_SMOOTHING * rate_hz, axis=0, mode="nearest")
-    path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smoothed, axis=0), axis=1))])
+    hips = [evaluate(body.trajectories[f"hip_{side}"], body.time).rate for side in SIDES if f"hip_{side}" in at]
+    # As the reference of neura_sparse, but smoothing the velocity: a walk that starts at full speed loses no way.
+    velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], PATH_SMOOTHING * rate_hz, axis=0, mode="nearest")
+    speed = np.linalg.norm(velocity, axis=1)
+    path = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0)]) / rate_hz
     diagnostics["heading"] = heading
     valid = np.all([covered(spline, body.time) for spline in body.trajectories.values()], axis=0)
     return Estimate(body.time, Legs(legs["right"], legs["left"]), None, path, valid, diagnostics)
