@@ -95,6 +95,30 @@ class Estimate(NamedTuple):
     diagnostics: dict[str, Any]
 
 
+class Strides(NamedTuple):
+    """Strides of both feet, each from one initial contact of a foot to its next; every field is (n,).
+
+    Attributes:
+        side: 0 right, 1 left; the order of `SIDES`.
+        start: initial contact at which the stride begins [s]; for a first stride from standing, when the toes leave.
+        final_contact: when the toes leave the ground [s].
+        end: initial contact at which it ends [s].
+        length: horizontal distance between the two footholds [m].
+        width: distance of the other foot's foothold between them from the line through both [m].
+        height: rise from one foothold to the next [m].
+        valid: bool; False for a row that is no stride (padding).
+    """
+
+    side: Any
+    start: Any
+    final_contact: Any
+    end: Any
+    length: Any
+    width: Any
+    height: Any
+    valid: Any
+
+
 class RecordingError(ValueError):
     """A recording cannot be used; the message says what was expected and what came."""
 

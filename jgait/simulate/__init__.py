@@ -1,0 +1,30 @@
+"""Simulated walks: the whole lower body in motion, what worn sensors read, and the exact truth.
+
+A `Person` (lengths of the body, parameters of the gait, each with its unit) walks along a `Route`. `recording` gives
+the library's own records; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.
+"""
+
+from jgait.simulate.check import check_person
+from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
+from jgait.simulate.walker import Pose, motion, plan
+from jgait.simulate.worn import (
+    FOUR,
+    SEVEN,
+    Load,
+    Truth,
+    duration,
+    mount,
+    recording,
+    segment_of,
+    strides,
+    trimmed,
+    truth,
+    walk,
+)
+
+__all__ = [
+    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Pose", "Route", "Truth", "check_person", "circle", "corner",
+    "duration", "faster", "motion", "mount", "plan", "recording", "rectangle", "route", "segment_of", "straight",
+    "strides", "trimmed", "truth", "u_turn", "walk",
+]  # fmt: skip

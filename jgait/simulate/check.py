@@ -1,0 +1,77 @@
+"""What a person can be and do: refusals that name the limit."""
+
+import math
+
+import jax
+import numpy as np
+
+from jgait.simulate.person import DEGREE, Body, Gait, Person
+from jgait.simulate.routes import straight
+from jgait.simulate.walker import Slack, plan, slack
+
+_HALF = (-0.5, 0.5)
+_RANGES: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("thigh_length", "shank_length"), (0.1, 0.8)),
+    "hip_width": (0.02, 0.6), "ankle_height": (0.01, 0.2), "ball_length": (0.02, 0.4), "heel_length": (0.0, 0.2),
+    "toe_length": (0.0, 0.2), "stride_length": (0.1, 3.0), "stride_time": (0.4, 5.0), "stance_fraction": (0.52, 0.8),
+    "step_width": (0.0, 0.6), "toe_out": (-45.0 * DEGREE, 45.0 * DEGREE), "toe_up": (0.0, 60.0 * DEGREE),
+    "heel_up": (0.0, 100.0 * DEGREE), "foot_flat": (0.02, 0.2), "heel_off": (0.1, 0.5), "swing_lift": (0.0, 0.3),
+    "landing_speed": (0.0, 1.0), "knee_stance": (1.0 * DEGREE, 60.0 * DEGREE), "pelvis_rise": (0.0, 0.15),
+    "standing_hip": (-30.0 * DEGREE, 30.0 * DEGREE), "standing_knee": (0.5 * DEGREE, 60.0 * DEGREE),
+    "hip_ahead": (-0.3, 0.3), "length_asymmetry": _HALF, "time_asymmetry": _HALF, "steps": (1.0, 2000.0),
+    "length_variability": (0.0, 0.15), "time_variability": (0.0, 0.15), "right_first": (0.0, 1.0),
+}  # fmt: skip
+"""Closed ranges of the fields; those not listed must not be negative."""
+
+
+@jax.jit
+def _slack(person: Person) -> Slack:
+    """How far the legs are from their limits over four even steps."""
+    gait = person.gait._replace(steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0)
+    steady = Person(person.body, gait)
+    return slack(steady, plan(jax.random.key(0), steady, straight(10.0), 4))
+
+
+def check_person(person: Person) -> None:
+    """Refuse a person who cannot walk as asked.
+
+    Raises:
+        TypeError: if a field is not a number.
+        ValueError: if a field lies outside its range, the times of a stride contradict each other, or the legs are
+            too short for the stride; the message names the limit.
+    """
+    if not (isinstance(person, Person) and isinstance(person.body, Body) and isinstance(person.gait, Gait)):
+        raise TypeError(f"a person is Person(body=Body(…), gait=Gait(…)); got {person!r}")
+    for part in person:
+        for name, value in zip(part._fields, part, strict=True):
+            where = f"{type(part).__name__}.{name}"
+            if np.ndim(value) != 0 or not np.issubdtype(np.asarray(value).dtype, np.number):
+                raise TypeError(f"{where} must be one number; got {value!r}")
+            low, high = _RANGES.get(name, (0.0, math.inf))
+            if not (math.isfinite(value) and low <= float(value) <= high):
+                raise ValueError(f"{where} must lie in [{low:g}, {high:g}]; got {float(value):g}")
+    gait = person.gait
+    if float(gait.steps) != round(float(gait.steps)):
+        raise ValueError(f"Gait.steps must be a whole number; got {float(gait.steps):g}")
+    if not gait.foot_flat < gait.heel_off < gait.stance_fraction - 0.05:
+        raise ValueError(
+            "a foot lies flat, lifts its heel and leaves in this order: Gait.foot_flat < heel_off < stance_fraction − "
+            f"0.05; got {float(gait.foot_flat):g}, {float(gait.heel_off):g}, {float(gait.stance_fraction):g}"
+        )
+    left = _slack(jax.tree.map(float, person))
+    leg = person.body.thigh_length + person.body.shank_length
+    if not float(left.aside) < REACH:
+        raise ValueError(
+            f"legs of {leg:.3f} m are too short for strides of {gait.stride_length:.3f} m: an ankle would be "
+            f"{float(left.aside):.2f} of the leg's length from below the hip (at most {REACH}); shorten stride_length "
+            "or lengthen thigh_length and shank_length"
+        )
+    if not float(left.stretched) > 0.0:
+        raise ValueError(
+            f"a leg of {leg:.3f} m would be overstretched by {-1e3 * float(left.stretched) * leg:.1f} mm; raise "
+            "knee_stance"
+        )
+
+
+REACH = 0.75
+"""Farthest that an ankle may be from below the hip, over the length of the leg."""

@@ -1,0 +1,216 @@
+"""The plan of a walk: where and when each foot lands, and what the body has to meet there.
+
+Footholds are counted k = −1, 0, 1 … in the order in which they are taken. −1 and 0 are where the feet stand at the
+start; at the contact of foothold k the clock of the walk shows k, and the foot that takes it comes from foothold
+k − 2. The last step closes up. Everything is differentiable in body, gait and route, for a given number of steps.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.simulate import routes
+from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.routes import Route
+from jgait.simulate.smooth import glide, pieces, step
+
+FIRST = 1
+"""Foothold k is entry k + FIRST of every array."""
+
+START, CLOSE = 1.3, 1.2
+"""How much longer than the others the first step and the last take."""
+
+
+class Plan(NamedTuple):
+    """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K, 8).
+
+    Attributes:
+        x: of the point under the ankle [m].
+        y: the same [m].
+        z: height of the ground there [m].
+        heading: of the route there [rad].
+        foot_yaw: of the foot [rad].
+        slope: pitch of the ground along the foot [rad].
+        side: 1 where the left foot stands there, −1 for the right.
+        toe_up: pitch of the foot when it lands there [rad].
+        heel_up: pitch of the foot when it leaves, heel up [rad].
+        lift: how high it is lifted on the way to the next but one foothold [m].
+        contact: when it lands [s].
+        time_curve: time [s] over the clock.
+        x_curve: pelvis [m].
+        y_curve: pelvis [m].
+        z_curve: pelvis, but for what it rises and falls within a step [m].
+        dip: how far it falls below that within a step, where the legs ask for it [m].
+        heading_curve: pelvis [rad].
+        distance_curve: walked along the route by the hips [m].
+        walking_curve: 1 while walking, 0 while standing.
+        end: the clock when all is over [1].
+    """
+
+    x: Any
+    y: Any
+    z: Any
+    heading: Any
+    foot_yaw: Any
+    slope: Any
+    side: Any
+    toe_up: Any
+    heel_up: Any
+    lift: Any
+    contact: Any
+    time_curve: Any
+    x_curve: Any
+    y_curve: Any
+    z_curve: Any
+    dip: Any
+    heading_curve: Any
+    distance_curve: Any
+    walking_curve: Any
+    end: Any
+
+
+def side_of_first(gait: Gait) -> Any:
+    """−1 if the right foot takes the first step, 1 if the left."""
+    return jnp.where(jnp.asarray(gait.right_first) > 0.5, -1.0, 1.0)
+
+
+def reach(body: Body, knee: Any) -> Any:
+    """Hip to ankle [m] at a knee flexion [rad]: r² = a² + b² + 2 a b cos(knee)."""
+    a, b = body.thigh_length, body.shank_length
+    return jnp.sqrt(a * a + b * b + 2.0 * a * b * jnp.cos(knee))
+
+
+def heel_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+    """How far the ankle moves forward and up [m] when the foot is pitched up about its heel."""
+    s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
+    return c * body.heel_length - s * body.ankle_height, s * body.heel_length + c * body.ankle_height
+
+
+def ball_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+    """How far the ankle moves forward and up [m] when the heel is lifted by a pitch about the ball of the foot."""
+    s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
+    return -c * body.ball_length + s * body.ankle_height, s * body.ball_length + c * body.ankle_height
+
+
+def toe_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+    """How far the ball of the foot moves forward and up [m] when it is lifted by a pitch about the tip of the toes."""
+    return (1.0 - jnp.cos(pitch)) * body.toe_length, jnp.sin(pitch) * body.toe_length
+
+
+def heel_rise(gait: Gait, s: Any) -> tuple[Any, Any]:
+    """How much of its final pitch the leaving foot has, and the toes of theirs [1], s steps after it landed.
+
+    The heel comes off slowly while this leg bears alone, and fast about when the other lands; then the ball follows
+    over the tip of the toes. In swing both go back to 0.
+    """
+    off, leave = 2.0 * gait.heel_off, 2.0 * gait.stance_fraction
+    slow = step((s - off) / (leave - off))
+    fast = glide((s - leave + HEEL_RISES) / (HEEL_RISES + HEEL_AFTER), 0.6, 0.4)
+    toes = glide((s - leave + TOES_RISE) / (TOES_RISE + HEEL_AFTER), 0.5, 0.5)
+    back = glide((s - leave - HEEL_BACK) / (2.0 - leave - HEEL_BACK - HEEL_DOWN), 0.5, 0.5)
+    return HEEL_EARLY * slow + (1.0 - HEEL_EARLY) * fast - back, toes - back
+
+
+HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_BACK, HEEL_DOWN = 0.08, 0.34, 0.29, 0.0, 0.16
+"""Share of the slow rise. In steps: from how long before the toes leave to how long after them the heel rises fast; how
+long after them it begins to come down, and how long before landing it is down."""
+
+TOES_RISE, TOES = 0.14, 0.95
+"""Steps before the toes leave at which the ball leaves; pitch of the toes in that of the heel."""
+
+
+def _lengths(key: Any, gait: Gait, along: Route, k: Any, side: Any) -> tuple[Any, Any, Any, Any]:
+    """Distance along the route (K,), step times (K,), sideways errors (K,), and the speed there (K,)."""
+    walks = (k > 0.5) & (k < gait.steps + 0.5)
+    draws = jnp.clip(jax.random.normal(key, (k.shape[0], 3), k.dtype), -2.5, 2.5)
+    relative = 1.0 - gait.length_asymmetry * side + gait.length_variability * draws[:, 0]
+
+    def onward(distance: Any, now: tuple[Any, Any]) -> tuple[Any, tuple[Any, Any]]:
+        share, moves = now
+        speed = routes.value_at(along, along.speed, distance[None])[0]
+        distance = distance + jnp.where(moves, 0.5 * gait.stride_length * share * jnp.sqrt(speed), 0.0)
+        return distance, (distance, speed)
+
+    _, (distance, speed) = lax.scan(onward, jnp.zeros_like(k[0]), (relative, walks))
+    times = 0.5 * gait.stride_time * (1.0 - gait.time_asymmetry * side + gait.time_variability * draws[:, 1])
+    times = times / jnp.sqrt(speed)
+    times = jnp.where(jnp.abs(k - 1.0) < 0.5, START * times, jnp.where(k > gait.steps + 0.5, CLOSE * times, times))
+    return distance, times, jnp.where(walks, gait.width_variability * draws[:, 2], 0.0), speed
+
+
+def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
+    """Lay out a walk.
+
+    Args:
+        key: PRNG key of the variability from step to step.
+        person: who walks; `steps` must not be more than `capacity`.
+        along: where the walk leads.
+        capacity: the most steps that the arrays hold.
+
+    Returns:
+        The plan, K = capacity + 4.
+    """
+    gait = person.gait
+    k = jnp.arange(-1, capacity + 3, dtype=jnp.result_type(float))
+    n = jnp.asarray(gait.steps, k.dtype)
+    side = jnp.where(jnp.mod(k, 2.0) > 0.5, 1.0, -1.0) * side_of_first(gait)
+    distance, times, aside, speed = _lengths(key, gait, along, k, side)
+    place = routes.at(along, distance)
+    offset = side * (0.5 * gait.step_width) + aside
+    sine, cosine = jnp.sin(place.heading), jnp.cos(place.heading)
+    foot_x, foot_y = place.x - sine * offset, place.y + cosine * offset
+    takes, leaves = (k > 0.5) & (k < n + 0.5), (k < n - 0.5)
+    begins = jnp.where(k > -0.5, 1.0, 0.6)
+    riser = routes.value_at(along, along.riser, distance)
+    ground = place.z + jnp.cumsum(jnp.where(takes, riser, 0.0))
+    ground = jnp.where(k > n + 0.5, jnp.roll(ground, 1), ground)
+    incline = jnp.arctan(routes.value_at(along, along.slope, distance))
+    flat_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs the whole foot lands
+    pitch = jnp.sqrt(speed)
+    toe_up = jnp.where(takes, gait.toe_up * flat_foot * pitch, 0.0)
+    heel_up = jnp.where(leaves, gait.heel_up * begins, 0.0)
+    lift = jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0)
+
+    # The pelvis when each foot lands: over the middle of both feet, and a little ahead.
+    standing = standing_ahead(person)
+    moves = (k > 0.5) & (k < n + 0.5)
+    ahead = jnp.where(moves, gait.hip_ahead * pitch, standing)
+    ahead = jnp.where(jnp.abs(k - n - 1.0) < 0.5, 0.5 * (gait.hip_ahead * pitch + standing), ahead)
+    middle_x, middle_y = 0.5 * (foot_x + _before(foot_x)), 0.5 * (foot_y + _before(foot_y))
+    heading = 0.5 * (place.heading + _before(place.heading))
+    pelvis_x, pelvis_y = middle_x + ahead * jnp.cos(heading), middle_y + ahead * jnp.sin(heading)
+    passing = jnp.where((k > 0.5) & (k < n + 1.5), 1.0, 0.0)
+    way = 0.5 * (distance + _before(distance)) + ahead - standing
+
+    walking = jnp.where(takes, 1.0, 0.0)
+    at_contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
+    early = gait.quiet_before - 0.5 * gait.stride_time
+    at_contact = jnp.where(k < -0.5, early, at_contact)
+    return Plan(
+        foot_x, foot_y, ground, place.heading, place.heading + side * gait.toe_out, incline, side, toe_up, heel_up, lift,
+        at_contact, pieces(at_contact, jnp.ones_like(k)), pieces(pelvis_x, passing), pieces(pelvis_y, passing),
+        jnp.zeros((capacity + 3, 8), k.dtype), jnp.zeros((capacity + 3,), k.dtype), pieces(heading, passing), pieces(way, passing), pieces(walking, jnp.zeros_like(k)), n + 2.0,
+    )  # fmt: skip
+
+
+def _before(values: Any) -> Any:
+    """Each foothold's predecessor; the first is its own."""
+    return jnp.concatenate([values[:1], values[:-1]])
+
+
+def standing_ahead(person: Person) -> Any:
+    """How far the hips are ahead of the ankles when standing [m]."""
+    b, g = person.body, person.gait
+    return -(b.thigh_length * jnp.sin(g.standing_hip) + b.shank_length * jnp.sin(g.standing_hip - g.standing_knee))
+
+
+def landing_pitch(gait: Gait, s: Any) -> Any:
+    """How much of its pitch at landing a foot has [1], s steps after its contact; negative: before it."""
+    up = glide((s + TOES_UP) / (TOES_UP - TOES_TURN + 0.1), 0.5, 0.5)
+    return up - glide((s + TOES_TURN) / (TOES_TURN + 2.0 * gait.foot_flat), 0.5, 0.5)
+
+
+TOES_UP, TOES_TURN = 0.45, 0.13
+"""Steps before landing at which the toes begin to come up over the heel, and to come down again."""

@@ -1,0 +1,113 @@
+"""Who walks, and how: lengths of the body, parameters of the gait, each one scalar with its unit."""
+
+from typing import Any, NamedTuple
+
+DEGREE = 0.017453292519943295
+
+
+class Body(NamedTuple):
+    """Lengths of the lower body [m]; the defaults are those of a person of 1.75 m.
+
+    Attributes:
+        thigh_length: hip to knee.
+        shank_length: knee to ankle.
+        hip_width: between the hip joint centres.
+        ankle_height: ankle above the sole.
+        heel_length: from below the ankle back to the edge of the heel.
+        ball_length: from below the ankle forward to the ball of the foot, about which it rolls off.
+        toe_length: from the ball to the tip of the toes.
+        back_height: from the middle of the hips up to the fifth lumbar vertebra.
+        back_depth: from the middle of the hips back to the skin over it; half of the pelvis' depth.
+    """
+
+    thigh_length: Any = 0.245 * 1.75
+    shank_length: Any = 0.246 * 1.75
+    hip_width: Any = 0.100 * 1.75
+    ankle_height: Any = 0.039 * 1.75
+    heel_length: Any = 0.030 * 1.75
+    ball_length: Any = 0.078 * 1.75
+    toe_length: Any = 0.044 * 1.75
+    back_height: Any = 0.055 * 1.75
+    back_depth: Any = 0.062 * 1.75
+
+
+class Gait(NamedTuple):
+    """How a person walks; fractions are of the stride from a foot's initial contact.
+
+    Attributes:
+        stride_length: from one foothold of a foot to its next [m].
+        stride_time: from one initial contact of a foot to its next [s].
+        stance_fraction: how much of the stride a foot is on the ground [1].
+        step_width: between the lines on which the two feet walk [m].
+        toe_out: how far the feet point outwards [rad].
+        toe_up: pitch of the foot at initial contact [rad].
+        heel_up: pitch of the foot at its steepest, just after the toes have left [rad].
+        foot_flat: when the sole has come down [1].
+        heel_off: when the heel begins to rise [1].
+        swing_lift: how far the foot is lifted in mid swing, beside what its pitch does [m].
+        landing_speed: share of its speed that the foot keeps until the ground stops it [1].
+        knee_stance: least knee flexion [rad]; the pelvis is as high as that allows.
+        pelvis_rise: from the lowest to the highest position of the pelvis [m].
+        pelvis_sway: how far the pelvis moves to the side of the foot that bears [m].
+        pelvis_surge: how far the pelvis runs ahead of constant speed and falls behind [m].
+        pelvis_rotation: how far the pelvis turns with the leading leg, to each side [rad].
+        pelvis_drop: how far it drops on the side of the swinging leg [rad].
+        pelvis_nod: how far it tilts forward and back, twice a stride [rad].
+        pelvis_shock: how far landing shakes the pelvis down [m].
+        hip_ahead: how far the hips are ahead of the middle of the feet when a foot lands [m].
+        standing_hip: hip flexion when standing [rad].
+        standing_knee: knee flexion when standing [rad].
+        length_asymmetry: (right − left) / (right + left) of the step lengths [1].
+        time_asymmetry: (right − left) / (right + left) of the step times [1].
+        length_variability: standard deviation of the step length over its mean [1].
+        time_variability: standard deviation of the step time over its mean [1].
+        width_variability: standard deviation of where a foot lands sideways [m].
+        steps: how many step lengths are walked, after which the other foot closes up; a whole number.
+        right_first: 1 if the right foot takes the first step, 0 if the left.
+        quiet_before: quiet standing before anything moves [s].
+        quiet_after: quiet standing at the end [s].
+    """
+
+    stride_length: Any = 1.32
+    stride_time: Any = 1.06
+    stance_fraction: Any = 0.57
+    step_width: Any = 0.09
+    toe_out: Any = 6.0 * DEGREE
+    toe_up: Any = 35.0 * DEGREE
+    heel_up: Any = 81.0 * DEGREE
+    foot_flat: Any = 0.062
+    heel_off: Any = 0.30
+    swing_lift: Any = 0.031
+    landing_speed: Any = 0.38
+    knee_stance: Any = 4.0 * DEGREE
+    pelvis_rise: Any = 0.040
+    pelvis_sway: Any = 0.02
+    pelvis_surge: Any = 0.025
+    pelvis_rotation: Any = 4.0 * DEGREE
+    pelvis_drop: Any = 4.0 * DEGREE
+    pelvis_nod: Any = 1.5 * DEGREE
+    pelvis_shock: Any = 0.001
+    hip_ahead: Any = 0.03
+    standing_hip: Any = 2.0 * DEGREE
+    standing_knee: Any = 4.0 * DEGREE
+    length_asymmetry: Any = 0.0
+    time_asymmetry: Any = 0.0
+    length_variability: Any = 0.0
+    time_variability: Any = 0.0
+    width_variability: Any = 0.0
+    steps: Any = 6.0
+    right_first: Any = 1.0
+    quiet_before: Any = 3.0
+    quiet_after: Any = 1.5
+
+
+class Person(NamedTuple):
+    """Who walks, and how.
+
+    Attributes:
+        body: the lengths.
+        gait: the manner.
+    """
+
+    body: Body = Body()
+    gait: Gait = Gait()

@@ -1,0 +1,125 @@
+"""Where a walk leads: straight and curved pieces, their slope, and how the speed changes along them."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+
+class Route(NamedTuple):
+    """The line between the feet, piece after piece, from the origin along x.
+
+    Attributes:
+        length: (n,) of each piece [m].
+        turn: (n,) by how much the heading turns along it, counter-clockwise [rad].
+        slope: (n,) metres up for each metre forward [1].
+        speed: (n,) walking speed on it, in that of the gait [1].
+        riser: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
+    """
+
+    length: Any
+    turn: Any
+    slope: Any
+    speed: Any
+    riser: Any
+
+
+def route(*pieces: dict[str, float]) -> Route:
+    """A route from pieces; each is a dictionary with a `length` [m] and, where not 0 (1), the other fields.
+
+    Raises:
+        ValueError: if there is no piece, a length is not positive, a speed is not positive, or a name is not known.
+    """
+    if not pieces:
+        raise ValueError("a route needs at least one piece, for example {'length': 10.0}")
+    rest = {"turn": 0.0, "slope": 0.0, "speed": 1.0, "riser": 0.0}
+    for piece in pieces:
+        unknown = set(piece) - set(Route._fields)
+        if unknown or "length" not in piece:
+            raise ValueError(f"a piece of a route has a length and {', '.join(rest)}; got {piece}")
+        for name in ("length", "speed"):
+            if not (math.isfinite(piece.get(name, 1.0)) and piece.get(name, 1.0) > 0.0):
+                raise ValueError(f"{name} of a piece of a route must be positive; got {piece[name]!r}")
+    filled = [{**rest, **piece} for piece in pieces]
+    return Route(*(np.array([piece[name] for piece in filled]) for name in Route._fields))
+
+
+def straight(length: float, speed: float = 1.0) -> Route:
+    """Straight ahead, `length` [m]."""
+    return route({"length": length, "speed": speed})
+
+
+def corner(before: float, turn: float, after: float, radius: float = 0.8) -> Route:
+    """Straight, a bend of `turn` [rad] (left positive) with a radius [m], straight."""
+    return route({"length": before}, {"length": abs(turn) * radius, "turn": turn}, {"length": after})
+
+
+def u_turn(length: float, radius: float = 0.4, *, left: bool = True) -> Route:
+    """Straight out, half a circle, straight back; `length` [m] each way."""
+    return corner(length, math.pi if left else -math.pi, length, radius)
+
+
+def rectangle(a: float, b: float, laps: int = 1, radius: float = 0.8) -> Route:
+    """Laps round a rectangle with sides a and b [m], counter-clockwise, its corners rounded."""
+    if min(a, b) <= 2.0 * radius:
+        raise ValueError(f"sides must be longer than two radii of {radius:g} m; got {a:g} and {b:g} m")
+    bend = {"length": 0.5 * math.pi * radius, "turn": 0.5 * math.pi}
+    sides = ({"length": a - 2.0 * radius}, bend, {"length": b - 2.0 * radius}, bend)
+    return route(*(piece for _ in range(2 * laps) for piece in sides))
+
+
+def circle(radius: float, laps: float = 1.0) -> Route:
+    """Round a circle of a radius [m], counter-clockwise."""
+    return route({"length": 2.0 * math.pi * radius * laps, "turn": 2.0 * math.pi * laps})
+
+
+def faster(length: float, *speeds: float) -> Route:
+    """Straight ahead, `length` [m] at each of the speeds (1: that of the gait)."""
+    return route(*({"length": length, "speed": speed} for speed in speeds))
+
+
+def total_length(along: Route) -> Any:
+    """Length of the whole route [m]."""
+    return jnp.sum(along.length)
+
+
+class Place(NamedTuple):
+    """A point on the route: where it is [m], and the heading there [rad]."""
+
+    x: Any
+    y: Any
+    z: Any
+    heading: Any
+
+
+def at(along: Route, distance: Any) -> Place:
+    """The point a distance (K,) [m] from the start; before it and after the end the route goes straight on.
+
+    On an arc of length L that turns by θ:  chord = L sinc(θ/2), in the direction of the arc's middle.
+    """
+    length, turn = jnp.asarray(along.length), jnp.asarray(along.turn)
+    starts = jnp.concatenate([jnp.zeros_like(length[:1]), jnp.cumsum(length)])
+    covered = jnp.clip(distance[:, None] - starts[None, :-1], 0.0, length[None, :])
+    x, y, z = jnp.zeros_like(distance), jnp.zeros_like(distance), jnp.zeros_like(distance)
+    heading = jnp.zeros_like(distance)
+    for piece in range(length.shape[0]):
+        bend = turn[piece] * covered[:, piece] / length[piece]
+        half = 0.5 * bend
+        chord = covered[:, piece] * jnp.sinc(half / jnp.pi)
+        x, y = x + chord * jnp.cos(heading + half), y + chord * jnp.sin(heading + half)
+        z = z + covered[:, piece] * jnp.asarray(along.slope)[piece]
+        heading = heading + bend
+    outside = jnp.minimum(distance, 0.0) + jnp.maximum(distance - starts[-1], 0.0)
+    return Place(x + outside * jnp.cos(heading), y + outside * jnp.sin(heading), z, heading)
+
+
+def value_at(along: Route, field: Any, distance: Any) -> Any:
+    """A field of the route at distances (K,) [m]; it changes over half a metre about each border."""
+    borders = jnp.cumsum(jnp.asarray(along.length))[:-1]
+    values = jnp.asarray(field)
+    total = jnp.full_like(distance, 1.0) * values[0]
+    for border, jump in zip(borders, jnp.diff(values), strict=True):
+        share = jnp.clip((distance - border) / 0.5 + 0.5, 0.0, 1.0)
+        total = total + jump * share * share * (3.0 - 2.0 * share)
+    return total

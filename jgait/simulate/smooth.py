@@ -1,0 +1,121 @@
+"""Smooth functions that walking is made of: steps that start and end at rest, and curves through given points.
+
+Steps are constant outside [0, 1], so that a foot that stands, stands exactly, and five times continuously
+differentiable, so that sums over samples converge fast to integrals.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+ORDER = 5
+"""A step's derivatives up to this order vanish at both ends."""
+
+_SLOPE = 1.0 / sum(math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) for k in range(ORDER + 1))
+_INTEGRAL = tuple(_SLOPE * math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) / 2.0 for k in range(ORDER + 1))
+
+
+@jax.custom_jvp
+def step(u: Any) -> Any:
+    """From 0 at u ≤ 0 to 1 at u ≥ 1:  ∫ (1 − x²)⁵ dx, normalised, with x = 2u − 1."""
+    x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
+    square = x * x
+    total = jnp.zeros_like(x)
+    for coefficient in reversed(_INTEGRAL):
+        total = total * square + coefficient
+    return 0.5 + x * total
+
+
+@step.defjvp
+def _step_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    # The polynomial's own derivative would cancel near the ends, where it has to be exactly 0.
+    (u,), (du,) = primals, tangents
+    return step(u), _SLOPE * bump(u) * du
+
+
+@jax.custom_jvp
+def ramp(u: Any) -> Any:
+    """The integral of `step`: 0 at u ≤ 0, u − 1/2 at u ≥ 1."""
+    x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
+    square = x * x
+    total = jnp.zeros_like(x)
+    for k, coefficient in reversed(list(enumerate(_INTEGRAL))):
+        total = total * square + coefficient / (2.0 * k + 2.0)
+    # The constant makes it 0 at x = −1.
+    least = sum(c / (2.0 * k + 2.0) for k, c in enumerate(_INTEGRAL))
+    return 0.5 * (0.5 * (x + 1.0) + square * total - least) + jnp.maximum(u - 1.0, 0.0)
+
+
+@ramp.defjvp
+def _ramp_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    (u,), (du,) = primals, tangents
+    return ramp(u), step(u) * du
+
+
+def glide(u: Any, gather: Any, lose: Any) -> Any:
+    """From 0 at u ≤ 0 to 1 at u ≥ 1, at constant speed but for the shares in which it gathers and loses it."""
+    way = gather * ramp(u / gather) - lose * ramp((u - 1.0 + lose) / lose)
+    return way / (1.0 - 0.5 * (gather + lose))
+
+
+def bump(u: Any) -> Any:
+    """Up to 1 at u = 1/2 and back: (1 − x²)⁵ with x = 2u − 1, 0 outside (0, 1)."""
+    x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
+    return (1.0 - x * x) ** ORDER
+
+
+def _hermite() -> np.ndarray:
+    """(8, 6): coefficients of 1, r … r⁷ from value, slope and curvature at r = 0 and r = 1; third derivatives 0."""
+    powers = np.arange(8)
+    rows = []
+    for at in (0.0, 1.0):
+        for order in range(4):
+            falling = np.array([math.perm(int(p), order) if p >= order else 0 for p in powers], float)
+            rows.append(falling * np.where(powers == order, 1.0, at))
+    inverse = np.linalg.inv(np.array(rows))
+    return np.round(inverse[:, [0, 1, 2, 4, 5, 6]], 12)
+
+
+HERMITE = _hermite()
+
+
+def pieces(values: Any, moving: Any) -> Any:
+    """A curve through given points, three times continuously differentiable, at rest where nothing moves.
+
+    Slope and curvature at each point are central differences; the third derivative is 0.
+
+    Args:
+        values: (K,) at r = 0, 1 … K − 1.
+        moving: (K,) 1 where the curve passes through, 0 where it rests.
+
+    Returns:
+        (K − 1, 8) coefficients of 1, r … r⁷ in each interval.
+    """
+    before = jnp.concatenate([values[:1], values[:-1]])
+    after = jnp.concatenate([values[1:], values[-1:]])
+    slope = moving * (after - before) / 2.0
+    curvature = moving * (after - 2.0 * values + before)
+    ends = jnp.stack([values, slope, curvature], axis=1)
+    # Small sums, written out: a product with a constant matrix would lose digits on some devices.
+    basis = jnp.asarray(HERMITE, values.dtype)
+    # Measured from the interval's first value, so that far from the start no digits are lost.
+    both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)
+    both = both.at[:, 3].add(-values[:-1]).at[:, 0].set(0.0)
+    inside = jnp.sum(both[:, None, :] * basis[None, :, :], axis=2)
+    return inside.at[:, 0].add(values[:-1])
+
+
+def polynomial(coefficients: Any, r: Any) -> Any:
+    """Σ cᵢ rⁱ with the coefficients along the last axis, or in a list."""
+    total = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = total * r + c
+    return total
+
+
+def slope(coefficients: Any, r: Any) -> Any:
+    """Σ i cᵢ rⁱ⁻¹, the derivative of `polynomial`."""
+    return polynomial([i * c for i, c in enumerate(coefficients)][1:], r)

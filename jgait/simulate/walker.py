@@ -1,0 +1,385 @@
+"""The body at one time: feet that stand where they are planned, a pelvis carried over them, legs that close.
+
+The feet and the pelvis are smooth functions of the walk's clock, which shows k when foothold k is taken. The foot
+that stands rolls over its heel, lies flat, and rolls off over its ball; the other swings from foothold to foothold.
+The hips are as high as the leg that bears allows with its knee bent as the gait says; what is left, both knees, both
+thighs and shanks, follows from the lengths of the legs. Nothing is integrated or differenced.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering.trigonometry import sincos
+from jgait.kinematics import Frame, Motion, Segments, Vector, add, cross, differentiated, dot, scale, subtract
+from jgait.simulate.footsteps import (
+    FIRST,
+    TOES,
+    Plan,
+    ball_turn,
+    footholds,
+    heel_rise,
+    heel_turn,
+    landing_pitch,
+    reach,
+    standing_ahead,
+    toe_turn,
+)
+from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.routes import Route
+from jgait.simulate.smooth import bump, glide, pieces, polynomial, slope, step
+
+
+class Pose(NamedTuple):
+    """The body at times (T,).
+
+    Attributes:
+        segments: a `Frame` of each segment.
+        ankle_right: ankle joint in the world [m].
+        ankle_left: ankle joint in the world [m].
+    """
+
+    segments: Segments
+    ankle_right: Vector
+    ankle_left: Vector
+
+
+class Foot(NamedTuple):
+    """One foot at times (T,): ankle [m], pitch [rad] toes up, yaw [rad]."""
+
+    ankle: Vector
+    pitch: Any
+    yaw: Any
+
+
+def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
+    """Which foothold was taken last, (T,) int, and how much of the step since has passed (T,) [1].
+
+    The curve of time over the clock is inverted by Newton's method; two steps that are differentiated make the first
+    three derivatives exact.
+    """
+    last = plan.end.astype(jnp.int32) - 1 + FIRST
+    entry = jnp.searchsorted(plan.contact, time, side="right") - 1
+    entry = jnp.clip(entry, FIRST, last)
+    curve = [plan.time_curve[:, i][entry] for i in range(8)]
+    begin, end = plan.contact[entry], plan.contact[entry + 1]
+    fixed = [lax.stop_gradient(c) for c in curve]
+    held = lax.stop_gradient(jnp.clip(time, begin, end))
+    r = (held - lax.stop_gradient(begin)) / lax.stop_gradient(end - begin)
+    for _ in range(3):
+        r = r - (polynomial(fixed, r) - held) / slope(fixed, r)
+    now = jnp.clip(time, plan.contact[FIRST], plan.contact[last + 1])
+    r = lax.stop_gradient(r)
+    for _ in range(2):
+        r = r - (polynomial(curve, r) - now) / slope(curve, r)
+    return entry, _once(r)
+
+
+def _once[T](values: T) -> T:
+    """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
+    return lax.optimization_barrier(values)
+
+
+def _standing_foot(body: Body, gait: Gait, at: tuple[Any, ...], s: Any) -> Foot:
+    """The foot that took the last foothold, s in [0, 1] steps ago."""
+    x, y, z, yaw, incline, toe_up, heel_up = at
+    down = _once(toe_up * landing_pitch(gait, s))
+    rise, ahead, up = _rockers(body, gait, down, heel_up, s)
+    ankle = _over(body, x, y, z, yaw, incline, ahead, up)
+    return _once(Foot(ankle, incline + down - rise, yaw))
+
+
+def _rockers(body: Body, gait: Gait, down: Any, heel_up: Any, s: Any) -> tuple[Any, Any, Any]:
+    """Pitch of the heel [rad], and how far heel, ball and toes turning move the ankle forward and up [m]."""
+    rises, toes = _once(heel_rise(gait, s))
+    rise = heel_up * rises
+    turns = (heel_turn(body, down), ball_turn(body, rise), toe_turn(body, TOES * heel_up * toes))
+    return rise, sum(ahead for ahead, _ in turns), sum(up for _, up in turns)
+
+
+def _over(body: Body, x: Any, y: Any, z: Any, yaw: Any, incline: Any, ahead: Any, up: Any) -> Vector:
+    """The ankle over a foothold, moved ahead and up [m] along the ground's own directions."""
+    s, c = sincos(incline)
+    height = body.ankle_height + up
+    ahead, up = ahead * c - height * s, ahead * s + height * c
+    s, c = sincos(yaw)
+    return Vector(x + c * ahead, y + s * ahead, z + up)
+
+
+def _swing(gait: Gait, s: Any) -> tuple[Any, Any]:
+    """How much of the way from foothold to foothold is done, and of the lift, s in [1, 2] steps after landing."""
+    leave = 2.0 * gait.stance_fraction
+    tau = (s - leave) / (2.0 - leave)
+    lift = bump(tau / 0.5) + LATE_LIFT * (step((tau - 0.1) / 0.5) - step((tau - LOWERS) / (1.0 - LOWERS)))
+    hard = gait.landing_speed
+    return hard * glide(tau, GATHER, HARD) + (1.0 - hard) * glide(tau, GATHER, SOFT), lift
+
+
+GATHER, LATE_LIFT, LOWERS = 0.42, 0.4, 0.76
+"""Share of swing in which the foot gathers speed; how high it is lifted late in swing, in the early lift."""
+
+HARD, SOFT = 0.14, 0.44
+"""Shares of swing in which the ground stops the foot, and in which the leg does."""
+
+
+def _moving_foot(body: Body, gait: Gait, origin: tuple[Any, ...], target: tuple[Any, ...], lift: Any, s: Any) -> Foot:
+    """The foot that took the last but one foothold s in [1, 2] steps ago, pushes off, and swings to the next."""
+    x0, y0, z0, yaw0, incline0, _, heel_up = origin
+    x1, y1, z1, yaw1, incline1, toe_up, _ = target
+    way, arc = _once(_swing(gait, s))
+    down = _once(toe_up * landing_pitch(gait, s - 2.0))
+    rise, ahead, up = _rockers(body, gait, down, heel_up, s)
+    mix = [a + way * (b - a) for a, b in ((x0, x1), (y0, y1), (z0, z1), (yaw0, yaw1), (incline0, incline1))]
+    ankle = _over(body, *mix, ahead, up + lift * arc)
+    return _once(Foot(ankle, mix[4] + down - rise, mix[3]))
+
+
+def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
+    """How high the middle of the hips is [m] when this leg bears; hip: relative to that middle, but in the plane."""
+    ahead, aside = hip.x - ankle.x, hip.y - ankle.y
+    r = reach(body, knee)
+    return ankle.z - hip.z + jnp.sqrt(jnp.maximum(r * r - ahead * ahead - aside * aside, 1e-4))
+
+
+def _axes(yaw: Any, pitch: Any, roll: Any) -> tuple[Vector, Vector, Vector]:
+    """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
+    (sy, cy), (sp, cp), (sr, cr) = _once((sincos(yaw), sincos(pitch), sincos(roll)))
+    x = Vector(cy * cp, sy * cp, sp)
+    y = Vector(-sy * cr + cy * sp * sr * -1.0, cy * cr - sy * sp * sr, cp * sr)
+    return x, y, cross(x, y)
+
+
+def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Any) -> tuple[Frame, Frame]:
+    """Thigh and shank between a hip and an ankle, the knee bent forward in the direction of a yaw."""
+    a, b = body.thigh_length, body.shank_length
+    line = subtract(hip, ankle)
+    d2 = dot(line, line)
+    d = jnp.sqrt(d2)
+    up = scale(1.0 / d, line)
+    s, c = sincos(yaw)
+    left = cross(up, Vector(c, s, jnp.zeros_like(c)))
+    up, left = _once((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
+    ahead = _once(cross(left, up))
+    # Seen from the hip the knee is so far down the line, and so far ahead of it.
+    along = (d2 + a * a - b * b) / (2.0 * d)
+    out = jnp.sqrt(jnp.maximum(a * a - along * along, 1e-9))
+    d, along, out = _once((d, along, out))
+    thigh_up = add(scale(along / a, up), scale(-out / a, ahead))
+    shank_up = add(scale((d - along) / b, up), scale(out / b, ahead))
+    thigh_up, shank_up = _once((thigh_up, shank_up))
+    knee = subtract(hip, scale(a, thigh_up))
+    return (
+        Frame(hip, cross(left, thigh_up), left, thigh_up),
+        Frame(knee, cross(left, shank_up), left, shank_up),
+    )
+
+
+class Carried(NamedTuple):
+    """What is known before the height of the pelvis is.
+
+    Attributes:
+        new: the foot that landed last.
+        old: the other.
+        middle: of the hips; z is how far it is above its even path.
+        axes: forward, left and up axis of the pelvis.
+        to_new: from the middle of the hips to the hip of the foot that landed last.
+        to_old: to the other hip.
+        turn: yaw of what the legs follow.
+    """
+
+    new: Foot
+    old: Foot
+    middle: Vector
+    axes: tuple[Vector, Vector, Vector]
+    to_new: Vector
+    to_old: Vector
+    turn: Any
+
+
+def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
+    """Feet and pelvis, r (T,) of a step after the foothold of an entry (T,) was taken."""
+    body, gait = person.body, person.gait
+
+    def foothold(ahead: int) -> tuple[Any, ...]:
+        fields = (plan.x, plan.y, plan.z, plan.foot_yaw, plan.slope, plan.toe_up, plan.heel_up)
+        return _once(tuple(field[entry + ahead] for field in fields))
+
+    def curve(table: Any) -> Any:
+        return _once(polynomial([table[:, i][entry] for i in range(8)], r))
+
+    side = plan.side[entry]  # of the foot that landed last
+    new = _standing_foot(body, gait, foothold(0), r)
+    old = _moving_foot(body, gait, foothold(-1), foothold(1), plan.lift[entry - 1], 1.0 + r)
+    walking, heading = curve(plan.walking_curve), curve(plan.heading_curve)
+    (ahead, aside, up), (yaw, pitch, roll) = _once(_pelvis_oscillation(gait, side, walking, r))
+    s, c = _once(sincos(heading))
+    middle = Vector(curve(plan.x_curve) + c * ahead - s * aside, curve(plan.y_curve) + s * ahead + c * aside, up)
+    middle, axes = _once((middle, _axes(heading + yaw, pitch, roll)))
+    half = 0.5 * body.hip_width * side
+    return Carried(new, old, middle, axes, scale(half, axes[1]), scale(-half, axes[1]), heading + 0.5 * yaw)
+
+
+def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
+    """Lay out a walk, footholds and pelvis.
+
+    The pelvis is as high as both legs allow at every instant, with their knees bent by `knee_stance` at least.
+
+    Args:
+        key: PRNG key of the variability from step to step.
+        person: who walks; `steps` must not be more than `capacity`.
+        along: where the walk leads.
+        capacity: the most steps that the arrays hold.
+
+    Returns:
+        The plan, K = capacity + 4.
+    """
+    body, gait = person.body, person.gait
+    laid = footholds(key, person, along, capacity)
+    entries = jnp.arange(FIRST, capacity + 3)
+
+    def height(entry: Any, r: Any) -> Any:
+        now = carried(person, laid, entry, r)
+        knee = jnp.asarray(gait.knee_stance)
+        both = [
+            _hip_height(body, add(now.middle, to_hip)._replace(z=to_hip.z), foot.ankle, knee) - now.middle.z
+            for foot, to_hip in ((now.new, now.to_new), (now.old, now.to_old))
+        ]
+        return jnp.stack(both)
+
+    phases = (jnp.arange(SAMPLES, dtype=laid.x.dtype) + 0.5) / SAMPLES
+    at = jax.vmap(lambda entry: jax.vmap(lambda r: height(entry, r))(phases))(entries)
+    least = -SHARP * jax.nn.logsumexp(-at.reshape(at.shape[0], -1) / SHARP, axis=1)
+    k = jnp.arange(-1, capacity + 3, dtype=laid.x.dtype)
+    walks = (k > 0.5) & (k < gait.steps + 1.5)
+    # Between two steps the lower of both holds.
+    steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])[: k.shape[0] + 1]
+    walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
+    high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
+    curve = pieces(high, jnp.where(walks, 1.0, 0.0))
+    # Where the curve, on its way from one height to the next, is above what the legs allow, it dips.
+    weight = _dip(phases)
+    inner = weight > 0.05
+    over = jax.vmap(lambda c: polynomial([c[i] for i in range(8)], phases))(curve[FIRST:]) - jnp.min(at, axis=2)
+    needed = jnp.where(inner, over / jnp.where(inner, weight, 1.0), -1.0)
+    needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
+    dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
+    return laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))
+
+
+def _standing_leg(person: Person) -> Any:
+    """How high the hips are over the ankles when standing [m]."""
+    body, gait = person
+    ahead, aside = standing_ahead(person), 0.5 * (body.hip_width - gait.step_width)
+    r = reach(body, gait.standing_knee)
+    return jnp.sqrt(r * r - ahead * ahead - aside * aside)
+
+
+SAMPLES, SHARP = 24, 0.0005
+"""Instants of a step at which the legs' reach is looked at; how far from the lowest [m] others still count."""
+
+
+def _dip(r: Any) -> Any:
+    """Up to 1 in the middle of a step and back, three times continuously differentiable at its ends."""
+    square = 4.0 * r * (1.0 - r)
+    square = square * square
+    return square * square
+
+
+def _height(plan: Plan, entry: Any, r: Any) -> Any:
+    """The even path of the pelvis [m] within a step."""
+    return polynomial([plan.z_curve[:, i][entry] for i in range(8)], r) - plan.dip[entry] * _dip(r)
+
+
+def pose(person: Person, plan: Plan, time: Any) -> Pose:
+    """The body at times (T,) [s]."""
+    body = person.body
+    entry, r = clock(plan, time)
+    now = carried(person, plan, entry, r)
+    middle = now.middle._replace(z=_once(_height(plan, entry, r) + now.middle.z))
+    new_thigh, new_shank = _leg(body, add(middle, now.to_new), now.new.ankle, 0.5 * (now.turn + now.new.yaw))
+    old_thigh, old_shank = _leg(body, add(middle, now.to_old), now.old.ankle, 0.5 * (now.turn + now.old.yaw))
+    new_foot, old_foot = (Frame(f.ankle, *_axes(f.yaw, f.pitch, jnp.zeros_like(r))) for f in (now.new, now.old))
+    left = plan.side[entry] > 0.0
+
+    def pick(one: Frame, two: Frame) -> tuple[Frame, Frame]:
+        """Right and left of what belongs to the foot that landed last and to the other."""
+        pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(_flat(one), _flat(two), strict=True)]
+        return _frame([right for right, _ in pairs]), _frame([left for _, left in pairs])
+
+    thighs, shanks, feet = pick(new_thigh, old_thigh), pick(new_shank, old_shank), pick(new_foot, old_foot)
+    segments = Segments(Frame(middle, *now.axes), *thighs, *shanks, *feet)
+    return Pose(segments, feet[0].origin, feet[1].origin)
+
+
+def _flat(frame: Frame) -> list[Any]:
+    return [component for vector in frame for component in vector]
+
+
+def _frame(flat: list[Any]) -> Frame:
+    return Frame(*(Vector(*flat[i : i + 3]) for i in range(0, 12, 3)))
+
+
+def _pelvis_oscillation(
+    gait: Gait, side: Any, walking: Any, r: Any
+) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """How far the pelvis is ahead, to the left and above its even path [m], and its yaw, pitch and roll [rad].
+
+    Once a stride it sways to the leg that bears, turns with the leg that leads and drops on the other side; twice a
+    stride it rises and falls, runs ahead and falls behind, and nods.
+    """
+    s, c = sincos(jnp.pi * r)
+    late = s * 0.809 + c * 0.588  # a fifth of a half turn earlier
+    s2, c2 = 2.0 * s * c, 1.0 - 2.0 * s * s
+    s4, c4 = 2.0 * s2 * c2, 1.0 - 2.0 * s2 * s2
+    rise = RISE[0] * c2 + RISE[1] * s2 + RISE[2] * c4 + RISE[3] * s4
+    up = walking * (gait.pelvis_rise * rise - gait.pelvis_shock * bump(r / 0.2))
+    ahead = gait.pelvis_surge * walking * (SURGE[0] * s2 + SURGE[1] * c2)
+    aside = gait.pelvis_sway * walking * side * s
+    yaw = -gait.pelvis_rotation * walking * side * c
+    roll = gait.pelvis_drop * walking * side * late
+    pitch = gait.pelvis_nod * walking * c2
+    return (ahead, aside, up), (yaw, pitch, roll)
+
+
+SURGE = (0.99, 0.135)
+RISE = (-0.475, -0.111, -0.056, -0.027)
+"""Shape of the rise: cosine and sine of one and of two waves a step; it spans 1."""
+
+
+class Slack(NamedTuple):
+    """How far legs are from their limits, least over a walk.
+
+    Attributes:
+        aside: hip from above the ankle, over the length of the leg [1]; the largest.
+        stretched: length of the leg over hip to ankle, minus 1 [1]; the least, negative where the leg cannot close.
+    """
+
+    aside: Any
+    stretched: Any
+
+
+def slack(person: Person, plan: Plan) -> Slack:
+    """How far the legs are from their limits, looked at 32 times a step."""
+    body = person.body
+    entries = jnp.arange(FIRST, plan.x.shape[0] - 1)
+    r = (jnp.arange(32, dtype=plan.x.dtype) + 0.5) / 32
+    entry, r = (v.reshape(-1) for v in jnp.broadcast_arrays(entries[:, None], r[None, :]))
+    now = carried(person, plan, entry, r)
+    z = _height(plan, entry, r) + now.middle.z
+    walks = entry < plan.end.astype(entry.dtype) + FIRST
+    leg = body.thigh_length + body.shank_length
+    aside, length = [], []
+    for foot, to_hip in ((now.new, now.to_new), (now.old, now.to_old)):
+        line = subtract(add(now.middle._replace(z=z), to_hip), foot.ankle)
+        aside.append(jnp.sqrt(line.x * line.x + line.y * line.y))
+        length.append(jnp.sqrt(dot(line, line)))
+    far = jnp.max(jnp.where(walks, jnp.maximum(*aside), 0.0)) / leg
+    long = jnp.max(jnp.where(walks, jnp.maximum(*length), 0.0)) / leg
+    return Slack(far, 1.0 / long - 1.0)
+
+
+def motion(person: Person, plan: Plan, time: Any) -> Motion:
+    """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Pose`, exact."""
+    return differentiated(lambda t: pose(person, plan, t), time)

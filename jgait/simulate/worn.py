@@ -1,0 +1,323 @@
+"""One walk: what worn sensors read, and the truth in the types of an estimate.
+
+`walk` is pure JAX: it can be jitted, mapped over people and differentiated with respect to everything that is a
+number. `recording` wraps it in the library's own records.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, subtract
+from jgait.sensors import IDEAL, Clock, ImuErrors, check_errors, measure, true_times
+from jgait.simulate.check import check_person
+from jgait.simulate.footsteps import FIRST, Plan
+from jgait.simulate.person import Body, Person
+from jgait.simulate.routes import Route, straight
+from jgait.simulate.smooth import polynomial, step
+from jgait.simulate.walker import Pose, clock, motion, plan
+from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
+
+SEVEN = ("pelvis", "thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left")
+"""One sensor on each segment."""
+
+FOUR = ("thigh_right", "shank_right", "thigh_left", "shank_left")
+"""What `leg_ekf` needs."""
+
+
+def segment_of(placement: str) -> str:
+    """The segment that carries a placement.
+
+    Raises:
+        ValueError: if the simulated body has no such place.
+    """
+    if placement in ("pelvis", "lower_back", "waist"):
+        return "pelvis"
+    kind, _, side = placement.partition("_")
+    segments = {"thigh": "thigh", "shank": "shank", "ankle": "shank", "foot": "foot"}
+    if kind not in segments or side not in SIDES:
+        raise ValueError(
+            f"a simulated person can wear sensors on {', '.join(SEVEN)}, ankle_right, ankle_left, lower_back and "
+            f"waist; got {placement!r}"
+        )
+    return f"{segments[kind]}_{side}"
+
+
+def mount(body: Body, placement: str) -> Vector:
+    """Where a sensor sits, in the axes of its segment [m] from the segment's proximal joint (see `Frame`).
+
+    Thigh and shank: half way down, in front of the bone; ankle: a little above it, outside; foot: on the instep;
+    lower back and pelvis: behind the fifth lumbar vertebra; waist: on the right side.
+    """
+    kind, _, side = placement.partition("_")
+    out = 1.0 if side == "left" else -1.0
+    places = {
+        "pelvis": Vector(-body.back_depth, 0.0, body.back_height),
+        "lower": Vector(-body.back_depth, 0.0, body.back_height),
+        "waist": Vector(0.0, -0.9 * body.hip_width, body.back_height),
+        "thigh": Vector(0.07, 0.0, -0.5 * body.thigh_length),
+        "shank": Vector(0.04, 0.0, -0.5 * body.shank_length),
+        "ankle": Vector(0.0, 0.04 * out, 0.04 - body.shank_length),
+        "foot": Vector(0.4 * body.ball_length, 0.0, 0.0),
+    }
+    return places[kind]
+
+
+class Load(NamedTuple):
+    """What one foot bears, (T,) from 0 to 1 [1]: under the heel and under the ball and toes."""
+
+    heel: Any
+    toe: Any
+
+
+class Truth(NamedTuple):
+    """Everything that is known of a simulated walk.
+
+    Attributes:
+        estimate: joint angles, foot positions and distance in the type of an estimate.
+        strides: of both feet.
+        motion: of all segments, a `Motion` of `Pose` at the times of the estimate.
+        load_right: what the right foot bears.
+        load_left: what the left foot bears.
+        plan: footholds and their times.
+    """
+
+    estimate: Estimate
+    strides: Strides
+    motion: Motion
+    load_right: Load
+    load_left: Load
+    plan: Plan
+
+
+def duration(plan: Plan, person: Person) -> Any:
+    """How long the walk lasts [s], quiet standing included."""
+    last = plan.end.astype(jnp.int32) + FIRST
+    return plan.contact[last] + person.gait.quiet_after
+
+
+def signals(
+    key: Any, person: Person, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapping[str, Vector]
+) -> dict[str, Imu]:
+    """What sensors on a moving body read.
+
+    Args:
+        key: PRNG key of the sensors' errors.
+        person: who wears them.
+        moving: the body at times (T,), a `Motion` of `Pose`.
+        time: (T,) [s] nominal times of the samples.
+        errors: how the sensors err and how they are mounted.
+        mounts: placement → place on its segment [m].
+
+    Returns:
+        placement → readings.
+    """
+    del person
+    read = {}
+    for number, (placement, point) in enumerate(mounts.items()):
+        name = segment_of(placement)
+        own = Motion(*(getattr(part.segments, name) for part in moving))
+        gyr, acc = (jnp.stack(vector, axis=1) for vector in inertial(own, point))
+        flipped = jnp.asarray(errors.left_flipped, gyr.dtype) if placement.endswith("left") else 0.0
+        read[placement] = measure(jax.random.fold_in(key, number), time, gyr, acc, errors, flipped)
+    return read
+
+
+def walk(
+    key: Any, person: Person, along: Route, time: Any, errors: ImuErrors = IDEAL, *,
+    capacity: int, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
+    clock_of: Mapping[str, Clock] | None = None,
+) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
+    """Simulate one walk; pure, so that it can be jitted, mapped over people and differentiated.
+
+    Args:
+        key: PRNG key of the person's variability and of the sensors' errors.
+        person: who walks.
+        along: where.
+        time: (T,) [s], evenly spaced, T ≥ 2.
+        errors: how the sensors err and how they are mounted.
+        capacity: the most steps that there is room for; at least `person.gait.steps`. Static.
+        placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
+        mounts: places on the segments that differ from `mount` [m].
+        clock_of: placement → a clock that is wrong; its sensor samples at other times than it says.
+
+    Returns:
+        What each sensor read, and the truth.
+    """
+    walks, reads = jax.random.split(key)
+    laid = plan(walks, person, along, capacity)
+    moving = motion(person, laid, time)
+    places = {name: mount(person.body, name) for name in placements} | dict(mounts or {})
+    own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
+    right = {name: place for name, place in places.items() if name not in own}
+    read = signals(reads, person, moving, time, errors, right)
+    for number, (name, wrong) in enumerate(own.items()):
+        late = motion(person, laid, true_times(wrong, time))
+        read |= signals(jax.random.fold_in(reads, 1000 + number), person, late, time, errors, {name: places[name]})
+    return {name: read[name] for name in places}, truth(person, laid, moving, time)
+
+
+def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
+    """The truth about a walk at times (T,) [s]."""
+    body = person.body
+    entry, r = clock(laid, time)
+    heading, distance = (
+        polynomial([table[:, i][entry] for i in range(8)], r) for table in (laid.heading_curve, laid.distance_curve)
+    )
+    ahead = Vector(jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading))
+    pose: Pose = moving.pose
+    legs = Legs(*(_leg(pose.segments, side, ahead) for side in SIDES))
+    valid = time <= duration(laid, person) + 1e-6
+    segments = pose.segments
+    lengths = {"thigh_length": body.thigh_length, "shank_length": body.shank_length}
+    diagnostics = {
+        "hip_height": segments.pelvis.origin.z - body.ankle_height,
+        "heading": heading,
+        **{f"foot_displacement_{side}": _displacement(getattr(segments, f"foot_{side}"), ahead) for side in SIDES},
+        **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
+    }
+    loads = _loads(person, laid, entry, r)
+    estimate = Estimate(time, legs, None, distance, valid, diagnostics)
+    return Truth(estimate, strides(person, laid), moving, *loads, laid)
+
+
+def _leg(segments: Segments, side: str, ahead: Vector) -> LegTrajectory:
+    """One leg in the vertical plane of the heading."""
+    thigh, shank, foot = (getattr(segments, f"{name}_{side}") for name in ("thigh", "shank", "foot"))
+    hip, tilt = (jnp.arctan2(-dot(part.z, ahead), part.z.z) for part in (thigh, shank))
+    ankle = subtract(foot.origin, thigh.origin)
+    return LegTrajectory(hip, hip - tilt, dot(ankle, ahead), ankle.z)
+
+
+def _displacement(foot: Frame, ahead: Vector) -> Any:
+    """How far the ankle has come since the start, along the first heading [m]."""
+    return (foot.origin.x - foot.origin.x[0]) * ahead.x[0] + (foot.origin.y - foot.origin.y[0]) * ahead.y[0]
+
+
+def _time_at(laid: Plan, ticks: Any) -> Any:
+    """Time [s] at which the clock of the walk shows ticks (K,) [1]."""
+    entry = jnp.clip(jnp.floor(ticks).astype(jnp.int32) + FIRST, 0, laid.time_curve.shape[0] - 1)
+    r = ticks - (entry - FIRST).astype(ticks.dtype)
+    return polynomial([laid.time_curve[:, i][entry] for i in range(8)], r)
+
+
+def strides(person: Person, laid: Plan) -> Strides:
+    """The strides of a walk, one for each foothold that is taken (K,), in the order in which they end."""
+    k = jnp.arange(-1, laid.x.shape[0] - 1, dtype=laid.x.dtype)
+    valid = (k > 0.5) & (k < laid.end - 0.5)
+    before, other = (lambda v: jnp.roll(v, 2)), (lambda v: jnp.roll(v, 1))
+    dx, dy = laid.x - before(laid.x), laid.y - before(laid.y)
+    length = jnp.sqrt(jnp.where(valid, dx * dx + dy * dy, 1.0))
+    aside = dx * (other(laid.y) - laid.y) - dy * (other(laid.x) - laid.x)
+    leaves = _time_at(laid, jnp.maximum(k - 2.0 + 2.0 * person.gait.stance_fraction, -1.0))
+    start = jnp.where(k < 2.5, leaves, before(laid.contact))
+
+    def kept(values: Any) -> Any:
+        return jnp.where(valid, values, 0.0)
+
+    side = jnp.where(laid.side > 0.0, 1, 0)
+    return Strides(
+        side, kept(start), kept(leaves), kept(laid.contact), kept(length), kept(jnp.abs(aside) / length),
+        kept(laid.z - before(laid.z)), valid,
+    )  # fmt: skip
+
+
+def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
+    """What both feet bear: the weight passes to the heel, along the sole, and off the toes."""
+    gait = person.gait
+    leave, flat, off = 2.0 * gait.stance_fraction, 2.0 * gait.foot_flat, 2.0 * gait.heel_off
+
+    def load(s: Any, lands: Any, leaves: Any) -> Load:
+        down = jnp.where(lands, step(s / 0.12), 1.0)
+        sole = jnp.where(lands, step((s - 0.5 * flat) / (0.2 + 0.5 * flat)), 1.0)
+        heel = down * jnp.where(leaves, 1.0 - step((s - off + 0.1) / 0.3), 1.0)
+        toe = sole * jnp.where(leaves, 1.0 - step((s - leave + 0.25) / 0.25), 1.0)
+        return Load(heel, toe)
+
+    k = entry - FIRST
+    steps = laid.end - 2.0
+    new = load(r, k >= 1, k < steps - 0.5)
+    old = load(1.0 + r, k - 1 >= 1, k - 1 < steps - 0.5)
+    # The foot that swings stands again at the very end of the step, where it becomes the new one.
+    left = laid.side[entry] > 0.0
+    pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(new, old, strict=True)]
+    return Load(*(right for right, _ in pairs)), Load(*(left for _, left in pairs))
+
+
+_walk = jax.jit(walk, static_argnames=("capacity", "placements"))
+
+
+def recording(
+    key: Any, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0, *,
+    placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
+    clock_of: Mapping[str, Clock] | None = None, name: str = "simulated", subject: str = "simulated",
+) -> tuple[Recording, Truth]:  # fmt: skip
+    """Simulate one walk as the library's own records.
+
+    Args:
+        key: PRNG key of the person's variability and of the sensors' errors.
+        person: who walks; None for the default.
+        along: where; None for straight ahead.
+        errors: how the sensors err and how they are mounted.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        mounts: places on the segments that differ from `mount` [m].
+        clock_of: placement → a clock that is wrong.
+        name: what tables and figures call the recording.
+        subject: who walked.
+
+    Returns:
+        The recording, and the truth at the same times, in NumPy arrays.
+
+    Raises:
+        TypeError, ValueError: if the person cannot walk like that, the sensors cannot err like that, or a placement
+            is not known; the message names the limit.
+    """
+    person = Person() if person is None else person
+    check_person(person)
+    check_errors(errors)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
+    for placement in placements:
+        segment_of(placement)
+    steps = round(float(person.gait.steps))
+    along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
+    capacity = 16 * math.ceil(steps / 16)
+    samples = _samples(key, person, along, capacity, rate)
+    # Some more than asked for, so that other walks find the function compiled.
+    time = jnp.asarray(np.arange(256 * math.ceil(samples / 256)) / rate)
+    read, true = _walk(
+        key, person, along, time, errors, capacity=capacity, placements=tuple(placements), mounts=mounts,
+        clock_of=clock_of,
+    )  # fmt: skip
+    read, true = trimmed(read, true, samples)
+    return Recording(read, rate, name, subject), true
+
+
+@jax.jit
+def _ends(laid: Plan, person: Person) -> Any:
+    return duration(laid, person)
+
+
+_plan = jax.jit(plan, static_argnames=("capacity",))
+
+
+def _samples(key: Any, person: Person, along: Route, capacity: int, rate: float) -> int:
+    laid = _plan(jax.random.split(key)[0], person, along, capacity)
+    return math.floor(float(_ends(laid, person)) * rate + 1e-6) + 1
+
+
+def trimmed(read: Any, true: Any, samples: int) -> Any:
+    """Cut the padding off every array over time and move all to NumPy; for one walk."""
+    longest = true.estimate.time.shape[0]
+
+    def cut(leaf: Any) -> np.ndarray:
+        array = np.asarray(leaf)
+        array = array[:samples] if array.ndim and array.shape[0] == longest else array
+        return array if array.dtype.kind in "bi" else as_float(array)
+
+    return jax.tree.map(cut, read), jax.tree.map(cut, true)
