@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from jgait.plot_walk import blank, stick_figure, stride_signals
 from jgait.types import SIDES, Estimate, LegTrajectory
+
+__all__ = ["distance", "foot_path", "joint_angles", "save", "stick_figure", "stride_signals"]
 
 ESTIMATE = {"color": "#c0392b", "linewidth": 1.4}
 REFERENCE = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -18,16 +21,6 @@ FIELDS = (
     ("x", "ankle forward of hip [cm]", 100.0),
     ("y", "ankle above hip [cm]", 100.0),
 )
-
-
-def _figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, Any]:
-    """A figure drawn without a display, so that servers and tests need none."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
@@ -66,7 +59,7 @@ def joint_angles(
         A matplotlib figure.
     """
     worn = _worn(estimate)
-    figure, axes = _figure(2, len(worn), 5.2 * len(worn) + 0.6, 5.6)
+    figure, axes = blank(2, len(worn), 5.2 * len(worn) + 0.6, 5.6)
     part = _window(estimate, seconds)
     time = np.asarray(estimate.time)[part]
     for column, (side, leg, spread) in enumerate(worn):
@@ -122,7 +115,7 @@ def foot_path(
         A matplotlib figure.
     """
     worn = _worn(estimate)
-    figure, axes = _figure(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
+    figure, axes = blank(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
     part = _window(estimate, seconds)
     for column, (side, leg, _) in enumerate(worn):
         axis = axes[0, column]
@@ -168,7 +161,7 @@ def distance(
     Returns:
         A matplotlib figure.
     """
-    figure, axes = _figure(1, 1, 6.4, 3.8)
+    figure, axes = blank(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
 
     def draw(what: Estimate, name: str, style: dict[str, Any]) -> None:

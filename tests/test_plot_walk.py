@@ -1,0 +1,96 @@
+"""Pictures of a walk show the body and the signals that are there, and refuse what is not."""
+
+import jax
+import numpy as np
+import pytest
+
+from jgait import plot, simulate
+from jgait.plot_walk import AXES, LEG
+from jgait.simulate import Gait, Person
+
+
+@pytest.fixture(scope="module")
+def walked():
+    person = Person(gait=Gait(steps=4.0, quiet_before=0.5, quiet_after=0.3))
+    return person, *simulate.recording(jax.random.key(0), person, rate=50.0)
+
+
+def test_the_body_is_drawn_with_its_lengths_and_the_feet_on_the_ground(walked, tmp_path):
+    person, _, truth = walked
+    body = person.body
+    animation = plot.stick_figure(truth, tmp_path / "walk.gif", seconds=(0.0, 2.0), frames_per_second=10.0)
+    assert [one.name for one in tmp_path.iterdir()] == ["walk.gif"]
+    figure = animation._fig
+    side, front = figure.axes
+    for frame in (0, 12):
+        animation._draw_frame(frame)
+        for name in ("right", "left"):
+            seen = [
+                next(line for line in axis.lines if line.get_color() == LEG[name]["color"]) for axis in (side, front)
+            ]
+            x, z = seen[0].get_data()
+            y, z_again = seen[1].get_data()
+            np.testing.assert_array_equal(z, z_again)
+            points = np.stack([x, y, z], axis=1)
+            lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            heel = np.hypot(body.heel_length, body.ankle_height)
+            wanted = [body.thigh_length, body.shank_length, heel, body.heel_length + body.ball_length]
+            np.testing.assert_allclose(lengths[:4], wanted, rtol=0, atol=1e-9)
+            assert points[:, 2].min() > -0.01
+
+
+def test_a_gif_has_the_frames_asked_for(walked, tmp_path):
+    from PIL import Image
+
+    truth = walked[2]
+    plot.stick_figure(truth, tmp_path / "slow.gif", seconds=(0.5, 1.5), frames_per_second=10.0, slower=2.0)
+    with Image.open(tmp_path / "slow.gif") as image:
+        assert image.n_frames == 21
+        assert image.info["duration"] == 100
+    for wrong in ({"seconds": (90.0, 91.0)}, {"frames_per_second": 0.0}, {"slower": -1.0}):
+        with pytest.raises(ValueError, match="|".join(wrong)):
+            plot.stick_figure(truth, **wrong)
+
+
+def test_every_sensor_is_drawn_over_one_stride_with_its_contacts(walked, tmp_path):
+    _, recording, truth = walked
+    rows = np.flatnonzero(truth.strides.valid)
+    stride = int(rows[2])
+    figure = plot.stride_signals(recording, truth, stride=stride)
+    axes = np.array(figure.axes).reshape(-1, 2)
+    assert len(axes) == len(recording.sensors)
+    assert [axis.get_ylabel().replace("\n", "_") for axis in axes[:, 0]][:2] == ["pelvis", "thigh_right"]
+    start, end = truth.strides.start[stride], truth.strides.end[stride]
+    imu = recording.sensors["foot_left"]
+    row = next(pair for pair in axes if pair[0].get_ylabel() == "foot\nleft")
+    for axis, values in zip(row, (imu.gyr, imu.acc), strict=True):
+        lines = [line for line in axis.lines if len(line.get_xdata()) > 2]
+        assert len(lines) == len(AXES)
+        inside = (imu.time >= start) & (imu.time <= end)
+        np.testing.assert_allclose(lines[1].get_ydata(), values[inside, 1], rtol=1e-12)
+        upright = sorted(line.get_xdata()[0] for line in axis.lines if len(line.get_xdata()) == 2)
+        leaves = 100.0 * (truth.strides.final_contact[stride + 2] - start) / (end - start)
+        assert any(abs(at - leaves) < 1e-9 for at in upright) == (leaves <= 100.0)
+        assert any(abs(at - 100.0) < 1e-9 for at in upright)
+    assert plot.save(figure, tmp_path / "stride.png").stat().st_size > 20_000
+
+
+def test_what_was_lost_or_not_measured_is_not_drawn(walked):
+    _, recording, truth = walked
+    imu = recording.sensors["pelvis"]
+    lost = imu._replace(acc=None, mask=np.zeros_like(imu.mask))
+    figure = plot.stride_signals(recording._replace(sensors={"pelvis": lost}), truth)
+    gyr, acc = figure.axes
+    drawn = [line.get_ydata() for line in gyr.lines if len(line.get_xdata()) > 2]
+    assert len(drawn) == 3
+    assert np.isnan(drawn).all()
+    assert [text.get_text() for text in acc.texts] == ["not measured"]
+
+
+def test_a_stride_that_is_not_there_is_refused(walked):
+    _, recording, truth = walked
+    with pytest.raises(ValueError, match="got 0"):
+        plot.stride_signals(recording, truth, stride=0)
+    none = truth._replace(strides=truth.strides._replace(valid=np.zeros_like(truth.strides.valid)))
+    with pytest.raises(ValueError, match="no stride"):
+        plot.stride_signals(recording, none)
