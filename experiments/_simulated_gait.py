@@ -5,18 +5,23 @@ simulator's own contacts. Sensors are perfect but for their range. Only the stri
 set, so what they fix (`GIVEN`) is no test of the simulator.
 """
 
+import math
 from typing import Any, NamedTuple
 
+import _real_gait
 import jax
 import jax.numpy as jnp
 import numpy as np
-from _real_gait import RESTING, Figures, Spread, Truth, figures, pool
+from _gait_figures import THIGH_LEAD, principal_rate, swing_sign
+from _real_gait import RESTING, Figures, Spread, Truth, figures, find_strides, pool
 
+from jgait import datasets
 from jgait.kinematics import GRAVITY, Vector, in_world
+from jgait.plot_walk import blank
 from jgait.sensors import IDEAL, ImuErrors
-from jgait.simulate import Gait, Person, straight, walk
+from jgait.simulate import Person, gait, straight, walk
 from jgait.simulate.footsteps import FIRST
-from jgait.types import SIDES
+from jgait.types import SIDES, leg_of
 
 GIVEN = ("speed", "stride_time", "stride_length")
 STEPS = 12
@@ -82,7 +87,7 @@ class Walked(NamedTuple):
 
 def _walked(key: Any, person: Person, time: Any, errors: ImuErrors) -> Walked:
     read, true = walk(key, person, straight(100.0), time, errors, capacity=STEPS, placements=PLACEMENTS)
-    body, gait = person
+    body, own = person
     slowest = []
     for side in SIDES:
         rate = getattr(true.motion.rate.segments, f"foot_{side}")
@@ -96,7 +101,7 @@ def _walked(key: Any, person: Person, time: Any, errors: ImuErrors) -> Walked:
         {name: imu.gyr for name, imu in read.items()}, {name: imu.acc for name, imu in read.items()},
         jnp.stack(true.motion.pose.segments.pelvis.origin, axis=1), jnp.stack(slowest),
         jnp.stack([leg.hip_angle for leg in legs]), jnp.stack([leg.knee_angle for leg in legs]), true.plan.contact,
-        jnp.asarray(gait.stance_fraction) * gait.stride_time, jnp.asarray(gait.right_first), true.strides.width,
+        jnp.asarray(own.stance_fraction) * own.stride_time, jnp.asarray(own.right_first), true.strides.width,
     )  # fmt: skip
 
 
@@ -117,12 +122,14 @@ def walks_of(people: list[Person], rate_hz: float, acc_range: float = np.inf, se
     return [jax.tree.map(lambda a, i=i: a[i], done) for i in range(len(people))]
 
 
-def at_speed(gait: Gait, stride_time: float, stride_length: float) -> Gait:
-    """The same manner at another stride, for a walk of `STEPS` steps that are not all alike."""
-    return gait._replace(
-        stride_time=stride_time, stride_length=stride_length, steps=float(STEPS), quiet_before=QUIET,
-        quiet_after=QUIET, time_variability=VARIABILITY, length_variability=VARIABILITY,
+def person_at(stride_time: float, stride_length: float, **others: float) -> Person:
+    """The usual person at a stride, for a walk of `STEPS` steps that are not all alike."""
+    usual = gait(stride_length=stride_length, cadence=120.0 / stride_time)
+    walks = usual._replace(
+        steps=float(STEPS), quiet_before=QUIET, quiet_after=QUIET, time_variability=VARIABILITY,
+        length_variability=VARIABILITY,
     )  # fmt: skip
+    return Person(gait=walks._replace(**others))
 
 
 def window(one: Walked, rate_hz: float) -> tuple[int, int]:
@@ -133,17 +140,9 @@ def window(one: Walked, rate_hz: float) -> tuple[int, int]:
 
 def simulated_figures(one: Walked, given: Set) -> Figures:
     """Figures of both legs of a simulated walk, as `_real_gait` has those of the set."""
-    part, parts = window(one, given.rate_hz), []
-    time = np.arange(SAMPLES) / given.rate_hz
-    distance = one.pelvis[:, 0] - one.pelvis[0, 0]
-    for number, side in enumerate(SIDES):
-        sensors = {s: (one.gyr[f"{s}_{side}"], one.acc[f"{s}_{side}"]) for s in ("shank", "thigh", "foot")}
-        sensors["pelvis"] = (one.gyr["pelvis"], one.acc["pelvis"])
-        if given.name == "gaitmap_example":
-            sensors = {"foot": sensors["foot"]}
-        contact = one.slowest[number] < RESTING if given.resting else bears(one, number, time)
-        known = Truth(distance, contact, one.hip[number], one.knee[number], one.pelvis[:, 2])
-        parts.append(figures(sensors, given.rate_hz, [part], known))
+    part = [window(one, given.rate_hz)]
+    legs = [leg_of_simulated(one, given, number) for number in range(2)]
+    parts = [figures(sensors, given.rate_hz, part, known) for sensors, known in legs]
     return pool(parts)._replace(stride_width=one.width[4 : STEPS - 1])
 
 
@@ -153,6 +152,134 @@ def bears(one: Walked, side: int, time: np.ndarray) -> np.ndarray:
     own = one.contact[FIRST + (1 if odd else 2) : FIRST + STEPS + 1 : 2]
     since = time - own[np.clip(np.searchsorted(own, time, side="right") - 1, 0, None)]
     return (since >= 0.0) & (since < one.stance)
+
+
+CURVES = {
+    "shank": "shank rate [rad/s]", "thigh": "thigh rate [rad/s]", "foot": "foot rate [rad/s]",
+    "shank_acc": "shank |acc| [m/s²]", "thigh_acc": "thigh |acc| [m/s²]", "foot_acc": "foot |acc| [m/s²]",
+    "hip": "hip flexion [°]", "knee": "knee flexion [°]", "height": "pelvis height [cm]",
+}  # fmt: skip
+
+
+def curves(
+    sensors: dict[str, tuple[Any, Any]], rate_hz: float, windows: Any, known: Truth, *, trim: int = 0, good: Any = None
+) -> dict[str, np.ndarray]:
+    """What a leg does over each stride, from the middle of one swing to the next: name → (n, 101).
+
+    Arguments as those of `_gait_figures.figures`; height is from its mean over the stride.
+    """
+    lead = next(segment for segment in ("shank", "foot") if segment in sensors)
+    rates = {s: principal_rate(np.asarray(sensors[s][0]), rate_hz, windows) for s in sensors if s != "pelvis"}
+    rates[lead] = rates[lead] * swing_sign(lead, rates[lead], rate_hz, windows)
+    strides = find_strides(rates[lead], rate_hz, windows, trim, good)
+    walked = np.concatenate([np.arange(start, end) for start, end in windows])
+    for segment, seconds in (("thigh", THIGH_LEAD), ("foot", 0.0)):
+        if segment in rates and segment != lead:
+            later = np.minimum(walked + round(seconds * rate_hz), len(rates[lead]) - 1)
+            rates[segment] = rates[segment] * np.sign(rates[segment][walked] @ rates[lead][later])
+    series = dict(rates)
+    series |= {f"{s}_acc": np.linalg.norm(np.asarray(sensors[s][1]), axis=1) for s in rates}
+    series |= {name: np.degrees(v) for name, v in (("hip", known.hip), ("knee", known.knee)) if v is not None}
+    if known.height is not None:
+        series["height"] = 100.0 * np.asarray(known.height)
+    cut = {name: _resampled(values, strides) for name, values in series.items()}
+    if "height" in cut and len(cut["height"]):
+        cut["height"] = cut["height"] - cut["height"].mean(axis=1, keepdims=True)
+    return cut
+
+
+def _resampled(series: np.ndarray, strides: Any) -> np.ndarray:
+    """(n, 101) of each stride."""
+    index = np.arange(len(series))
+    rows = [np.interp(np.linspace(a, b, 101), index, series) for a, b in zip(strides.start, strides.end, strict=True)]
+    return np.array(rows).reshape(-1, 101)
+
+
+def leg_of_simulated(one: Walked, given: Set, number: int) -> tuple[dict[str, tuple[Any, Any]], Truth]:
+    """The sensors that a set has on one leg (0 right, 1 left), and what else is known."""
+    side, time = SIDES[number], np.arange(SAMPLES) / given.rate_hz
+    worn = {
+        "gaitmap_example": ("foot",), "tripod": ("shank", "foot", "pelvis"), "walking5m": ("shank", "thigh", "foot"),
+    }.get(given.name, ("shank", "thigh", "foot", "pelvis"))  # fmt: skip
+    places = {s: s if s == "pelvis" else f"{s}_{side}" for s in worn}
+    contact = one.slowest[number] < RESTING if given.resting else bears(one, number, time)
+    distance = one.pelvis[:, 0] - one.pelvis[0, 0]
+    known = Truth(distance, contact, one.hip[number], one.knee[number], one.pelvis[:, 2])
+    return {s: (one.gyr[place], one.acc[place]) for s, place in places.items()}, known
+
+
+def simulated_curves(one: Walked, given: Set) -> dict[str, np.ndarray]:
+    """As `curves`, of both legs of a simulated walk."""
+    part = [window(one, given.rate_hz)]
+    legs = [leg_of_simulated(one, given, number) for number in range(2)]
+    return pooled([curves(sensors, given.rate_hz, part, known) for sensors, known in legs])
+
+
+def real_curves(given: Set) -> dict[str, np.ndarray]:
+    """As `curves`, of all strides of a real set; {} of one whose curves are not drawn."""
+    parts = []
+    for walk_ in datasets.load(given.name, names_of(given)):
+        if walk_.reference is None or given.name == "gaitmap_example":
+            continue
+        rate_hz, trim = walk_.recording.sampling_rate_hz, 0
+        if given.name == "neura_sparse":
+            named = [w for name, w in walk_.info["windows"].items() if name.startswith("straight")]
+            windows = [p for w in named for p in _real_gait._brisk(walk_.reference.distance, w, rate_hz)]
+        elif given.name == "tripod":
+            windows = [walk_.info["windows"]["steady"]]
+        else:
+            windows, trim = [walk_.info["windows"]["whole"]], 1
+        for side in SIDES if windows else ():
+            crossed = {one for pair in walk_.info.get("misplaced", ()) for one in pair}
+            if f"shank_{side}" not in walk_.recording.sensors or f"shank_{side}" in crossed:
+                continue
+            sensors, good = _real_gait._leg(walk_, side)
+            known = Truth()
+            if given.name == "neura_sparse":
+                leg, centres = leg_of(walk_.reference.legs, side), walk_.info["joint_centres"]
+                height = (centres["right"]["hip"][:, 2] + centres["left"]["hip"][:, 2]) / 2
+                known = Truth(None, None, leg.hip_angle, leg.knee_angle, height)
+            parts.append(curves(sensors, rate_hz, windows, known, trim=trim, good=good))
+    return pooled(parts)
+
+
+def names_of(given: Set) -> list[str]:
+    """Names of a set's recordings."""
+    every = datasets.names(given.name)
+    return [one for one in every if given.condition is None or given.condition in one.split("/")]
+
+
+def pooled(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The strides of several legs or walks together."""
+    return {
+        name: np.concatenate([part[name] for part in parts if name in part])
+        for name in CURVES
+        if any(name in part and len(part[name]) for part in parts)
+    }
+
+
+def overlay(given: Set, real: dict[str, np.ndarray], simulated: dict[str, np.ndarray]) -> Any:
+    """A figure of simulated strides on real ones: medians, and from the 5th to the 95th percentile."""
+    shown = [name for name in CURVES if name in real and name in simulated]
+    rows = math.ceil(len(shown) / 3)
+    figure, axes = blank(rows, 3, 9.6, 2.2 * rows + 0.7)
+    share = np.arange(101)
+    for axis, name in zip(axes.flat, shown, strict=False):
+        low, middle, high = np.percentile(real[name], [5, 50, 95], axis=0)
+        axis.fill_between(share, low, high, color="0.82", linewidth=0, label="real, 5 to 95 %")
+        axis.plot(share, middle, color="0.45", linewidth=1.6, linestyle=(0, (4, 2)), label="real, median")
+        low, middle, high = np.percentile(simulated[name], [5, 50, 95], axis=0)
+        axis.fill_between(share, low, high, color="#c0392b", alpha=0.25, linewidth=0)
+        axis.plot(share, middle, color="#c0392b", linewidth=1.4, label="simulated")
+        axis.set_title(CURVES[name], fontsize=9)
+        axis.grid(alpha=0.3)
+    for axis in axes.flat[len(shown) :]:
+        axis.set_visible(False)
+    for axis in axes[-1]:
+        axis.set_xlabel("middle of one swing to the next [%]", fontsize=8)
+    axes[0, 0].legend(fontsize=7, loc="upper center", framealpha=0.9)
+    figure.suptitle(given.label.replace("_", " "), fontsize=11)
+    return figure
 
 
 def medians(strides: Figures) -> dict[str, float]:
