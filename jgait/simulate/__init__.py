@@ -6,6 +6,7 @@ the library's own records; `walk` is the same in pure JAX, to be jitted, mapped 
 
 from jgait.simulate.check import check_person
 from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.population import cohort, fitted, gait, paced, person_of, population, walks
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
 from jgait.simulate.walker import Pose, motion, plan
 from jgait.simulate.worn import (
@@ -24,7 +25,8 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Pose", "Route", "Truth", "check_person", "circle", "corner",
-    "duration", "faster", "motion", "mount", "plan", "recording", "rectangle", "route", "segment_of", "straight",
-    "strides", "trimmed", "truth", "u_turn", "walk",
+    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Pose", "Route", "Truth", "check_person", "circle", "cohort",
+    "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
+    "recording", "rectangle", "route", "segment_of", "straight", "strides", "trimmed", "truth", "u_turn", "walk",
+    "walks",
 ]  # fmt: skip

@@ -1,0 +1,358 @@
+"""Many people: adults drawn from published norms, each fitted to a route, simulated in batches.
+
+`population` draws them, `gait` makes one manner of walking from the figures that papers print, `fitted` stretches the
+steps so that a whole number covers a route, `walks` simulates everyone with one compilation.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.sensors import IDEAL, ImuErrors, check_errors
+from jgait.simulate import routes
+from jgait.simulate.check import check_person
+from jgait.simulate.footsteps import FIRST, footholds
+from jgait.simulate.person import DEGREE, Body, Gait, Person
+from jgait.simulate.routes import Route, straight
+from jgait.simulate.worn import SEVEN, Truth, duration, segment_of, trimmed, walk
+from jgait.types import Recording
+
+SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
+"""Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""
+
+STATURE = ((1.755, 0.070), (1.620, 0.065))
+"""Mean and standard deviation of the stature of men and of women [m]."""
+
+WALK_RATIO = 0.0033
+"""Step length over cadence [m/(steps/min)] for each metre of stature; about the same at all but slow speeds."""
+
+_USUAL = Gait()
+_USUAL_STRIDE = _USUAL.stride_length / (Body().thigh_length + Body().shank_length)
+_MANNER = {
+    "toe_up": (1, 45.0 * DEGREE), "heel_up": (1, 92.0 * DEGREE), "pelvis_surge": (1, 0.05), "pelvis_rise": (2, 0.08),
+}  # fmt: skip
+"""What grows with the stride: power of the stride over the leg, and where it ends."""
+
+_FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock",
+         "foot_flat")  # fmt: skip
+
+
+def manner(relative_stride: Any) -> dict[str, Any]:
+    """Fields of a gait that grow with the stride: foot pitch, rise and surge of the pelvis.
+
+    In proportion to the stride, the rise to its square as that of an inverted pendulum; never below a third of the
+    usual stride's, never above what a foot can do.
+
+    Args:
+        relative_stride: stride length over the length of the leg, hip to ankle [1].
+    """
+    share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
+    return {name: jnp.minimum(getattr(_USUAL, name) * share**power, most) for name, (power, most) in _MANNER.items()}
+
+
+def gait(
+    speed: float | None = None, stride_length: float | None = None, cadence: float | None = None,
+    stature: float | None = None, **others: Any,
+) -> Gait:  # fmt: skip
+    """A gait from any two of speed, stride length and cadence, or from speed and stature.
+
+    v = L c / 120;  from speed and stature alone the walk ratio gives the cadence: L / 2 = w H c.
+
+    Args:
+        speed: walking speed v [m/s].
+        stride_length: L [m].
+        cadence: c [steps/min].
+        stature: H [m], for the length of the legs; None for 1.75.
+        **others: other fields of `Gait`, in their units; they are taken as they are.
+
+    Returns:
+        The gait; foot pitch and motion of the pelvis fit the stride.
+
+    Raises:
+        ValueError: if fewer than two are given, three contradict each other by more than 1 %, or one is not positive.
+
+    Source: `WALK_RATIO`, see `population`.
+    """
+    given = {"speed": speed, "stride_length": stride_length, "cadence": cadence}
+    for name, value in {**given, "stature": stature}.items():
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} must be a positive number; got {value!r}")
+    known = {name: value for name, value in given.items() if value is not None}
+    height = 1.75 if stature is None else stature
+    if set(known) == {"speed"} and stature is not None:
+        known["cadence"] = math.sqrt(60.0 * known["speed"] / (WALK_RATIO * height))
+    if len(known) < 2:
+        raise ValueError(
+            "a gait needs two of speed [m/s], stride_length [m] and cadence [steps/min], or speed and stature [m]; "
+            f"got {', '.join(f'{k}={v:g}' for k, v in known.items()) or 'none'}"
+        )
+    if len(known) == 3:
+        made = known["stride_length"] * known["cadence"] / 120.0
+        if abs(made / known["speed"] - 1.0) > 0.01:
+            raise ValueError(
+                f"speed={known['speed']:g} m/s contradicts stride_length={known['stride_length']:g} m and "
+                f"cadence={known['cadence']:g} steps/min, which make {made:.3f} m/s; give two of them"
+            )
+    beat = known["cadence"] if "cadence" in known else 120.0 * known["speed"] / known["stride_length"]
+    length = known["stride_length"] if "stride_length" in known else 120.0 * known["speed"] / beat
+    body = Body()
+    leg = (body.thigh_length + body.shank_length) * height / 1.75
+    own = {name: float(value) for name, value in manner(length / leg).items()}
+    return Gait(**{"stride_length": length, "stride_time": 120.0 / beat, **own, **others})
+
+
+def paced(person: Person, factor: Any) -> Person:
+    """The same person with strides longer and quicker by a factor [1]; the speed grows with its square.
+
+    The walk ratio stays; the foot's pitch and the pelvis' motion follow.
+    """
+    body, own = person.body, person.gait
+    leg = body.thigh_length + body.shank_length
+    before, after = (manner(own.stride_length * share / leg) for share in (1.0, factor))
+    follows = {name: getattr(own, name) * after[name] / before[name] for name in after}
+    faster = {"stride_length": own.stride_length * factor, "stride_time": own.stride_time / factor}
+    return Person(body, own._replace(**faster, **follows))
+
+
+def _adult(key: Any) -> Person:
+    """One adult; see `population`."""
+    even = iter(jax.random.uniform(key, (8,)))
+    normal = iter(jax.random.truncated_normal(jax.random.fold_in(key, 1), -2.0, 2.0, (48,)))
+
+    def around(mean: Any, deviation: Any) -> Any:
+        return mean + deviation * next(normal)
+
+    woman, age = (next(even) < 0.5).astype(int), 20.0 + 60.0 * next(even)
+    decade = jnp.clip((age - 20.0) / 10.0, 0.0, 5.999).astype(int)
+    middle, width = jnp.asarray(STATURE)[woman]
+    stature = around(middle, width)
+    lengths = {name: around(1.0, 0.02) * value * stature / 1.75 for name, value in Body()._asdict().items()}
+    leg = lengths["thigh_length"] + lengths["shank_length"]
+    # Taller people walk faster; what speed does to stride and cadence is the walk ratio's.
+    speed = jnp.asarray(SPEED)[woman, decade] * around(1.0, 0.10) * jnp.sqrt(stature / middle)
+    cadence = jnp.sqrt(60.0 * speed / (around(1.0, 0.05) * WALK_RATIO * stature))
+    stride = 120.0 * speed / cadence
+    # Most vary from person to person by a tenth; angles of the foot by less.
+    spread = {name: around(1.0, 0.10) for name in _FREE}
+    follows = {name: value * around(1.0, 0.04) for name, value in manner(stride / leg).items()}
+    own = Gait(
+        stride_length=stride, stride_time=120.0 / cadence,
+        stance_fraction=around(_USUAL.stance_fraction, 0.008) - 0.02 * (speed - 1.3),
+        heel_off=around(_USUAL.heel_off, 0.015), step_width=around(0.10, 0.025),
+        toe_out=around(_USUAL.toe_out, 2.5 * DEGREE), knee_stance=around(_USUAL.knee_stance, 1.0 * DEGREE),
+        hip_ahead=around(_USUAL.hip_ahead, 0.005), standing_hip=around(2.0, 1.5) * DEGREE,
+        standing_knee=around(5.0, 1.5) * DEGREE, length_asymmetry=around(0.0, 0.01), time_asymmetry=around(0.0, 0.01),
+        length_variability=around(0.030, 0.006), time_variability=around(0.025, 0.005),
+        width_variability=around(0.017, 0.004),
+        right_first=jnp.where(next(even) < 0.5, 1.0, 0.0), quiet_after=1.0 + next(even),
+        **follows, **{name: value * getattr(_USUAL, name) for name, value in spread.items()},
+    )  # fmt: skip
+    return Person(Body(**lengths), own)
+
+
+@partial(jax.jit, static_argnames=("n",))
+def _adults(key: Any, n: int) -> Person:
+    drawn = jax.vmap(lambda i: _adult(jax.random.fold_in(key, i)))(jnp.arange(n))
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (n,)), drawn)
+
+
+def population(key: Any, n: int) -> Person:
+    """Draw `n` healthy adults of 20 to 79 years, half of them women; every field of the result is (n,).
+
+    Who comes first does not depend on how many are drawn. The lengths of the body follow stature H, as in `Body`, each
+    by itself within 2 %. Speed is the mean of sex and decade, more for tall people (its root), within 10 %; step length
+    over cadence is w H within 5 %, so that with H and speed the stride grows. Pitch of the feet, surge and rise of the
+    pelvis follow the stride over the leg (`manner`).
+
+    All spreads are standard deviations of normal distributions cut off at two.
+
+    Raises:
+        ValueError: if `n` is not positive.
+
+    Source: proportions of Drillis and Contini as given by Winter, *Biomechanics and Motor Control of Human Movement*.
+    Speeds: Bohannon and Andrews, *Physiotherapy* 97 (2011) 182, table of means. Walk ratio: 0.655 m at 119 steps/min of
+    8429 Japanese adults in daily life, *Geriatr Gerontol Int* 20 (2020) 664, for an assumed stature of 1.65 m; that it
+    holds at all but slow speeds: Murakami and Otaka, *J Phys Ther Sci* 29 (2017) 722. Variability of the step's width
+    2.4 cm (young adults of Almarwani and others, tabulated by Skiadopoulos and others, *J NeuroEng Rehabil* 17 (2020)),
+    √2 of that of a foothold; of step length and time below 6 %: Gabell and Nayak, *J Gerontol* 39 (1984) 662, within
+    which 3 % and 2.5 % are chosen. Stature: round values near those of US adults. Chosen: every other spread, the mean
+    step width of 10 cm, the effect of speed on stance, asymmetries of 1 %, the pose when standing.
+    """
+    if n < 1:
+        raise ValueError(f"population needs at least one person; got n={n}")
+    return _adults(key, n)
+
+
+def person_of(people: Person, i: int) -> Person:
+    """The person with number `i` of a population, in floats."""
+    return jax.tree.map(lambda leaf: float(leaf[i]), people)
+
+
+def fitted(key: Any, person: Person, along: Route) -> Person:
+    """The person with a whole number of steps that covers the route exactly, by strides as near their own as can be.
+
+    Args:
+        key: the key with which `recording` or `walk` will be called; the variability from step to step is part of it.
+        person: who walks; floats.
+        along: where.
+
+    Returns:
+        The person with `steps` and `stride_length` set; foot pitch and pelvis follow.
+
+    Raises:
+        ValueError: if the route is shorter than half a step.
+    """
+    speeds = np.sqrt(np.asarray(along.speed, float))
+    steps = round(float(np.sum(np.asarray(along.length) / speeds)) / (0.5 * float(person.gait.stride_length)))
+    if steps < 1:
+        total = float(routes.total_length(along))
+        raise ValueError(f"a route of {total:g} m is shorter than half a step of {0.5 * person.gait.stride_length:g} m")
+    person = Person(person.body, person.gait._replace(steps=float(steps)))
+    factor = float(_stretch(jax.random.split(key)[0], person, along, _room(steps)))
+    grown = paced(person, factor)
+    # The time of a step is the person's own.
+    stretched = grown.gait._replace(stride_time=person.gait.stride_time)
+    return jax.tree.map(float, Person(person.body, stretched))
+
+
+@partial(jax.jit, static_argnames=("capacity",))
+def _stretch(key: Any, person: Person, along: Route, capacity: int) -> Any:
+    """By what the strides must be longer so that the last step ends where the route does."""
+    total = routes.total_length(along)
+
+    def covered(stride: Any) -> Any:
+        stretched = Person(person.body, person.gait._replace(stride_length=stride))
+        laid = footholds(key, stretched, along, capacity)
+        # At the end of the last interval r = 1, where a polynomial is the sum of its coefficients.
+        return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST])
+
+    # What is covered is nearly in proportion to the stride; where speed changes each round is ten times nearer.
+    own = jnp.asarray(person.gait.stride_length)
+    return jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own
+
+
+def _room(steps: int) -> int:
+    """Steps that arrays hold, some more than asked for, so that other walks find the functions compiled."""
+    return 32 * math.ceil(steps / 32)
+
+
+def _fastest(person: Person, along: Route) -> Person:
+    """The person with the longest strides that the route asks for."""
+    factor = math.sqrt(max(1.0, float(np.max(along.speed))))
+    return Person(person.body, person.gait._replace(stride_length=factor * person.gait.stride_length))
+
+
+@partial(jax.jit, static_argnames=("capacity", "placements"))
+def _walks(
+    keys: Any, people: Person, along: Route, time: Any, errors: ImuErrors, capacity: int, placements: tuple[str, ...]
+) -> Any:
+    def one(key: Any, person: Person, way: Route) -> Any:
+        return walk(key, person, way, time, errors, capacity=capacity, placements=placements)
+
+    return jax.vmap(one)(keys, people, along)
+
+
+@partial(jax.jit, static_argnames=("capacity",))
+def _lasts(keys: Any, people: Person, along: Route, capacity: int) -> Any:
+    def one(key: Any, person: Person, way: Route) -> Any:
+        return duration(footholds(jax.random.split(key)[0], person, way, capacity), person)
+
+    return jax.vmap(one)(keys, people, along)
+
+
+def walks(
+    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
+    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
+) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate a walk of each of several people, one after another out of batches that share one compilation.
+
+    Args:
+        keys: one PRNG key for each; `fitted` must have had the same.
+        people: who walk; floats.
+        along: the route of each; all of as many pieces.
+        errors: how the sensors err and how they are mounted.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        names: of recording and subject; None for subject_0001 …
+        batch: how many walk at once; memory grows with it.
+
+    Yields:
+        The recording, and the truth at the same times, in NumPy arrays.
+
+    Raises:
+        TypeError, ValueError: as `recording`, before anything is simulated.
+    """
+    if not (len(keys) == len(people) == len(along) > 0):
+        raise ValueError(f"walks needs a key and a route for each person; got {len(keys)}, {len(along)}, {len(people)}")
+    check_errors(errors)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
+    for placement in placements:
+        segment_of(placement)
+    for person, way in zip(people, along, strict=True):
+        check_person(_fastest(person, way))
+    names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
+    return _one_by_one(keys, people, along, errors, rate, tuple(placements), names, batch)
+
+
+def _one_by_one(
+    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
+    placements: tuple[str, ...], names: Sequence[str], batch: int,
+) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
+    room = _room(max(round(float(person.gait.steps)) for person in people))
+    batch = min(batch, len(people))
+
+    def together(start: int) -> tuple[Any, Any, Any]:
+        """A batch; the last is filled up with its last person."""
+        chosen = [min(i, len(people) - 1) for i in range(start, start + batch)]
+        members = ([items[i] for i in chosen] for items in (people, along))
+        who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
+        return jnp.stack([keys[i] for i in chosen]), who, where
+
+    starts = range(0, len(people), batch)
+    lasts = np.concatenate([np.asarray(_lasts(*together(start), room)) for start in starts])[: len(people)]
+    samples = np.floor(lasts * rate + 1e-6).astype(int) + 1
+    unit = 512 if samples.max() <= 1024 else 1024
+    time = jnp.asarray(np.arange(unit * math.ceil(int(samples.max()) / unit)) / rate)
+    for start in starts:
+        read, true = jax.tree.map(np.asarray, _walks(*together(start), time, errors, room, placements))
+        for i in range(start, min(start + batch, len(people))):
+            own = jax.tree.map(lambda leaf, k=i - start: leaf[k], (read, true))
+            worn, known = trimmed(own[0], own[1], int(samples[i]))
+            yield Recording({name: worn[name] for name in placements}, rate, names[i], names[i]), known
+
+
+def cohort(
+    key: Any, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
+    placements: Sequence[str] = SEVEN, *, batch: int = 16,
+) -> list[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate one walk of each of `n` people drawn from `population`, each with their own steps along one route.
+
+    The truth of a minute at 100 Hz takes some 12 MB; of many people, take the walks one after another from `walks`.
+
+    Args:
+        key: PRNG key of the people, their variability and the sensors' errors.
+        n: how many.
+        along: where they walk; None for 20 m straight ahead.
+        errors: how the sensors err and how they are mounted.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        batch: how many walk at once.
+
+    Returns:
+        Recording and truth of each, called subject_0001 and so on.
+
+    Raises:
+        ValueError: if `n` is not positive, or as `walks`.
+    """
+    along = straight(20.0) if along is None else along
+    who, how = jax.random.split(key)
+    people = population(who, n)
+    keys = [jax.random.fold_in(how, i) for i in range(n)]
+    fit = [fitted(one, person_of(people, i), along) for i, one in enumerate(keys)]
+    return list(walks(keys, fit, [along] * n, errors, rate, placements, batch=batch))

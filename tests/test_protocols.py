@@ -1,0 +1,167 @@
+"""The papers' protocols: distances and steps exact, rates and placements as printed, everyone valid, same key same
+walk."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+
+from jgait import protocols, simulate
+from jgait.sensors.imu import rotation
+
+
+def sound(walked, rate, placements, distance):
+    """What holds of every protocol."""
+    recording, truth, extra = walked
+    estimate = truth.estimate
+    assert recording.sampling_rate_hz == rate
+    assert tuple(recording.sensors) == placements
+    assert extra["distance"] == pytest.approx(distance, abs=1e-9)
+    assert estimate.distance[-1] == pytest.approx(distance, abs=1e-8)
+    assert int(np.sum(truth.strides.valid)) == extra["steps"] + 1  # the last closes up
+    np.testing.assert_allclose(np.diff(estimate.time), 1.0 / rate, atol=1e-12)
+    for imu in recording.sensors.values():
+        assert imu.gyr.shape == imu.acc.shape == (estimate.time.size, 3)
+        assert np.isfinite(imu.gyr).all() and np.isfinite(imu.acc).all()
+        rest = imu.mask & (estimate.time < 2.0)
+        assert np.linalg.norm(imu.acc[rest].mean(axis=0)) == pytest.approx(9.8, abs=1.2)  # m/s²
+    for leg in estimate.legs:
+        assert np.degrees(leg.knee_angle.min()) > 0.0
+        assert 50.0 < np.degrees(leg.knee_angle.max()) < 100.0
+
+
+@pytest.fixture(scope="module")
+def short():
+    return protocols.bennett(jax.random.key(0), 2)
+
+
+def test_bennett_walks_three_to_four_metres_between_two_rests(short):
+    for number, walked in enumerate(short):
+        distance = walked.extra["distance"]
+        assert 3.1 <= distance <= 4.0
+        sound(walked, 50.0, simulate.FOUR, distance)
+        assert walked.recording.subject == f"bennett_{number + 1:04d}"
+        time, hip = walked.truth.estimate.time, walked.truth.estimate.legs.right.hip_angle
+        assert np.ptp(hip[time < 2.5]) < 1e-9
+        assert np.ptp(hip[time > time[-1] - 0.9]) < 1e-9
+        own = walked.truth.estimate.diagnostics
+        assert own["thigh_length"] == pytest.approx(walked.extra["person"].body.thigh_length)
+        feet = [own[f"foot_displacement_{side}"][-1] for side in ("right", "left")]
+        assert feet == pytest.approx([distance] * 2, abs=0.02)  # toes turned out, feet put down a little aside
+    assert short[0].extra["distance"] != short[1].extra["distance"]
+
+
+def test_the_same_key_gives_the_same_walk(short):
+    again, other = protocols.bennett(jax.random.key(0), 2), protocols.bennett(jax.random.key(1), 2)
+    for a, b in zip(
+        jax.tree.leaves(short[1].recording.sensors), jax.tree.leaves(again[1].recording.sensors), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert other[0].extra["distance"] != short[0].extra["distance"]
+
+
+def test_udaya_shankar_walks_at_least_as_long_as_asked():
+    # Both legs, as bennett, so that nothing is compiled anew.
+    walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR)
+    assert protocols.udaya_shankar.__kwdefaults__["placements"] == ("thigh_right", "shank_right")
+    person = walked.extra["person"]
+    sound(walked, 50.0, simulate.FOUR, walked.extra["steps"] * 0.5 * stride_of(walked))
+    lasts = walked.truth.estimate.time[-1] - person.gait.quiet_before - person.gait.quiet_after
+    assert 5.0 <= lasts < 5.0 + 3.0 * person.gait.stride_time
+    acc = walked.recording.sensors["shank_right"].acc
+    assert np.abs(acc).max() <= 2.0 * 9.80665 + 1e-9
+    with pytest.raises(ValueError, match="duration must be a positive"):
+        protocols.udaya_shankar(jax.random.key(0), 1, -1.0)
+
+
+def stride_of(walked):
+    """Mean of twice the steps that were walked."""
+    return 2.0 * walked.truth.estimate.distance[-1] / walked.extra["steps"]
+
+
+def test_the_routes_of_silva_have_their_printed_lengths():
+    for name, length, turn in (("A", 127.6, 0.0), ("B", 42.05, 2.0 * math.pi), ("C", 136.1, 1.5 * math.pi)):
+        route = protocols.silva_route(name)
+        assert float(np.sum(route.length)) == pytest.approx(length, abs=1e-9)
+        assert float(np.sum(route.turn)) == pytest.approx(turn)
+        assert np.all(route.length > 0.0)
+    hall = protocols.silva_route("B")
+    end = simulate.routes.at(hall, np.array([42.05]))
+    assert float(end.x[0]) == pytest.approx(0.0, abs=1e-9)  # round the hall, back to the start
+    assert float(end.y[0]) == pytest.approx(0.0, abs=1e-9)
+    stairs = protocols.silva_route("C")
+    assert float(np.sum(stairs.riser)) == pytest.approx(0.0)
+    assert float(np.abs(stairs.riser).max()) == 0.15
+
+
+def test_silva_walks_round_the_hall_at_two_paces():
+    slow, fast = (protocols.silva(jax.random.key(2), 1, "B", speed)[0] for speed in ("normal", "fast"))
+    for walked in (slow, fast):
+        sound(walked, 100.0, ("ankle_right",), 42.05)
+    assert slow.recording.name == "silva_B_normal_0001"
+    assert slow.extra["person"].body == fast.extra["person"].body
+    assert slow.extra["steps"] / fast.extra["steps"] == pytest.approx(protocols.FAST, rel=0.05)
+    assert fast.truth.estimate.time[-1] < 0.8 * slow.truth.estimate.time[-1]
+    for wrong, words in (({"speed": "slow"}, "'normal' or 'fast'; got 'slow'"), ({"route": "D"}, "got 'D'")):
+        with pytest.raises(ValueError, match=words):
+            protocols.silva(jax.random.key(2), 1, **wrong)
+
+
+def test_potter_steps_on_marks_and_hears_the_other_leg():
+    (walked,) = protocols.potter(jax.random.key(3), 1, straight=9.0, after=5.0)
+    recording, truth, extra = walked
+    sound(walked, 128.0, ("foot_right", "foot_left"), 14.0 + 0.4 * math.pi)
+    plan, steps = truth.plan, extra["steps"]
+    x, y = plan.x[1 : steps + 2], plan.y[1 : steps + 2]
+    straight = x < 8.0
+    forward, aside = np.diff(x[straight]), np.abs(np.diff(y[straight]))
+    assert 0.5 * extra["person"].gait.stride_length == pytest.approx(0.61, rel=0.02)  # no whole number of them fits
+    np.testing.assert_allclose(forward, 0.5 * extra["person"].gait.stride_length, atol=0.016)
+    np.testing.assert_allclose(aside, 0.30, atol=0.04)
+    heard = extra["range"].mask
+    time, read = truth.estimate.time[heard], extra["range"].distance[heard]
+    np.testing.assert_allclose(np.diff(time).min(), 1.0 / 30.0, atol=0.008)
+    late = read - extra["range_distance"][heard] > 0.05
+    assert np.mean(late) < 0.1
+    assert np.std((read - extra["range_distance"][heard])[~late]) < 0.004
+    # Seen in at least four strides of five, as the paper's was.
+    contacts = plan.contact[2 : steps + 2]
+    seen = [np.any((time > a) & (time < b)) for a, b in zip(contacts[:-2:2], contacts[2::2], strict=False)]
+    assert np.mean(seen) > 0.8
+    # While the legs pass each other, the range and the offset make the width.
+    inside = (truth.estimate.distance > 1.0) & (truth.estimate.distance < 8.0) & heard
+    middle = np.median(extra["range_distance"][inside]) + extra["offset"]
+    assert middle == pytest.approx(0.30, abs=0.04)
+    assert recording.sensors["foot_left"].gyr.shape[0] == extra["sender"].shape[0]
+
+
+def test_potters_whole_route_takes_steps_of_61_cm():
+    (person,) = [simulate.person_of(simulate.population(jax.random.key(0), 1), 0)]
+    person = jax.tree.map(float, simulate.paced(person, 1.22 / person.gait.stride_length))
+    found = simulate.fitted(jax.random.key(0), person, simulate.corner(50.0, 0.5 * math.pi, 25.0, 0.8))
+    assert found.gait.steps == 125
+    assert 0.5 * found.gait.stride_length == pytest.approx(0.61, abs=0.01)
+
+
+def test_kose_walks_faster_on_every_piece():
+    (walked,) = protocols.kose(jax.random.key(4), 1, piece=8.0, errors=protocols.RIGHT_SIDE._replace(mounting=0.0))
+    sound(walked, 100.0, ("waist",), 24.0)
+    time, distance = walked.truth.estimate.time, walked.truth.estimate.distance
+    speeds = [np.polyfit(time[part], distance[part], 1)[0]
+              for part in ((distance > 8.0 * k + 1.5) & (distance < 8.0 * k + 6.5) for k in range(3))]  # fmt: skip
+    assert speeds[1] / speeds[0] == pytest.approx(1.15, rel=0.06)
+    assert speeds[2] / speeds[0] == pytest.approx(1.30, rel=0.06)
+    # Worn with x down: at rest it reads −g there.
+    rest = walked.recording.sensors["waist"].acc[:200].mean(axis=0)
+    assert rest[0] == pytest.approx(-9.81, abs=1.0)
+    assert np.abs(rest[1:]).max() < 1.5
+
+
+def test_a_freesense_is_worn_as_printed():
+
+    vector = np.array(
+        [protocols.RIGHT_SIDE.mounting_x, protocols.RIGHT_SIDE.mounting_y, protocols.RIGHT_SIDE.mounting_z]
+    )
+    axes = np.asarray(rotation(vector))
+    np.testing.assert_allclose(axes.T, [[0, 0, -1], [1, 0, 0], [0, -1, 0]], atol=1e-12)  # down, forward, right
