@@ -11,7 +11,7 @@ import numpy as np
 import optax
 from common import Row, main, show
 
-from jgait import datasets, demo, simulate, tune
+from jgait import datasets, demo, protocols, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
 from jgait.judge import FIELDS, Judged, judge, leg_loss, lesson
@@ -203,7 +203,7 @@ def simulation(quick: bool) -> list[Row]:
     With the right leg alone, as in the paper, the foot's displacement is judged; with both legs the hip's.
     """
     people = 4 if quick else 32
-    learn, test = (simulate.cohort(jax.random.key(seed), people) for seed in (1, 2))
+    learn, test = (protocols.bennett(jax.random.key(seed), people) for seed in (1, 2))
 
     def one_leg(recording: Recording) -> Recording:
         kept = {name: imu for name, imu in recording.sensors.items() if name.endswith("right")}
@@ -211,7 +211,8 @@ def simulation(quick: bool) -> list[Row]:
 
     def run(cohort: Any, options: LegOptions, both: bool) -> list[tuple[np.ndarray, np.ndarray]]:
         pairs = []
-        for recording, truth in cohort:
+        for recording, known, _ in cohort:
+            truth = known.estimate
             own = truth.diagnostics
             p = LegParams(
                 thigh_length=BySide(*(float(own["thigh_length"]),) * 2),

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jgait import datasets, params, plot, simulate, tune
+from jgait import datasets, params, plot, protocols, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
 from jgait.estimators.leg_inputs import pad
@@ -123,7 +123,8 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
         Table lines of the people that the tuning never saw (medians over them), and figures of one of them.
     """
     report("simulating people", 0, 1)
-    walks = simulate.cohort(jax.random.key(seed), subjects, rate=RATE_HZ)
+    drawn = protocols.bennett(jax.random.key(seed), subjects, rate=RATE_HZ)
+    walks = [(walked.recording, walked.truth.estimate) for walked in drawn]
     start = leg_ekf.LegParams()
     names = ("standing_hip", "standing_knee", "distance_scale")
     lessons: list[Lesson] = []

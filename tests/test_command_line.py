@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from jgait import io, simulate
+from jgait import io, protocols
 from jgait.cli import app
 
 ROOT = Path(__file__).parents[1]
@@ -25,8 +25,8 @@ def run(*words: object) -> tuple[int, str]:
 @pytest.fixture(scope="module")
 def table():
     """A simulated walk as a user's table: seconds, deg/s, m/s²."""
-    recording, _ = simulate.leg_recording(jax.random.key(4))
-    return io.recording_to_dataframe(recording).reset_index()
+    (walked,) = protocols.bennett(jax.random.key(4))
+    return io.recording_to_dataframe(walked.recording).reset_index()
 
 
 @pytest.fixture

@@ -5,11 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import losses, simulate
+from jgait import losses, protocols
 from jgait.estimators import leg_ekf, leg_model, leg_online
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_inputs import LegInputs, pad
 from jgait.filtering import EKF, UKF, IteratedEKF
+from jgait.sensors import IDEAL
 from jgait.types import SIDES, Recording, RecordingError
 
 RATE = 50.0
@@ -21,14 +22,15 @@ RUN = jax.jit(leg_ekf.run, static_argnames=("options",))
 @pytest.fixture(scope="module")
 def walk():
     """One simulated person with ideal sensors."""
-    recording, truth = simulate.leg_recording(jax.random.key(3), noise=simulate.IDEAL, rate=RATE)
-    return recording, truth
+    (walked,) = protocols.bennett(jax.random.key(3), errors=IDEAL, rate=RATE)
+    return walked.recording, walked.truth.estimate
 
 
 @pytest.fixture(scope="module")
 def noisy():
-    """The same person with an IDG-300-like gyroscope."""
-    return simulate.leg_recording(jax.random.key(4), rate=RATE)
+    """Another person with an IDG-300-like gyroscope."""
+    (walked,) = protocols.bennett(jax.random.key(4), rate=RATE)
+    return walked.recording, walked.truth.estimate
 
 
 def parameters(truth) -> LegParams:
