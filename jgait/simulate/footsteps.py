@@ -14,17 +14,17 @@ from jax import lax
 from jgait.simulate import routes
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import glide, pieces, step
+from jgait.simulate.smooth import CURVE, glide, pieces, step
 
 FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
 
-START, CLOSE = 1.3, 1.2
+START, CLOSE = 1.5, 1.2
 """How much longer than the others the first step and the last take."""
 
 
 class Plan(NamedTuple):
-    """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K, 8).
+    """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K − 1, CURVE).
 
     Attributes:
         x: of the point under the ankle [m].
@@ -36,6 +36,8 @@ class Plan(NamedTuple):
         side: 1 where the left foot stands there, −1 for the right.
         toe_up: pitch of the foot when it lands there [rad].
         heel_up: pitch of the foot when it leaves, heel up [rad].
+        off: steps after landing at which the heel begins to rise [1].
+        leave: steps after landing at which the toes leave [1].
         lift: how high it is lifted on the way to the next but one foothold [m].
         contact: when it lands [s].
         time_curve: time [s] over the clock.
@@ -58,6 +60,8 @@ class Plan(NamedTuple):
     side: Any
     toe_up: Any
     heel_up: Any
+    off: Any
+    leave: Any
     lift: Any
     contact: Any
     time_curve: Any
@@ -99,13 +103,17 @@ def toe_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
     return (1.0 - jnp.cos(pitch)) * body.toe_length, jnp.sin(pitch) * body.toe_length
 
 
-def heel_rise(gait: Gait, s: Any) -> tuple[Any, Any]:
+def heel_rise(off: Any, leave: Any, s: Any) -> tuple[Any, Any]:
     """How much of its final pitch the leaving foot has, and the toes of theirs [1], s steps after it landed.
 
     The heel comes off slowly while this leg bears alone, and fast about when the other lands; then the ball follows
     over the tip of the toes. In swing both go back to 0.
+
+    Args:
+        off: steps after landing at which the heel begins to rise [1].
+        leave: steps after landing at which the toes leave [1].
+        s: steps since landing [1].
     """
-    off, leave = 2.0 * gait.heel_off, 2.0 * gait.stance_fraction
     slow = step((s - off) / (leave - off))
     fast = glide((s - leave + HEEL_RISES) / (HEEL_RISES + HEEL_AFTER), 0.6, 0.4)
     toes = glide((s - leave + TOES_RISE) / (TOES_RISE + HEEL_AFTER), 0.5, 0.5)
@@ -171,6 +179,10 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     pitch = jnp.sqrt(speed)
     toe_up = jnp.where(takes, gait.toe_up * flat_foot * pitch, 0.0)
     heel_up = jnp.where(leaves, gait.heel_up * begins, 0.0)
+    # At the start the feet have stood for long: the first heel rises once the walk's clock runs.
+    starts = k < -0.5
+    off = jnp.where(starts, 1.0, 2.0 * gait.heel_off)
+    leave = jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction)
     lift = jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0)
 
     # The pelvis when each foot lands: over the middle of both feet, and a little ahead.
@@ -189,9 +201,9 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     early = gait.quiet_before - 0.5 * gait.stride_time
     at_contact = jnp.where(k < -0.5, early, at_contact)
     return Plan(
-        foot_x, foot_y, ground, place.heading, place.heading + side * gait.toe_out, incline, side, toe_up, heel_up, lift,
+        foot_x, foot_y, ground, place.heading, place.heading + side * gait.toe_out, incline, side, toe_up, heel_up, off, leave, lift,
         at_contact, pieces(at_contact, jnp.ones_like(k)), pieces(pelvis_x, passing), pieces(pelvis_y, passing),
-        jnp.zeros((capacity + 3, 8), k.dtype), jnp.zeros((capacity + 3,), k.dtype), pieces(heading, passing), pieces(way, passing), pieces(walking, jnp.zeros_like(k)), n + 2.0,
+        jnp.zeros((capacity + 3, CURVE), k.dtype), jnp.zeros((capacity + 3,), k.dtype), pieces(heading, passing), pieces(way, passing), pieces(walking, jnp.zeros_like(k)), n + 2.0,
     )  # fmt: skip
 
 
@@ -212,5 +224,5 @@ def landing_pitch(gait: Gait, s: Any) -> Any:
     return up - glide((s + TOES_TURN) / (TOES_TURN + 2.0 * gait.foot_flat), 0.5, 0.5)
 
 
-TOES_UP, TOES_TURN = 0.45, 0.13
+TOES_UP, TOES_TURN = 0.45, 0.16
 """Steps before landing at which the toes begin to come up over the heel, and to come down again."""

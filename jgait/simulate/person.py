@@ -75,11 +75,11 @@ class Gait(NamedTuple):
     toe_out: Any = 6.0 * DEGREE
     toe_up: Any = 35.0 * DEGREE
     heel_up: Any = 81.0 * DEGREE
-    foot_flat: Any = 0.062
+    foot_flat: Any = 0.09
     heel_off: Any = 0.30
     swing_lift: Any = 0.031
     landing_speed: Any = 0.38
-    knee_stance: Any = 4.0 * DEGREE
+    knee_stance: Any = 5.0 * DEGREE
     pelvis_rise: Any = 0.040
     pelvis_sway: Any = 0.02
     pelvis_surge: Any = 0.025
@@ -87,7 +87,7 @@ class Gait(NamedTuple):
     pelvis_drop: Any = 4.0 * DEGREE
     pelvis_nod: Any = 1.5 * DEGREE
     pelvis_shock: Any = 0.001
-    hip_ahead: Any = 0.03
+    hip_ahead: Any = 0.045
     standing_hip: Any = 2.0 * DEGREE
     standing_knee: Any = 4.0 * DEGREE
     length_asymmetry: Any = 0.0

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-ORDER = 5
+ORDER = 6
 """A step's derivatives up to this order vanish at both ends."""
 
 _SLOPE = 1.0 / sum(math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) for k in range(ORDER + 1))
@@ -67,45 +67,54 @@ def bump(u: Any) -> Any:
     return (1.0 - x * x) ** ORDER
 
 
+CURVE = 10
+"""Coefficients of one piece of a curve."""
+
+
 def _hermite() -> np.ndarray:
-    """(8, 6): coefficients of 1, r … r⁷ from value, slope and curvature at r = 0 and r = 1; third derivatives 0."""
-    powers = np.arange(8)
+    """(CURVE, 6): coefficients of 1, r … from value, slope and curvature at r = 0 and r = 1; what follows is 0."""
+    half = CURVE // 2
+    powers = np.arange(CURVE)
     rows = []
     for at in (0.0, 1.0):
-        for order in range(4):
+        for order in range(half):
             falling = np.array([math.perm(int(p), order) if p >= order else 0 for p in powers], float)
             rows.append(falling * np.where(powers == order, 1.0, at))
     inverse = np.linalg.inv(np.array(rows))
-    return np.round(inverse[:, [0, 1, 2, 4, 5, 6]], 12)
+    return np.round(inverse[:, [0, 1, 2, half, half + 1, half + 2]], 10)
 
 
 HERMITE = _hermite()
 
 
 def pieces(values: Any, moving: Any) -> Any:
-    """A curve through given points, three times continuously differentiable, at rest where nothing moves.
+    """A curve through given points, four times continuously differentiable, at rest where nothing moves.
 
-    Slope and curvature at each point are central differences; the third derivative is 0.
+    Slope and curvature at each point are central differences; the third and fourth derivative are 0.
 
     Args:
         values: (K,) at r = 0, 1 … K − 1.
         moving: (K,) 1 where the curve passes through, 0 where it rests.
 
     Returns:
-        (K − 1, 8) coefficients of 1, r … r⁷ in each interval.
+        (K − 1, CURVE) coefficients of 1, r … in each interval.
     """
     before = jnp.concatenate([values[:1], values[:-1]])
     after = jnp.concatenate([values[1:], values[-1:]])
     slope = moving * (after - before) / 2.0
     curvature = moving * (after - 2.0 * values + before)
     ends = jnp.stack([values, slope, curvature], axis=1)
-    # Small sums, written out: a product with a constant matrix would lose digits on some devices.
-    basis = jnp.asarray(HERMITE, values.dtype)
     # Measured from the interval's first value, so that far from the start no digits are lost.
     both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)
     both = both.at[:, 3].add(-values[:-1]).at[:, 0].set(0.0)
-    inside = jnp.sum(both[:, None, :] * basis[None, :, :], axis=2)
+    # Sums, written out: a product of matrices would lose digits on some devices.
+    inside = jnp.sum(both[:, None, :] * jnp.asarray(HERMITE, values.dtype)[None, :, :], axis=2)
     return inside.at[:, 0].add(values[:-1])
+
+
+def curve_at(table: Any, entry: Any, r: Any) -> Any:
+    """A curve (see `pieces`) in the intervals of some entries (T,), r (T,) of the way through them."""
+    return polynomial([table[:, i][entry] for i in range(CURVE)], r)
 
 
 def polynomial(coefficients: Any, r: Any) -> Any:

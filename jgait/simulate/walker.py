@@ -29,7 +29,7 @@ from jgait.simulate.footsteps import (
 )
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import bump, glide, pieces, polynomial, slope, step
+from jgait.simulate.smooth import CURVE, bump, curve_at, glide, pieces, polynomial, slope, step
 
 
 class Pose(NamedTuple):
@@ -44,6 +44,21 @@ class Pose(NamedTuple):
     segments: Segments
     ankle_right: Vector
     ankle_left: Vector
+
+
+class Foothold(NamedTuple):
+    """Fields of the `Plan` at one foothold, (T,)."""
+
+    x: Any
+    y: Any
+    z: Any
+    foot_yaw: Any
+    slope: Any
+    toe_up: Any
+    heel_up: Any
+    off: Any
+    leave: Any
+    lift: Any
 
 
 class Foot(NamedTuple):
@@ -63,7 +78,7 @@ def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
     last = plan.end.astype(jnp.int32) - 1 + FIRST
     entry = jnp.searchsorted(plan.contact, time, side="right") - 1
     entry = jnp.clip(entry, FIRST, last)
-    curve = [plan.time_curve[:, i][entry] for i in range(8)]
+    curve = [plan.time_curve[:, i][entry] for i in range(CURVE)]
     begin, end = plan.contact[entry], plan.contact[entry + 1]
     fixed = [lax.stop_gradient(c) for c in curve]
     held = lax.stop_gradient(jnp.clip(time, begin, end))
@@ -82,25 +97,25 @@ def _once[T](values: T) -> T:
     return lax.optimization_barrier(values)
 
 
-def _standing_foot(body: Body, gait: Gait, at: tuple[Any, ...], s: Any) -> Foot:
+def _standing_foot(body: Body, gait: Gait, at: Foothold, s: Any) -> Foot:
     """The foot that took the last foothold, s in [0, 1] steps ago."""
-    x, y, z, yaw, incline, toe_up, heel_up = at
-    down = _once(toe_up * landing_pitch(gait, s))
-    rise, ahead, up = _rockers(body, gait, down, heel_up, s)
-    ankle = _over(body, x, y, z, yaw, incline, ahead, up)
-    return _once(Foot(ankle, incline + down - rise, yaw))
+    down = _once(at.toe_up * landing_pitch(gait, s))
+    rise, ahead, up = _rockers(body, at, down, s)
+    ankle = _over(body, (at.x, at.y, at.z), at.foot_yaw, at.slope, ahead, up)
+    return _once(Foot(ankle, at.slope + down - rise, at.foot_yaw))
 
 
-def _rockers(body: Body, gait: Gait, down: Any, heel_up: Any, s: Any) -> tuple[Any, Any, Any]:
+def _rockers(body: Body, origin: Foothold, down: Any, s: Any) -> tuple[Any, Any, Any]:
     """Pitch of the heel [rad], and how far heel, ball and toes turning move the ankle forward and up [m]."""
-    rises, toes = _once(heel_rise(gait, s))
-    rise = heel_up * rises
-    turns = (heel_turn(body, down), ball_turn(body, rise), toe_turn(body, TOES * heel_up * toes))
+    rises, toes = _once(heel_rise(origin.off, origin.leave, s))
+    rise = origin.heel_up * rises
+    turns = (heel_turn(body, down), ball_turn(body, rise), toe_turn(body, TOES * origin.heel_up * toes))
     return rise, sum(ahead for ahead, _ in turns), sum(up for _, up in turns)
 
 
-def _over(body: Body, x: Any, y: Any, z: Any, yaw: Any, incline: Any, ahead: Any, up: Any) -> Vector:
-    """The ankle over a foothold, moved ahead and up [m] along the ground's own directions."""
+def _over(body: Body, place: tuple[Any, Any, Any], yaw: Any, incline: Any, ahead: Any, up: Any) -> Vector:
+    """The ankle over a place on the ground, moved ahead and up [m] along the ground's own directions."""
+    x, y, z = place
     s, c = sincos(incline)
     height = body.ankle_height + up
     ahead, up = ahead * c - height * s, ahead * s + height * c
@@ -108,32 +123,29 @@ def _over(body: Body, x: Any, y: Any, z: Any, yaw: Any, incline: Any, ahead: Any
     return Vector(x + c * ahead, y + s * ahead, z + up)
 
 
-def _swing(gait: Gait, s: Any) -> tuple[Any, Any]:
+def _swing(gait: Gait, leave: Any, s: Any) -> tuple[Any, Any]:
     """How much of the way from foothold to foothold is done, and of the lift, s in [1, 2] steps after landing."""
-    leave = 2.0 * gait.stance_fraction
     tau = (s - leave) / (2.0 - leave)
     lift = bump(tau / 0.5) + LATE_LIFT * (step((tau - 0.1) / 0.5) - step((tau - LOWERS) / (1.0 - LOWERS)))
     hard = gait.landing_speed
     return hard * glide(tau, GATHER, HARD) + (1.0 - hard) * glide(tau, GATHER, SOFT), lift
 
 
-GATHER, LATE_LIFT, LOWERS = 0.42, 0.4, 0.76
+GATHER, LATE_LIFT, LOWERS = 0.42, 0.5, 0.74
 """Share of swing in which the foot gathers speed; how high it is lifted late in swing, in the early lift."""
 
-HARD, SOFT = 0.14, 0.44
+HARD, SOFT = 0.15, 0.44
 """Shares of swing in which the ground stops the foot, and in which the leg does."""
 
 
-def _moving_foot(body: Body, gait: Gait, origin: tuple[Any, ...], target: tuple[Any, ...], lift: Any, s: Any) -> Foot:
+def _moving_foot(body: Body, gait: Gait, origin: Foothold, target: Foothold, s: Any) -> Foot:
     """The foot that took the last but one foothold s in [1, 2] steps ago, pushes off, and swings to the next."""
-    x0, y0, z0, yaw0, incline0, _, heel_up = origin
-    x1, y1, z1, yaw1, incline1, toe_up, _ = target
-    way, arc = _once(_swing(gait, s))
-    down = _once(toe_up * landing_pitch(gait, s - 2.0))
-    rise, ahead, up = _rockers(body, gait, down, heel_up, s)
-    mix = [a + way * (b - a) for a, b in ((x0, x1), (y0, y1), (z0, z1), (yaw0, yaw1), (incline0, incline1))]
-    ankle = _over(body, *mix, ahead, up + lift * arc)
-    return _once(Foot(ankle, mix[4] + down - rise, mix[3]))
+    way, arc = _once(_swing(gait, origin.leave, s))
+    down = _once(target.toe_up * landing_pitch(gait, s - 2.0))
+    rise, ahead, up = _rockers(body, origin, down, s)
+    x, y, z, yaw, incline = (a + way * (b - a) for a, b in zip(origin[:5], target[:5], strict=True))
+    ankle = _over(body, (x, y, z), yaw, incline, ahead, up + origin.lift * arc)
+    return _once(Foot(ankle, incline + down - rise, yaw))
 
 
 def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
@@ -202,16 +214,15 @@ def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
     """Feet and pelvis, r (T,) of a step after the foothold of an entry (T,) was taken."""
     body, gait = person.body, person.gait
 
-    def foothold(ahead: int) -> tuple[Any, ...]:
-        fields = (plan.x, plan.y, plan.z, plan.foot_yaw, plan.slope, plan.toe_up, plan.heel_up)
-        return _once(tuple(field[entry + ahead] for field in fields))
+    def foothold(ahead: int) -> Foothold:
+        return _once(Foothold(*(getattr(plan, field)[entry + ahead] for field in Foothold._fields)))
 
     def curve(table: Any) -> Any:
-        return _once(polynomial([table[:, i][entry] for i in range(8)], r))
+        return _once(curve_at(table, entry, r))
 
     side = plan.side[entry]  # of the foot that landed last
     new = _standing_foot(body, gait, foothold(0), r)
-    old = _moving_foot(body, gait, foothold(-1), foothold(1), plan.lift[entry - 1], 1.0 + r)
+    old = _moving_foot(body, gait, foothold(-1), foothold(1), 1.0 + r)
     walking, heading = curve(plan.walking_curve), curve(plan.heading_curve)
     (ahead, aside, up), (yaw, pitch, roll) = _once(_pelvis_oscillation(gait, side, walking, r))
     s, c = _once(sincos(heading))
@@ -261,7 +272,7 @@ def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     # Where the curve, on its way from one height to the next, is above what the legs allow, it dips.
     weight = _dip(phases)
     inner = weight > 0.05
-    over = jax.vmap(lambda c: polynomial([c[i] for i in range(8)], phases))(curve[FIRST:]) - jnp.min(at, axis=2)
+    over = jax.vmap(lambda c: polynomial(list(c), phases))(curve[FIRST:]) - jnp.min(at, axis=2)
     needed = jnp.where(inner, over / jnp.where(inner, weight, 1.0), -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
@@ -281,15 +292,13 @@ SAMPLES, SHARP = 24, 0.0005
 
 
 def _dip(r: Any) -> Any:
-    """Up to 1 in the middle of a step and back, three times continuously differentiable at its ends."""
-    square = 4.0 * r * (1.0 - r)
-    square = square * square
-    return square * square
+    """Up to 1 in the middle of a step and back, four times continuously differentiable at its ends."""
+    return (4.0 * r * (1.0 - r)) ** 5
 
 
 def _height(plan: Plan, entry: Any, r: Any) -> Any:
     """The even path of the pelvis [m] within a step."""
-    return polynomial([plan.z_curve[:, i][entry] for i in range(8)], r) - plan.dip[entry] * _dip(r)
+    return curve_at(plan.z_curve, entry, r) - plan.dip[entry] * _dip(r)
 
 
 def pose(person: Person, plan: Plan, time: Any) -> Pose:
@@ -334,7 +343,7 @@ def _pelvis_oscillation(
     s2, c2 = 2.0 * s * c, 1.0 - 2.0 * s * s
     s4, c4 = 2.0 * s2 * c2, 1.0 - 2.0 * s2 * s2
     rise = RISE[0] * c2 + RISE[1] * s2 + RISE[2] * c4 + RISE[3] * s4
-    up = walking * (gait.pelvis_rise * rise - gait.pelvis_shock * bump(r / 0.2))
+    up = walking * (gait.pelvis_rise * rise - gait.pelvis_shock * bump(r / SHAKEN))
     ahead = gait.pelvis_surge * walking * (SURGE[0] * s2 + SURGE[1] * c2)
     aside = gait.pelvis_sway * walking * side * s
     yaw = -gait.pelvis_rotation * walking * side * c
@@ -342,6 +351,9 @@ def _pelvis_oscillation(
     pitch = gait.pelvis_nod * walking * c2
     return (ahead, aside, up), (yaw, pitch, roll)
 
+
+SHAKEN = 0.24
+"""Steps after a contact for which the pelvis is shaken."""
 
 SURGE = (0.99, 0.135)
 RISE = (-0.475, -0.111, -0.056, -0.027)

@@ -18,7 +18,7 @@ from jgait.simulate.check import check_person
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
-from jgait.simulate.smooth import polynomial, step
+from jgait.simulate.smooth import curve_at, step
 from jgait.simulate.walker import Pose, clock, motion, plan
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
 
@@ -165,9 +165,7 @@ def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
     """The truth about a walk at times (T,) [s]."""
     body = person.body
     entry, r = clock(laid, time)
-    heading, distance = (
-        polynomial([table[:, i][entry] for i in range(8)], r) for table in (laid.heading_curve, laid.distance_curve)
-    )
+    heading, distance = (curve_at(table, entry, r) for table in (laid.heading_curve, laid.distance_curve))
     ahead = Vector(jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading))
     pose: Pose = moving.pose
     legs = Legs(*(_leg(pose.segments, side, ahead) for side in SIDES))
@@ -202,7 +200,7 @@ def _time_at(laid: Plan, ticks: Any) -> Any:
     """Time [s] at which the clock of the walk shows ticks (K,) [1]."""
     entry = jnp.clip(jnp.floor(ticks).astype(jnp.int32) + FIRST, 0, laid.time_curve.shape[0] - 1)
     r = ticks - (entry - FIRST).astype(ticks.dtype)
-    return polynomial([laid.time_curve[:, i][entry] for i in range(8)], r)
+    return curve_at(laid.time_curve, entry, r)
 
 
 def strides(person: Person, laid: Plan) -> Strides:
