@@ -149,7 +149,7 @@ def _lengths(key: Any, gait: Gait, along: Route, k: Any, side: Any) -> tuple[Any
 
 
 def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
-    """Lay out a walk.
+    """Lay out a walk, but for the height of the pelvis (`z_curve` and `dip` are 0).
 
     Args:
         key: PRNG key of the variability from step to step.
@@ -167,44 +167,53 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     distance, times, aside, speed = _lengths(key, gait, along, k, side)
     place = routes.at(along, distance)
     offset = side * (0.5 * gait.step_width) + aside
-    sine, cosine = jnp.sin(place.heading), jnp.cos(place.heading)
-    foot_x, foot_y = place.x - sine * offset, place.y + cosine * offset
-    takes, leaves = (k > 0.5) & (k < n + 0.5), (k < n - 0.5)
-    begins = jnp.where(k > -0.5, 1.0, 0.6)
+    x, y = place.x - jnp.sin(place.heading) * offset, place.y + jnp.cos(place.heading) * offset
+    takes = (k > 0.5) & (k < n + 0.5)
     riser = routes.value_at(along, along.riser, distance)
     ground = place.z + jnp.cumsum(jnp.where(takes, riser, 0.0))
-    ground = jnp.where(k > n + 0.5, jnp.roll(ground, 1), ground)
-    incline = jnp.arctan(routes.value_at(along, along.slope, distance))
-    flat_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs the whole foot lands
-    pitch = jnp.sqrt(speed)
-    toe_up = jnp.where(takes, gait.toe_up * flat_foot * pitch, 0.0)
-    heel_up = jnp.where(leaves, gait.heel_up * begins, 0.0)
-    # At the start the feet have stood for long: the first heel rises once the walk's clock runs.
+    whole_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs it lands flat
+    # At the start the feet have stood for long: the first heel rises once the walk's clock runs, and not as high.
     starts = k < -0.5
-    off = jnp.where(starts, 1.0, 2.0 * gait.heel_off)
-    leave = jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction)
-    lift = jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0)
-
-    # The pelvis when each foot lands: over the middle of both feet, and a little ahead.
-    standing = standing_ahead(person)
-    moves = (k > 0.5) & (k < n + 0.5)
-    ahead = jnp.where(moves, gait.hip_ahead * pitch, standing)
-    ahead = jnp.where(jnp.abs(k - n - 1.0) < 0.5, 0.5 * (gait.hip_ahead * pitch + standing), ahead)
-    middle_x, middle_y = 0.5 * (foot_x + _before(foot_x)), 0.5 * (foot_y + _before(foot_y))
-    heading = 0.5 * (place.heading + _before(place.heading))
-    pelvis_x, pelvis_y = middle_x + ahead * jnp.cos(heading), middle_y + ahead * jnp.sin(heading)
-    passing = jnp.where((k > 0.5) & (k < n + 1.5), 1.0, 0.0)
-    way = 0.5 * (distance + _before(distance)) + ahead - standing
-
-    walking = jnp.where(takes, 1.0, 0.0)
-    at_contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
-    early = gait.quiet_before - 0.5 * gait.stride_time
-    at_contact = jnp.where(k < -0.5, early, at_contact)
+    contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
+    contact = jnp.where(starts, gait.quiet_before - 0.5 * gait.stride_time, contact)
+    curves = _pelvis(person, k, (x, y, place.heading, distance), jnp.sqrt(speed))
     return Plan(
-        foot_x, foot_y, ground, place.heading, place.heading + side * gait.toe_out, incline, side, toe_up, heel_up, off, leave, lift,
-        at_contact, pieces(at_contact, jnp.ones_like(k)), pieces(pelvis_x, passing), pieces(pelvis_y, passing),
-        jnp.zeros((capacity + 3, CURVE), k.dtype), jnp.zeros((capacity + 3,), k.dtype), pieces(heading, passing), pieces(way, passing), pieces(walking, jnp.zeros_like(k)), n + 2.0,
-    )  # fmt: skip
+        x=x,
+        y=y,
+        z=jnp.where(k > n + 0.5, jnp.roll(ground, 1), ground),
+        heading=place.heading,
+        foot_yaw=place.heading + side * gait.toe_out,
+        slope=jnp.arctan(routes.value_at(along, along.slope, distance)),
+        side=side,
+        toe_up=jnp.where(takes, gait.toe_up * whole_foot * jnp.sqrt(speed), 0.0),
+        heel_up=jnp.where(k < n - 0.5, gait.heel_up * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0),
+        off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
+        leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction),
+        lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),
+        contact=contact,
+        time_curve=pieces(contact, jnp.ones_like(k)),
+        z_curve=jnp.zeros((capacity + 3, CURVE), k.dtype),
+        dip=jnp.zeros((capacity + 3,), k.dtype),
+        walking_curve=pieces(jnp.where(takes, 1.0, 0.0), jnp.zeros_like(k)),
+        end=n + 2.0,
+        **curves,
+    )
+
+
+def _pelvis(person: Person, k: Any, feet: tuple[Any, Any, Any, Any], pace: Any) -> dict[str, Any]:
+    """Curves of the pelvis over the ground: over the middle of both feet when one lands, and a little ahead."""
+    gait = person.gait
+    x, y, heading, distance = (0.5 * (values + _before(values)) for values in feet)
+    standing, walking = standing_ahead(person), gait.hip_ahead * pace
+    ahead = jnp.where((k > 0.5) & (k < gait.steps + 0.5), walking, standing)
+    ahead = jnp.where(jnp.abs(k - gait.steps - 1.0) < 0.5, 0.5 * (walking + standing), ahead)
+    passing = jnp.where((k > 0.5) & (k < gait.steps + 1.5), 1.0, 0.0)
+    return {
+        "x_curve": pieces(x + ahead * jnp.cos(heading), passing),
+        "y_curve": pieces(y + ahead * jnp.sin(heading), passing),
+        "heading_curve": pieces(heading, passing),
+        "distance_curve": pieces(distance + ahead - standing, passing),
+    }
 
 
 def _before(values: Any) -> Any:

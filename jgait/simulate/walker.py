@@ -89,25 +89,25 @@ def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
     r = lax.stop_gradient(r)
     for _ in range(2):
         r = r - (polynomial(curve, r) - now) / slope(curve, r)
-    return entry, _once(r)
+    return entry, kept(r)
 
 
-def _once[T](values: T) -> T:
+def kept[T](values: T) -> T:
     """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
     return lax.optimization_barrier(values)
 
 
 def _standing_foot(body: Body, gait: Gait, at: Foothold, s: Any) -> Foot:
     """The foot that took the last foothold, s in [0, 1] steps ago."""
-    down = _once(at.toe_up * landing_pitch(gait, s))
+    down = kept(at.toe_up * landing_pitch(gait, s))
     rise, ahead, up = _rockers(body, at, down, s)
     ankle = _over(body, (at.x, at.y, at.z), at.foot_yaw, at.slope, ahead, up)
-    return _once(Foot(ankle, at.slope + down - rise, at.foot_yaw))
+    return kept(Foot(ankle, at.slope + down - rise, at.foot_yaw))
 
 
 def _rockers(body: Body, origin: Foothold, down: Any, s: Any) -> tuple[Any, Any, Any]:
     """Pitch of the heel [rad], and how far heel, ball and toes turning move the ankle forward and up [m]."""
-    rises, toes = _once(heel_rise(origin.off, origin.leave, s))
+    rises, toes = kept(heel_rise(origin.off, origin.leave, s))
     rise = origin.heel_up * rises
     turns = (heel_turn(body, down), ball_turn(body, rise), toe_turn(body, TOES * origin.heel_up * toes))
     return rise, sum(ahead for ahead, _ in turns), sum(up for _, up in turns)
@@ -140,12 +140,12 @@ HARD, SOFT = 0.15, 0.44
 
 def _moving_foot(body: Body, gait: Gait, origin: Foothold, target: Foothold, s: Any) -> Foot:
     """The foot that took the last but one foothold s in [1, 2] steps ago, pushes off, and swings to the next."""
-    way, arc = _once(_swing(gait, origin.leave, s))
-    down = _once(target.toe_up * landing_pitch(gait, s - 2.0))
+    way, arc = kept(_swing(gait, origin.leave, s))
+    down = kept(target.toe_up * landing_pitch(gait, s - 2.0))
     rise, ahead, up = _rockers(body, origin, down, s)
     x, y, z, yaw, incline = (a + way * (b - a) for a, b in zip(origin[:5], target[:5], strict=True))
     ankle = _over(body, (x, y, z), yaw, incline, ahead, up + origin.lift * arc)
-    return _once(Foot(ankle, incline + down - rise, yaw))
+    return kept(Foot(ankle, incline + down - rise, yaw))
 
 
 def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
@@ -157,7 +157,7 @@ def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
 
 def _axes(yaw: Any, pitch: Any, roll: Any) -> tuple[Vector, Vector, Vector]:
     """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
-    (sy, cy), (sp, cp), (sr, cr) = _once((sincos(yaw), sincos(pitch), sincos(roll)))
+    (sy, cy), (sp, cp), (sr, cr) = kept((sincos(yaw), sincos(pitch), sincos(roll)))
     x = Vector(cy * cp, sy * cp, sp)
     y = Vector(-sy * cr + cy * sp * sr * -1.0, cy * cr - sy * sp * sr, cp * sr)
     return x, y, cross(x, y)
@@ -172,15 +172,15 @@ def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Any) -> tuple[Frame, Frame
     up = scale(1.0 / d, line)
     s, c = sincos(yaw)
     left = cross(up, Vector(c, s, jnp.zeros_like(c)))
-    up, left = _once((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
-    ahead = _once(cross(left, up))
+    up, left = kept((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
+    ahead = kept(cross(left, up))
     # Seen from the hip the knee is so far down the line, and so far ahead of it.
     along = (d2 + a * a - b * b) / (2.0 * d)
     out = jnp.sqrt(jnp.maximum(a * a - along * along, 1e-9))
-    d, along, out = _once((d, along, out))
+    d, along, out = kept((d, along, out))
     thigh_up = add(scale(along / a, up), scale(-out / a, ahead))
     shank_up = add(scale((d - along) / b, up), scale(out / b, ahead))
-    thigh_up, shank_up = _once((thigh_up, shank_up))
+    thigh_up, shank_up = kept((thigh_up, shank_up))
     knee = subtract(hip, scale(a, thigh_up))
     return (
         Frame(hip, cross(left, thigh_up), left, thigh_up),
@@ -215,19 +215,19 @@ def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
     body, gait = person.body, person.gait
 
     def foothold(ahead: int) -> Foothold:
-        return _once(Foothold(*(getattr(plan, field)[entry + ahead] for field in Foothold._fields)))
+        return kept(Foothold(*(getattr(plan, field)[entry + ahead] for field in Foothold._fields)))
 
     def curve(table: Any) -> Any:
-        return _once(curve_at(table, entry, r))
+        return kept(curve_at(table, entry, r))
 
     side = plan.side[entry]  # of the foot that landed last
     new = _standing_foot(body, gait, foothold(0), r)
     old = _moving_foot(body, gait, foothold(-1), foothold(1), 1.0 + r)
     walking, heading = curve(plan.walking_curve), curve(plan.heading_curve)
-    (ahead, aside, up), (yaw, pitch, roll) = _once(_pelvis_oscillation(gait, side, walking, r))
-    s, c = _once(sincos(heading))
+    (ahead, aside, up), (yaw, pitch, roll) = kept(_pelvis_oscillation(gait, side, walking, r))
+    s, c = kept(sincos(heading))
     middle = Vector(curve(plan.x_curve) + c * ahead - s * aside, curve(plan.y_curve) + s * ahead + c * aside, up)
-    middle, axes = _once((middle, _axes(heading + yaw, pitch, roll)))
+    middle, axes = kept((middle, _axes(heading + yaw, pitch, roll)))
     half = 0.5 * body.hip_width * side
     return Carried(new, old, middle, axes, scale(half, axes[1]), scale(-half, axes[1]), heading + 0.5 * yaw)
 
@@ -306,7 +306,7 @@ def pose(person: Person, plan: Plan, time: Any) -> Pose:
     body = person.body
     entry, r = clock(plan, time)
     now = carried(person, plan, entry, r)
-    middle = now.middle._replace(z=_once(_height(plan, entry, r) + now.middle.z))
+    middle = now.middle._replace(z=kept(_height(plan, entry, r) + now.middle.z))
     new_thigh, new_shank = _leg(body, add(middle, now.to_new), now.new.ankle, 0.5 * (now.turn + now.new.yaw))
     old_thigh, old_shank = _leg(body, add(middle, now.to_old), now.old.ankle, 0.5 * (now.turn + now.old.yaw))
     new_foot, old_foot = (Frame(f.ankle, *_axes(f.yaw, f.pitch, jnp.zeros_like(r))) for f in (now.new, now.old))

@@ -19,7 +19,7 @@ from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Pose, clock, motion, plan
+from jgait.simulate.walker import Pose, clock, kept, motion, plan
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
 
 SEVEN = ("pelvis", "thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left")
@@ -100,14 +100,11 @@ def duration(plan: Plan, person: Person) -> Any:
     return plan.contact[last] + person.gait.quiet_after
 
 
-def signals(
-    key: Any, person: Person, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapping[str, Vector]
-) -> dict[str, Imu]:
+def signals(key: Any, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapping[str, Vector]) -> dict[str, Imu]:
     """What sensors on a moving body read.
 
     Args:
         key: PRNG key of the sensors' errors.
-        person: who wears them.
         moving: the body at times (T,), a `Motion` of `Pose`.
         time: (T,) [s] nominal times of the samples.
         errors: how the sensors err and how they are mounted.
@@ -116,7 +113,6 @@ def signals(
     Returns:
         placement → readings.
     """
-    del person
     read = {}
     for number, (placement, point) in enumerate(mounts.items()):
         name = segment_of(placement)
@@ -150,14 +146,14 @@ def walk(
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    moving = motion(person, laid, time)
+    moving = kept(motion(person, laid, time))
     places = {name: mount(person.body, name) for name in placements} | dict(mounts or {})
     own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
     right = {name: place for name, place in places.items() if name not in own}
-    read = signals(reads, person, moving, time, errors, right)
+    read = signals(reads, moving, time, errors, right)
     for number, (name, wrong) in enumerate(own.items()):
-        late = motion(person, laid, true_times(wrong, time))
-        read |= signals(jax.random.fold_in(reads, 1000 + number), person, late, time, errors, {name: places[name]})
+        late = kept(motion(person, laid, true_times(wrong, time)))
+        read |= signals(jax.random.fold_in(reads, 1000 + number), late, time, errors, {name: places[name]})
     return {name: read[name] for name in places}, truth(person, laid, moving, time)
 
 
@@ -180,7 +176,7 @@ def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
     }
     loads = _loads(person, laid, entry, r)
     estimate = Estimate(time, legs, None, distance, valid, diagnostics)
-    return Truth(estimate, strides(person, laid), moving, *loads, laid)
+    return Truth(estimate, strides(laid), moving, *loads, laid)
 
 
 def _leg(segments: Segments, side: str, ahead: Vector) -> LegTrajectory:
@@ -203,33 +199,40 @@ def _time_at(laid: Plan, ticks: Any) -> Any:
     return curve_at(laid.time_curve, entry, r)
 
 
-def strides(person: Person, laid: Plan) -> Strides:
+def strides(laid: Plan) -> Strides:
     """The strides of a walk, one for each foothold that is taken (K,), in the order in which they end."""
     k = jnp.arange(-1, laid.x.shape[0] - 1, dtype=laid.x.dtype)
     valid = (k > 0.5) & (k < laid.end - 0.5)
-    before, other = (lambda v: jnp.roll(v, 2)), (lambda v: jnp.roll(v, 1))
+
+    def before(values: Any) -> Any:
+        return jnp.roll(values, 2)
+
+    def other(values: Any) -> Any:
+        return jnp.roll(values, 1)
+
     dx, dy = laid.x - before(laid.x), laid.y - before(laid.y)
     length = jnp.sqrt(jnp.where(valid, dx * dx + dy * dy, 1.0))
     aside = dx * (other(laid.y) - laid.y) - dy * (other(laid.x) - laid.x)
-    leaves = _time_at(laid, jnp.maximum(k - 2.0 + 2.0 * person.gait.stance_fraction, -1.0))
+    leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave), -1.0))
     start = jnp.where(k < 2.5, leaves, before(laid.contact))
 
-    def kept(values: Any) -> Any:
+    def filled(values: Any) -> Any:
         return jnp.where(valid, values, 0.0)
 
     side = jnp.where(laid.side > 0.0, 1, 0)
     return Strides(
-        side, kept(start), kept(leaves), kept(laid.contact), kept(length), kept(jnp.abs(aside) / length),
-        kept(laid.z - before(laid.z)), valid,
+        side, filled(start), filled(leaves), filled(laid.contact), filled(length), filled(jnp.abs(aside) / length),
+        filled(laid.z - before(laid.z)), valid,
     )  # fmt: skip
 
 
 def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
     """What both feet bear: the weight passes to the heel, along the sole, and off the toes."""
     gait = person.gait
-    leave, flat, off = 2.0 * gait.stance_fraction, 2.0 * gait.foot_flat, 2.0 * gait.heel_off
+    flat = 2.0 * gait.foot_flat
 
-    def load(s: Any, lands: Any, leaves: Any) -> Load:
+    def load(s: Any, at: Any, lands: Any, leaves: Any) -> Load:
+        off, leave = laid.off[at], laid.leave[at]
         down = jnp.where(lands, step(s / 0.12), 1.0)
         sole = jnp.where(lands, step((s - 0.5 * flat) / (0.2 + 0.5 * flat)), 1.0)
         heel = down * jnp.where(leaves, 1.0 - step((s - off + 0.1) / 0.3), 1.0)
@@ -238,9 +241,8 @@ def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
 
     k = entry - FIRST
     steps = laid.end - 2.0
-    new = load(r, k >= 1, k < steps - 0.5)
-    old = load(1.0 + r, k - 1 >= 1, k - 1 < steps - 0.5)
-    # The foot that swings stands again at the very end of the step, where it becomes the new one.
+    new = load(r, entry, k >= 1, k < steps - 0.5)
+    old = load(1.0 + r, entry - 1, k - 1 >= 1, k - 1 < steps - 0.5)
     left = laid.side[entry] > 0.0
     pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(new, old, strict=True)]
     return Load(*(right for right, _ in pairs)), Load(*(left for _, left in pairs))
@@ -250,8 +252,8 @@ _walk = jax.jit(walk, static_argnames=("capacity", "placements"))
 
 
 def recording(
-    key: Any, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0, *,
-    placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
+    key: Any, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
+    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
     clock_of: Mapping[str, Clock] | None = None, name: str = "simulated", subject: str = "simulated",
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate one walk as the library's own records.
