@@ -17,7 +17,7 @@ from jgait.kinematics import GRAVITY, Vector, in_world
 from jgait.params import positive
 from jgait.sensors import IDEAL, MPU6000
 from jgait.simulate import SEVEN, Body, Gait, Person, Truth
-from jgait.simulate.footsteps import FIRST, TOES_RISE
+from jgait.simulate.footsteps import FIRST, LINGER, TOES_RISE
 from jgait.simulate.walker import clock
 from jgait.types import SIDES, Recording
 
@@ -86,6 +86,7 @@ def stance_motion(truth: Truth, person: Person) -> float:
     entry, r = (np.asarray(part) for part in clock(truth.plan, jnp.asarray(truth.estimate.time)))
     k, steps = entry - FIRST, float(person.gait.steps)
     flat, off, leave = (2.0 * share for share in (gait.foot_flat, gait.heel_off, gait.stance_fraction))
+    leave -= LINGER
     phases = (
         Stance((-body.heel_length,), 0.0, flat),
         Stance((-body.heel_length, body.ball_length), flat, off),

@@ -37,7 +37,7 @@ class Plan(NamedTuple):
         toe_up: pitch of the foot when it lands there [rad].
         heel_up: pitch of the foot when it leaves, heel up [rad].
         off: steps after landing at which the heel begins to rise [1].
-        leave: steps after landing at which the toes leave [1].
+        leave: steps after landing at which the toes begin to leave [1]; they are off `LINGER` later.
         lift: how high it is lifted on the way to the next but one foothold [m].
         contact: when it lands [s].
         time_curve: time [s] over the clock.
@@ -121,9 +121,12 @@ def heel_rise(off: Any, leave: Any, s: Any) -> tuple[Any, Any]:
     return HEEL_EARLY * slow + (1.0 - HEEL_EARLY) * fast - back, toes - back
 
 
-HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_BACK, HEEL_DOWN = 0.08, 0.34, 0.29, 0.0, 0.16
+HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_BACK, HEEL_DOWN = 0.08, 0.34, 0.24, 0.0, 0.16
 """Share of the slow rise. In steps: from how long before the toes leave to how long after them the heel rises fast; how
 long after them it begins to come down, and how long before landing it is down."""
+
+LINGER = 0.1
+"""Steps that the tip of the toes takes to come off: till then it moves by a few millimetres."""
 
 TOES_RISE, TOES = 0.14, 0.95
 """Steps before the toes leave at which the ball leaves; pitch of the toes in that of the heel."""
@@ -161,9 +164,10 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
         The plan, K = capacity + 4.
     """
     gait = person.gait
-    k = jnp.arange(-1, capacity + 3, dtype=jnp.result_type(float))
+    k = jnp.arange(-1, capacity + 3, dtype=jnp.result_type(*jax.tree.leaves(person)))
     n = jnp.asarray(gait.steps, k.dtype)
-    side = jnp.where(jnp.mod(k, 2.0) > 0.5, 1.0, -1.0) * side_of_first(gait)
+    side = jnp.where(jnp.mod(k, 2.0) > 0.5, 1.0, -1.0).astype(k.dtype) * side_of_first(gait).astype(k.dtype)
+    along = jax.tree.map(lambda value: jnp.asarray(value, k.dtype), along)
     distance, times, aside, speed = _lengths(key, gait, along, k, side)
     place = routes.at(along, distance)
     offset = side * (0.5 * gait.step_width) + aside
@@ -188,13 +192,13 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
         toe_up=jnp.where(takes, gait.toe_up * whole_foot * jnp.sqrt(speed), 0.0),
         heel_up=jnp.where(k < n - 0.5, gait.heel_up * jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot), 0.0),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
-        leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction),
+        leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),
         contact=contact,
         time_curve=pieces(contact, jnp.ones_like(k)),
         z_curve=jnp.zeros((capacity + 3, CURVE), k.dtype),
         dip=jnp.zeros((capacity + 3,), k.dtype),
-        walking_curve=pieces(jnp.where(takes, 1.0, 0.0), jnp.zeros_like(k)),
+        walking_curve=pieces(takes.astype(k.dtype), jnp.zeros_like(k)),
         end=n + 2.0,
         **curves,
     )
@@ -207,7 +211,7 @@ def _pelvis(person: Person, k: Any, feet: tuple[Any, Any, Any, Any], pace: Any) 
     standing, walking = standing_ahead(person), gait.hip_ahead * pace
     ahead = jnp.where((k > 0.5) & (k < gait.steps + 0.5), walking, standing)
     ahead = jnp.where(jnp.abs(k - gait.steps - 1.0) < 0.5, 0.5 * (walking + standing), ahead)
-    passing = jnp.where((k > 0.5) & (k < gait.steps + 1.5), 1.0, 0.0)
+    passing = ((k > 0.5) & (k < gait.steps + 1.5)).astype(k.dtype)
     return {
         "x_curve": pieces(x + ahead * jnp.cos(heading), passing),
         "y_curve": pieces(y + ahead * jnp.sin(heading), passing),

@@ -70,23 +70,23 @@ class Gait(NamedTuple):
 
     stride_length: Any = 1.32
     stride_time: Any = 1.06
-    stance_fraction: Any = 0.57
+    stance_fraction: Any = 0.62
     step_width: Any = 0.09
     toe_out: Any = 6.0 * DEGREE
     toe_up: Any = 35.0 * DEGREE
-    heel_up: Any = 81.0 * DEGREE
+    heel_up: Any = 77.0 * DEGREE
     foot_flat: Any = 0.09
     heel_off: Any = 0.30
     swing_lift: Any = 0.031
     landing_speed: Any = 0.38
     knee_stance: Any = 5.0 * DEGREE
-    pelvis_rise: Any = 0.040
+    pelvis_rise: Any = 0.042
     pelvis_sway: Any = 0.02
     pelvis_surge: Any = 0.025
     pelvis_rotation: Any = 4.0 * DEGREE
     pelvis_drop: Any = 4.0 * DEGREE
     pelvis_nod: Any = 1.5 * DEGREE
-    pelvis_shock: Any = 0.001
+    pelvis_shock: Any = 0.0015
     hip_ahead: Any = 0.045
     standing_hip: Any = 2.0 * DEGREE
     standing_knee: Any = 4.0 * DEGREE

@@ -108,7 +108,7 @@ def pieces(values: Any, moving: Any) -> Any:
     both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)
     both = both.at[:, 3].add(-values[:-1]).at[:, 0].set(0.0)
     # Sums, written out: a product of matrices would lose digits on some devices.
-    inside = jnp.sum(both[:, None, :] * jnp.asarray(HERMITE, values.dtype)[None, :, :], axis=2)
+    inside = jnp.sum(both[:, None, :] * jnp.asarray(HERMITE, both.dtype)[None, :, :], axis=2)
     return inside.at[:, 0].add(values[:-1])
 
 

@@ -268,12 +268,12 @@ def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])[: k.shape[0] + 1]
     walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
     high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
-    curve = pieces(high, jnp.where(walks, 1.0, 0.0))
+    curve = pieces(high, walks.astype(high.dtype))
     # Where the curve, on its way from one height to the next, is above what the legs allow, it dips.
     weight = _dip(phases)
     inner = weight > 0.05
     over = jax.vmap(lambda c: polynomial(list(c), phases))(curve[FIRST:]) - jnp.min(at, axis=2)
-    needed = jnp.where(inner, over / jnp.where(inner, weight, 1.0), -1.0)
+    needed = jnp.where(inner[None, :], over / jnp.where(inner, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
     return laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))

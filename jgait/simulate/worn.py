@@ -15,7 +15,7 @@ import numpy as np
 from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, subtract
 from jgait.sensors import IDEAL, Clock, ImuErrors, check_errors, measure, true_times
 from jgait.simulate.check import check_person
-from jgait.simulate.footsteps import FIRST, Plan
+from jgait.simulate.footsteps import FIRST, LINGER, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.smooth import curve_at, step
@@ -213,7 +213,7 @@ def strides(laid: Plan) -> Strides:
     dx, dy = laid.x - before(laid.x), laid.y - before(laid.y)
     length = jnp.sqrt(jnp.where(valid, dx * dx + dy * dy, 1.0))
     aside = dx * (other(laid.y) - laid.y) - dy * (other(laid.x) - laid.x)
-    leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave), -1.0))
+    leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave) + LINGER, -1.0))
     start = jnp.where(k < 2.5, leaves, before(laid.contact))
 
     def filled(values: Any) -> Any:
@@ -239,10 +239,10 @@ def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
         toe = sole * jnp.where(leaves, 1.0 - step((s - leave + 0.25) / 0.25), 1.0)
         return Load(heel, toe)
 
-    k = entry - FIRST
+    k = (entry - FIRST).astype(laid.end.dtype)
     steps = laid.end - 2.0
-    new = load(r, entry, k >= 1, k < steps - 0.5)
-    old = load(1.0 + r, entry - 1, k - 1 >= 1, k - 1 < steps - 0.5)
+    new = load(r, entry, k > 0.5, k < steps - 0.5)
+    old = load(1.0 + r, entry - 1, k > 1.5, k - 1.0 < steps - 0.5)
     left = laid.side[entry] > 0.0
     pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(new, old, strict=True)]
     return Load(*(right for right, _ in pairs)), Load(*(left for _, left in pairs))

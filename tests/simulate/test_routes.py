@@ -1,0 +1,63 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait.simulate import routes
+
+
+def test_a_straight_route_goes_along_x_and_on_beyond_its_end():
+    place = routes.at(routes.straight(5.0), jnp.array([-1.0, 0.0, 2.0, 7.0]))
+    np.testing.assert_allclose(place.x, [-1.0, 0.0, 2.0, 7.0])
+    np.testing.assert_allclose(place.y, 0.0, atol=1e-15)
+    np.testing.assert_allclose(place.heading, 0.0, atol=1e-15)
+
+
+def test_a_corner_turns_by_its_angle_on_its_radius():
+    way = routes.corner(3.0, np.pi / 2, 4.0, radius=1.0)
+    place = routes.at(way, jnp.array([3.0, 3.0 + np.pi / 2, 3.0 + np.pi / 2 + 4.0]))
+    np.testing.assert_allclose(place.x, [3.0, 4.0, 4.0], atol=1e-12)
+    np.testing.assert_allclose(place.y, [0.0, 1.0, 5.0], atol=1e-12)
+    np.testing.assert_allclose(place.heading, [0.0, np.pi / 2, np.pi / 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("way", [routes.circle(2.0), routes.rectangle(5.0, 4.0), routes.rectangle(6.0, 3.0, laps=2)])
+def test_closed_routes_close(way):
+    end = routes.at(way, routes.total_length(way)[None])
+    np.testing.assert_allclose([end.x[0], end.y[0]], [0.0, 0.0], atol=1e-9)
+
+
+def test_a_u_turn_comes_back_beside_where_it_began():
+    way = routes.u_turn(6.0, radius=0.5)
+    end = routes.at(way, routes.total_length(way)[None])
+    np.testing.assert_allclose([end.x[0], end.y[0], end.heading[0]], [0.0, 1.0, np.pi], atol=1e-12)
+
+
+def test_slopes_rise_and_speeds_change_over_half_a_metre():
+    way = routes.route({"length": 2.0}, {"length": 3.0, "slope": 0.1, "speed": 1.5})
+    np.testing.assert_allclose(routes.at(way, jnp.array([1.0, 2.0, 5.0])).z, [0.0, 0.0, 0.3], atol=1e-12)
+    speed = routes.value_at(way, way.speed, jnp.array([0.0, 1.7, 2.0, 2.3, 4.0]))
+    np.testing.assert_allclose(speed, [1.0, 1.0, 1.25, 1.5, 1.5], atol=1e-12)
+
+
+def test_places_are_differentiable_where_the_route_is_straight():
+    def x(turn):
+        way = routes.straight(4.0)._replace(turn=jnp.stack([turn]))
+        return routes.at(way, jnp.array([4.0])).y[0]
+
+    assert float(jax.grad(x)(0.0)) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: routes.route(), "at least one piece"),
+        (lambda: routes.route({"length": -1.0}), "length of a piece of a route must be positive; got -1"),
+        (lambda: routes.route({"length": 1.0, "speed": 0.0}), "speed of a piece"),
+        (lambda: routes.route({"length": 1.0, "bend": 2.0}), "got {'length': 1.0, 'bend': 2.0}"),
+        (lambda: routes.rectangle(1.0, 5.0), "sides must be longer than two radii of 0.8 m; got 1 and 5 m"),
+    ],
+)
+def test_impossible_routes_are_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

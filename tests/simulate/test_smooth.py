@@ -1,0 +1,70 @@
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait.simulate.smooth import ORDER, bump, curve_at, glide, pieces, polynomial, ramp, slope, step
+
+U = jnp.linspace(-0.5, 1.5, 401)
+
+
+def test_a_step_is_flat_outside_and_its_derivatives_are_exact_inside():
+    value = step(U)
+    np.testing.assert_allclose(value[U <= 0.0], 0.0, atol=1e-15)
+    np.testing.assert_allclose(value[U >= 1.0], 1.0, atol=1e-14)
+    assert np.all(np.diff(value) >= -1e-15)
+    h = 1e-5
+    numeric = (step(U + h) - step(U - h)) / (2.0 * h)
+    np.testing.assert_allclose(jax.vmap(jax.grad(step))(U), numeric, atol=1e-7)
+    derivative = step
+    for _ in range(ORDER):
+        derivative = jax.grad(derivative)
+        for end in (0.0, 1.0):
+            assert abs(float(derivative(end))) < 1e-9
+
+
+def test_a_ramp_is_the_integral_of_a_step():
+    h = 1e-5
+    np.testing.assert_allclose((ramp(U + h) - ramp(U - h)) / (2.0 * h), step(U), atol=1e-8)
+    np.testing.assert_allclose(ramp(jnp.array([-1.0, 0.0, 1.0, 3.0])), [0.0, 0.0, 0.5, 2.5], atol=1e-15)
+    np.testing.assert_allclose(jax.vmap(jax.grad(ramp))(U), step(U), atol=1e-14)
+
+
+def test_a_glide_arrives_and_keeps_its_speed_in_the_middle():
+    np.testing.assert_allclose(glide(jnp.array([-1.0, 0.0, 1.0, 2.0]), 0.3, 0.4), [0.0, 0.0, 1.0, 1.0], atol=1e-14)
+    speed = jax.vmap(jax.grad(lambda u: glide(u, 0.3, 0.4)))(jnp.array([0.31, 0.45, 0.59]))
+    np.testing.assert_allclose(speed, 1.0 / (1.0 - 0.35), rtol=1e-12)
+
+
+def test_a_bump_is_one_in_the_middle_and_nothing_outside():
+    np.testing.assert_allclose(bump(jnp.array([-0.1, 0.0, 0.5, 1.0, 1.1])), [0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_pieces_pass_through_their_points_and_meet_smoothly():
+    values = jnp.asarray(np.random.default_rng(0).normal(size=9)) + 1e3
+    moving = jnp.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
+    table = pieces(values, moving)
+    np.testing.assert_allclose([polynomial(list(row), jnp.asarray(0.0)) for row in table], values[:-1], rtol=1e-15)
+    np.testing.assert_allclose([polynomial(list(row), jnp.asarray(1.0)) for row in table], values[1:], rtol=1e-12)
+
+    def derivatives(row, r):
+        function = lambda at: polynomial(list(row), at)  # noqa: E731
+        out = []
+        for _ in range(5):
+            out.append(float(function(r)))
+            function = jax.grad(function)
+        return out
+
+    for before, after in itertools.pairwise(table):
+        np.testing.assert_allclose(derivatives(before, 1.0)[1:], derivatives(after, 0.0)[1:], atol=1e-6)
+    assert derivatives(table[1], 0.0)[1:] == pytest.approx([0.0] * 4, abs=1e-9)
+
+
+def test_a_line_stays_a_line():
+    table = pieces(jnp.arange(6.0), jnp.ones(6))
+    r = jnp.linspace(0.0, 1.0, 5)
+    for entry in (1, 2, 3):
+        np.testing.assert_allclose(curve_at(table, jnp.full(5, entry), r), entry + r, atol=1e-12)
+        np.testing.assert_allclose(slope(list(table[entry]), r), 1.0, atol=1e-10)

@@ -1,0 +1,301 @@
+"""The whole body walks: feet that rest, legs that close, signals that are the motion's own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import simulate, strapdown
+from jgait.kinematics import GRAVITY, Frame, Vector, in_world
+from jgait.sensors import Clock, ImuErrors
+from jgait.simulate import Gait, Person
+from jgait.simulate.footsteps import FIRST, LINGER, TOES_RISE
+from jgait.simulate.walker import clock, motion, plan, pose, slack
+
+RATE = 100.0
+VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}
+
+
+def person(**changes):
+    return Person(gait=Gait()._replace(steps=8.0)._replace(**changes))
+
+
+def stacked(vector):
+    return np.stack([np.asarray(part) for part in vector], axis=1)
+
+
+@pytest.fixture(scope="module")
+def walked():
+    who = person(**VARIED)
+    return who, *simulate.recording(jax.random.key(1), who, simulate.corner(3.0, np.pi / 2, 4.0), rate=RATE)
+
+
+def test_legs_close_with_the_lengths_they_have(walked):
+    who, _, truth = walked
+    segments = truth.motion.pose.segments
+    for side in ("right", "left"):
+        thigh, shank, foot = (getattr(segments, f"{part}_{side}") for part in ("thigh", "shank", "foot"))
+        for upper, lower, length in (
+            (thigh, shank, who.body.thigh_length),
+            (shank, foot, who.body.shank_length),
+        ):
+            distance = np.linalg.norm(stacked(upper.origin) - stacked(lower.origin), axis=1)
+            np.testing.assert_allclose(distance, length, rtol=0, atol=1e-12)
+        hip = np.linalg.norm(stacked(thigh.origin) - stacked(segments.pelvis.origin), axis=1)
+        np.testing.assert_allclose(hip, 0.5 * who.body.hip_width, atol=1e-12)
+        for frame in (thigh, shank, foot, segments.pelvis):
+            axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
+            np.testing.assert_allclose(
+                np.swapaxes(axes, 1, 2) @ axes, np.eye(3) + np.zeros((len(axes), 3, 3)), atol=1e-12
+            )
+
+
+def contact_points(who, truth, side):
+    """Heel, ball and whole foot of one side in the world, (T, 3) each."""
+    frame = getattr(truth.motion.pose.segments, f"foot_{side}")
+    down = -who.body.ankle_height
+    return [stacked(in_world(frame, Vector(x, 0.0, down))) for x in (-who.body.heel_length, who.body.ball_length)]
+
+
+def test_feet_that_stand_are_at_rest(walked):
+    """Flat: heel and ball; before that the heel about which it lands, after it the ball over which it rolls off."""
+    who, recording, truth = walked
+    gait = who.gait
+    entry, r = (np.asarray(part) for part in clock(truth.plan, jnp.asarray(truth.estimate.time)))
+    flat_from, off = 2.0 * gait.foot_flat, 2.0 * gait.heel_off
+    rolls = 2.0 * gait.stance_fraction - LINGER - TOES_RISE
+    checked = 0
+    for landed in range(1, 8):  # footholds that are landed on and left again
+        side = "left" if truth.plan.side[landed + FIRST] > 0 else "right"
+        since = entry - FIRST + r - landed
+        heel, ball = contact_points(who, truth, side)
+        flat = (since >= flat_from) & (since <= off)
+        for point, when in (
+            (heel, flat),
+            (ball, flat),
+            (heel, (since >= 0.0) & (since <= flat_from)),
+            (ball, (since >= off) & (since <= rolls)),
+        ):
+            assert when.sum() > 5
+            assert np.ptp(point[when], axis=0).max() < 1e-12
+            checked += 1
+        imu = recording.sensors[f"foot_{side}"]
+        np.testing.assert_allclose(np.linalg.norm(imu.acc[flat], axis=1), GRAVITY, atol=1e-9)
+        assert np.abs(imu.gyr[flat]).max() < 1e-9
+    assert checked == 28
+
+
+def test_standing_sensors_feel_gravity_alone(walked):
+    who, recording, truth = walked
+    time = np.asarray(truth.estimate.time)
+    still = (time < who.gait.quiet_before) | (time > time[-1] - who.gait.quiet_after + 0.02)
+    assert still.sum() > 400
+    for imu in recording.sensors.values():
+        assert np.abs(imu.gyr[still]).max() < 1e-9
+        np.testing.assert_allclose(np.linalg.norm(imu.acc[still], axis=1), GRAVITY, rtol=0, atol=1e-9)
+    first = time < who.gait.quiet_before
+    np.testing.assert_allclose(recording.sensors["pelvis"].acc[first], [[0.0, 0.0, GRAVITY]] * first.sum(), atol=1e-9)
+
+
+def test_integrating_a_sensor_returns_the_truth(walked):
+    who, _, _ = walked
+    errors = []
+    for rate in (200.0, 400.0):
+        recording, truth = simulate.recording(jax.random.key(1), who, simulate.corner(3.0, np.pi / 2, 4.0), rate=rate)
+        for placement, imu in recording.sensors.items():
+            frame: Frame = getattr(truth.motion.pose.segments, simulate.segment_of(placement))
+            place = stacked(in_world(frame, simulate.mount(who.body, placement)))
+            axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
+            start = jnp.asarray(axes[0]), jnp.asarray(place[0])
+            path = strapdown.integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start)
+            errors.append(np.linalg.norm(np.asarray(path.position) - place, axis=1).max())
+            assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < 1e-6
+    coarse, fine = np.array(errors).reshape(2, -1)
+    assert coarse.max() < 2e-4
+    assert fine.max() < coarse.max() / 4.0
+
+
+def test_the_truth_says_what_was_asked_for(walked):
+    who, recording, truth = walked
+    assert truth.estimate.distance[-1] == pytest.approx(8 * 0.5 * who.gait.stride_length, rel=0.05)
+    rows = truth.strides
+    valid = np.asarray(rows.valid)
+    assert valid.sum() == 9
+    assert np.all(np.asarray(rows.start)[valid] < np.asarray(rows.end)[valid])
+    assert np.all(np.diff(np.asarray(rows.end)[valid]) > 0.3)
+    steady = np.flatnonzero(valid)[2:-2]
+    foot = (np.asarray(rows.end) - np.asarray(rows.start))[steady]
+    np.testing.assert_allclose(foot, who.gait.stride_time, rtol=0.15)
+    swing = np.asarray(rows.end - rows.final_contact)[steady] / foot
+    np.testing.assert_allclose(1.0 - swing, who.gait.stance_fraction, atol=0.02)
+    assert recording.sensors["pelvis"].time.shape == truth.estimate.time.shape
+    assert truth.estimate.valid.all()
+
+
+def test_without_variability_everything_is_as_asked():
+    who = person()
+    _, truth = simulate.recording(jax.random.key(0), who, rate=RATE, placements=("shank_left", "foot_left"))
+    rows = truth.strides
+    steady = np.flatnonzero(np.asarray(rows.valid))[2:-2]
+    np.testing.assert_allclose(np.asarray(rows.length)[steady], who.gait.stride_length, atol=1e-12)
+    np.testing.assert_allclose(np.asarray(rows.width)[steady], who.gait.step_width, atol=1e-12)
+    assert truth.estimate.distance[-1] == pytest.approx(4 * who.gait.stride_length, abs=1e-9)
+    leg = truth.estimate.legs.right
+    assert float(leg.knee_angle[0]) == pytest.approx(who.gait.standing_knee, abs=1e-4)  # seen from the side
+    knee = np.rad2deg(leg.knee_angle)
+    assert 55.0 < knee.max() < 75.0
+    hip = np.rad2deg(leg.hip_angle)
+    assert 22.0 < hip.max() < 36.0
+    assert -24.0 < hip.min() < -10.0
+    high = truth.estimate.diagnostics["hip_height"]
+    time = truth.estimate.time
+    walking = (time > rows.end[steady[0]]) & (time < rows.end[steady[-1]])
+    assert np.ptp(high[walking]) == pytest.approx(who.gait.pelvis_rise, rel=0.1)
+
+
+def test_loads_pass_from_heel_to_toe_and_someone_always_stands(walked):
+    _, _, truth = walked
+    loads = [load for foot in (truth.load_right, truth.load_left) for load in foot]
+    for load in loads:
+        assert load.min() >= 0.0
+        assert load.max() <= 1.0 + 1e-12
+    assert np.max(loads, axis=0).min() > 0.4
+    np.testing.assert_allclose([load[0] for load in loads], 1.0)
+    np.testing.assert_allclose([load[-1] for load in loads], 1.0)
+    for load in loads:
+        assert np.abs(np.diff(load)).max() < 0.5
+
+
+FREE = (
+    "stride_length", "stride_time", "stance_fraction", "step_width", "toe_out", "toe_up", "heel_up", "foot_flat",
+    "heel_off", "swing_lift", "landing_speed", "knee_stance", "pelvis_rise", "pelvis_sway", "pelvis_surge",
+    "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "hip_ahead", "standing_hip", "standing_knee",
+    "length_asymmetry", "time_asymmetry", "length_variability", "time_variability", "width_variability",
+)  # fmt: skip
+
+
+def test_gradients_of_a_signal_loss_equal_finite_differences():
+    time = jnp.asarray(np.arange(3.0, 7.0, 0.04))
+    base = person(**VARIED, time_asymmetry=0.01)
+
+    def loss(values):
+        who = base._replace(gait=base.gait._replace(**{name: values[i] for i, name in enumerate(FREE)}))
+        laid = plan(jax.random.key(0), who, simulate.straight(20.0), 8)
+        read = simulate.signals(
+            jax.random.key(0), motion(who, laid, time), time, ImuErrors(),
+            {name: simulate.mount(who.body, name) for name in ("shank_right", "pelvis")},
+        )  # fmt: skip
+        return sum(jnp.mean(jnp.sin(imu.gyr)) + 0.1 * jnp.mean(jnp.sin(imu.acc)) for imu in read.values())
+
+    start = jnp.asarray([float(getattr(base.gait, name)) for name in FREE])
+    gradient = jax.jit(jax.jacfwd(loss))(start)
+    value = jax.jit(loss)
+    h = 2e-6
+    scale = float(np.abs(np.asarray(gradient)).max())
+    for i, name in enumerate(FREE):
+        moved = [value(start.at[i].add(k * h)) for k in (-2, -1, 1, 2)]
+        numeric = (8.0 * (moved[2] - moved[1]) - (moved[3] - moved[0])) / (12.0 * h)
+        assert abs(float(gradient[i])) > 1e-9, name
+        np.testing.assert_allclose(gradient[i], numeric, rtol=1e-5, atol=1e-6 * scale, err_msg=name)
+
+
+def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
+    people = [person(stride_length=length, **VARIED) for length in (1.1, 1.3)]
+    time = jnp.asarray(np.arange(2.0, 6.0, 0.05))
+
+    def of(who, t):
+        laid = plan(jax.random.key(3), who, simulate.straight(20.0), 8)
+        return pose(who, laid, t).segments
+
+    each = [jax.jit(of)(who, time) for who in people]
+    together = jax.jit(jax.vmap(of, in_axes=(0, None)))(jax.tree.map(lambda *v: jnp.stack(v), *people), time)
+    for i, one in enumerate(each):
+        for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(one), strict=True):
+            np.testing.assert_allclose(a[i], b, rtol=0, atol=1e-10)
+    steady = [jax.tree.map(float, person())]
+
+    def fixed(who, t):
+        return pose(who, plan(jax.random.key(3), who, simulate.straight(20.0), 8), t).segments.shank_right.origin
+
+    double = jax.jit(fixed)(steady[0], time)
+    single = jax.jit(fixed)(jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), steady[0]), time.astype(jnp.float32))
+    for a, b in zip(single, double, strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-4)
+
+
+def test_equal_keys_give_equal_walks_and_other_keys_others():
+    who = person(**VARIED)
+    walks = [
+        simulate.recording(jax.random.key(seed), who, errors=ImuErrors(gyr_noise=0.01), placements=("shank_left",))
+        for seed in (3, 3, 4)
+    ]
+    a, b, c = (walk[0].sensors["shank_left"].gyr for walk in walks)
+    assert np.array_equal(a, b)
+    assert a.shape != c.shape or not np.array_equal(a, c)
+
+
+def test_a_wrong_clock_shifts_its_own_sensor_alone():
+    who = person()
+    both = {"rate": RATE, "placements": ("shank_left", "foot_left")}
+    plain, _ = simulate.recording(jax.random.key(0), who, **both)
+    wrong, _ = simulate.recording(jax.random.key(0), who, **both, clock_of={"foot_left": Clock(offset=0.02)})
+    np.testing.assert_allclose(wrong.sensors["shank_left"].gyr, plain.sensors["shank_left"].gyr, atol=1e-12)
+    np.testing.assert_allclose(wrong.sensors["foot_left"].gyr[2:], plain.sensors["foot_left"].gyr[:-2], atol=1e-9)
+
+
+LIMITS = jax.jit(lambda who, along: (laid := plan(jax.random.key(0), who, along, 10), slack(who, laid)))
+
+
+@pytest.mark.parametrize(
+    ("along", "changes", "rise"),
+    [
+        (simulate.route({"length": 2.0}, {"length": 6.0, "slope": 0.08}, {"length": 2.0}), {}, 0.05),
+        (simulate.route({"length": 2.0}, {"length": 4.0, "riser": 0.15, "speed": 0.5}, {"length": 3.0}), {}, 0.29),
+        (simulate.route({"length": 2.0}, {"length": 4.0, "riser": -0.15, "speed": 0.5}, {"length": 3.0}), {}, 0.29),
+        (simulate.corner(1.0, 2.0 * np.pi, 1.0, 1.5), {"stride_length": 1.1}, 0.0),
+        (simulate.u_turn(3.0), {"stride_length": 1.1}, 0.0),
+    ],
+)
+def test_legs_close_on_slopes_stairs_and_turns(along, changes, rise):
+    who = jax.tree.map(float, person(steps=10.0, **changes))
+    laid, limits = LIMITS(who, along)
+    assert float(limits.stretched) > 0.0
+    assert float(limits.aside) < 0.6
+    rows = simulate.strides(laid)
+    climbed = np.abs(np.asarray(rows.height)[np.asarray(rows.valid)])
+    assert climbed.max() == pytest.approx(0.0, abs=1e-12) if rise == 0.0 else climbed.max() > rise
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (
+            {"stride_length": 2.6},
+            ValueError,
+            r"too short for strides of 2\.600 m.*at most 0\.75.*shorten stride_length",
+        ),
+        ({"stance_fraction": 1.2}, ValueError, r"Gait\.stance_fraction must lie in \[0\.52, 0\.8\]; got 1\.2"),
+        ({"steps": 2.5}, ValueError, r"Gait\.steps must be a whole number; got 2\.5"),
+        ({"stride_time": float("nan")}, ValueError, r"Gait\.stride_time must lie in .*; got nan"),
+        ({"heel_off": 0.1, "foot_flat": 0.15}, ValueError, r"Gait\.foot_flat < heel_off < stance_fraction"),
+        ({"stride_length": "long"}, TypeError, r"Gait\.stride_length must be one number; got 'long'"),
+        ({"stride_length": np.ones(2)}, TypeError, r"Gait\.stride_length must be one number"),
+    ],
+)
+def test_impossible_gaits_are_refused_by_the_limit_they_break(change, error, message):
+    with pytest.raises(error, match=message):
+        simulate.recording(jax.random.key(0), person(**change))
+
+
+def test_impossible_bodies_sensors_and_rates_are_refused():
+    short = Person(body=Person().body._replace(thigh_length=-0.4))
+    with pytest.raises(ValueError, match=r"Body\.thigh_length must lie in \[0\.1, 0\.8\]; got -0\.4"):
+        simulate.recording(jax.random.key(0), short)
+    with pytest.raises(ValueError, match="rate must be a positive number"):
+        simulate.recording(jax.random.key(0), rate=0.0)
+    with pytest.raises(ValueError, match="can wear sensors on .*; got 'wrist_left'"):
+        simulate.recording(jax.random.key(0), placements=("wrist_left",))
+    with pytest.raises(TypeError, match=r"a person is Person\(body=Body"):
+        simulate.recording(jax.random.key(0), Gait())
+    with pytest.raises(ValueError, match=r"gyr and acc must both be \(T, 3\)"):
+        strapdown.integrate(jnp.zeros((5, 3)), jnp.zeros((4, 3)), 0.01, jnp.eye(3))
