@@ -28,6 +28,6 @@ from jgait.simulate.worn import (
 __all__ = [
     "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Pose", "Route", "Truth", "check_person", "circle", "cohort",
     "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
-    "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "truth", "u_turn", "walk",
-    "walks",
+    "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "truth", "u_turn",
+    "walk", "walks",
 ]  # fmt: skip

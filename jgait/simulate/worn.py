@@ -233,10 +233,10 @@ def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
 
     def load(s: Any, at: Any, lands: Any, leaves: Any) -> Load:
         off, leave = laid.off[at], laid.leave[at]
-        down = jnp.where(lands, step(s / 0.12), 1.0)
+        down = jnp.where(lands, step(s / 0.2), 1.0)
         sole = jnp.where(lands, step((s - 0.5 * flat) / (0.2 + 0.5 * flat)), 1.0)
-        heel = down * jnp.where(leaves, 1.0 - step((s - off + 0.1) / 0.3), 1.0)
-        toe = sole * jnp.where(leaves, 1.0 - step((s - leave + 0.25) / 0.25), 1.0)
+        heel = down * jnp.where(leaves, 1.0 - step((s - off) / 0.3), 1.0)
+        toe = sole * jnp.where(leaves, 1.0 - step((s - 1.0) / (leave + LINGER - 1.0)), 1.0)
         return Load(heel, toe)
 
     k = (entry - FIRST).astype(laid.end.dtype)

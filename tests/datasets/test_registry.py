@@ -35,8 +35,8 @@ def little(empty, monkeypatch):
     return folder
 
 
-def test_two_sets_with_terms_and_addresses():
-    assert datasets.list_datasets() == ("neura_sparse", "walking5m")
+def test_sets_have_terms_and_addresses():
+    assert datasets.list_datasets() == ("neura_sparse", "walking5m", "gaitmap_example", "tripod")
     for name in datasets.list_datasets():
         known = datasets.info(name)
         assert known.licence and known.citation and known.title

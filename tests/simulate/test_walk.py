@@ -127,7 +127,7 @@ def test_the_truth_says_what_was_asked_for(walked):
     foot = (np.asarray(rows.end) - np.asarray(rows.start))[steady]
     np.testing.assert_allclose(foot, who.gait.stride_time, rtol=0.15)
     swing = np.asarray(rows.end - rows.final_contact)[steady] / foot
-    np.testing.assert_allclose(1.0 - swing, who.gait.stance_fraction, atol=0.02)
+    np.testing.assert_allclose(1.0 - swing, who.gait.stance_fraction, atol=0.04)
     assert recording.sensors["pelvis"].time.shape == truth.estimate.time.shape
     assert truth.estimate.valid.all()
 
@@ -143,9 +143,9 @@ def test_without_variability_everything_is_as_asked():
     leg = truth.estimate.legs.right
     assert float(leg.knee_angle[0]) == pytest.approx(who.gait.standing_knee, abs=1e-4)  # seen from the side
     knee = np.rad2deg(leg.knee_angle)
-    assert 55.0 < knee.max() < 75.0
+    assert 55.0 < knee.max() < 80.0
     hip = np.rad2deg(leg.hip_angle)
-    assert 22.0 < hip.max() < 36.0
+    assert 22.0 < hip.max() < 40.0
     assert -24.0 < hip.min() < -10.0
     high = truth.estimate.diagnostics["hip_height"]
     time = truth.estimate.time
