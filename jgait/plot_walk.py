@@ -94,7 +94,7 @@ def stick_figure(
         path = Path(path)
         part = path.with_name(f".{path.stem}.part{path.suffix}")
         try:
-            animation.save(part, writer=PillowWriter(fps=round(frames_per_second), dpi=80))
+            animation.save(part, writer=PillowWriter(fps=round(frames_per_second)), dpi=80)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)

@@ -19,11 +19,9 @@ from jgait.sensors.imu import DEGREE, ImuErrors, check_errors, measure, turn
 from jgait.sensors.presets import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
 from jgait.sensors.range import RangeReadings, Ranging, check_ranging, measure_range, nearest_point
 
-SensorNoise = ImuErrors
-
 __all__ = [
     "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "OPAL", "Clock", "FootSwitch",
-    "ImuErrors", "Insole", "Pressure", "RangeReadings", "Ranging", "SensorNoise", "check_clock", "check_contact",
+    "ImuErrors", "Insole", "Pressure", "RangeReadings", "Ranging", "check_clock", "check_contact",
     "check_errors", "check_ranging", "measure", "measure_insole", "measure_range", "measure_switch", "nearest_point",
     "true_times", "turn",
 ]  # fmt: skip
