@@ -130,8 +130,9 @@ def silva_route(name: str) -> Route:
     """The three routes of Silva, Afonso and Rocha: 127.6 m straight, 42.05 m round a hall, 136.1 m with stairs.
 
     Only the total lengths are printed. Chosen: on A the walk there and the walk back follow each other straight on, as
-    nobody turned while walking; B is one lap round a hall with sides of 13 m and the rest; C has five corners, a
-    flight of 12 steps up and one down (risers of 0.15 m at half the speed), and ramps of 4 % for irregular pavement.
+    nobody turned while walking; B is one lap round a hall with sides of 13 m and the rest; C has five corners, 5.6 m
+    of stairs up and as much down (a riser of 0.15 m at every step, half the speed: some 13 to 16 of them), and ramps of
+    4 % for irregular pavement.
 
     Raises:
         ValueError: if there is no such route.
