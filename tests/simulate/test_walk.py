@@ -149,7 +149,7 @@ def test_without_variability_everything_is_as_asked():
     assert 22.0 < hip.max() < 36.0
     assert -24.0 < hip.min() < -10.0
     high = truth.estimate.diagnostics["hip_height"]
-    assert np.ptp(high[walking]) == pytest.approx(who.gait.pelvis_rise, rel=0.1)
+    assert np.ptp(high[walking]) == pytest.approx(who.gait.pelvis_rise, rel=0.2)
 
 
 def test_loads_pass_from_heel_to_toe_and_someone_always_stands(walked):
