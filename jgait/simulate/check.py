@@ -58,18 +58,31 @@ def check_person(person: Person) -> None:
             "a foot lies flat, lifts its heel and leaves in this order: Gait.foot_flat < heel_off < stance_fraction − "
             f"0.05; got {float(gait.foot_flat):g}, {float(gait.heel_off):g}, {float(gait.stance_fraction):g}"
         )
-    left = _slack(jax.tree.map(float, person))
-    leg = person.body.thigh_length + person.body.shank_length
+    check_slack(person, _slack(jax.tree.map(float, person)), "on level ground")
+
+
+def check_slack(person: Person, left: Slack, where: str) -> None:
+    """Refuse a walk that asks more of the legs than they have.
+
+    Args:
+        person: who walks.
+        left: how far the legs are from their limits.
+        where: in words, for the message.
+
+    Raises:
+        ValueError: if an ankle comes too far from below the hip, or a leg is overstretched.
+    """
+    gait, leg = person.gait, person.body.thigh_length + person.body.shank_length
     if not float(left.aside) < REACH:
         raise ValueError(
-            f"legs of {leg:.3f} m are too short for strides of {gait.stride_length:.3f} m: an ankle would be "
+            f"legs of {leg:.3f} m are too short for strides of {gait.stride_length:.3f} m {where}: an ankle would be "
             f"{float(left.aside):.2f} of the leg's length from below the hip (at most {REACH}); shorten stride_length "
             "or lengthen thigh_length and shank_length"
         )
     if not float(left.stretched) > 0.0:
         raise ValueError(
-            f"a leg of {leg:.3f} m would be overstretched by {-1e3 * float(left.stretched) * leg:.1f} mm; raise "
-            "knee_stance"
+            f"a leg of {leg:.3f} m would be overstretched by {-1e3 * float(left.stretched) * leg:.1f} mm {where}; "
+            "raise knee_stance, shorten stride_length or lower the stairs"
         )
 
 

@@ -87,7 +87,7 @@ def _hermite() -> np.ndarray:
 HERMITE = _hermite()
 
 
-def pieces(values: Any, moving: Any) -> Any:
+def pieces(values: Any, moving: Any, *, monotone: bool = False) -> Any:
     """A curve through given points, four times continuously differentiable, at rest where nothing moves.
 
     Slope and curvature at each point are central differences; the third and fourth derivative are 0.
@@ -95,14 +95,19 @@ def pieces(values: Any, moving: Any) -> Any:
     Args:
         values: (K,) at r = 0, 1 … K − 1.
         moving: (K,) 1 where the curve passes through, 0 where it rests.
+        monotone: keep the curve between its points: no curvature there, and no slope at highest and lowest ones.
 
     Returns:
         (K − 1, CURVE) coefficients of 1, r … in each interval.
     """
     before = jnp.concatenate([values[:1], values[:-1]])
     after = jnp.concatenate([values[1:], values[-1:]])
-    slope = moving * (after - before) / 2.0
-    curvature = moving * (after - 2.0 * values + before)
+    back, on = values - before, after - values
+    if monotone:
+        slope = moving * jnp.maximum(back * on, 0.0) * (back + on) / (back * back + on * on + 1e-9)
+        curvature = jnp.zeros_like(slope)
+    else:
+        slope, curvature = moving * (back + on) / 2.0, moving * (on - back)
     ends = jnp.stack([values, slope, curvature], axis=1)
     # Measured from the interval's first value, so that far from the start no digits are lost.
     both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)

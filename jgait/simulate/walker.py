@@ -265,10 +265,10 @@ def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     k = jnp.arange(-1, capacity + 3, dtype=laid.x.dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
     # Between two steps the lower of both holds.
-    steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])[: k.shape[0] + 1]
+    steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])
     walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
     high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
-    curve = pieces(high, walks.astype(high.dtype))
+    curve = pieces(high, walks.astype(high.dtype), monotone=True)
     # Where the curve, on its way from one height to the next, is above what the legs allow, it dips.
     weight = _dip(phases)
     inner = weight > 0.05

@@ -14,12 +14,12 @@ import numpy as np
 
 from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, subtract
 from jgait.sensors import IDEAL, Clock, ImuErrors, check_errors, measure, true_times
-from jgait.simulate.check import check_person
+from jgait.simulate.check import check_person, check_slack
 from jgait.simulate.footsteps import FIRST, LINGER, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Pose, clock, kept, motion, plan
+from jgait.simulate.walker import Pose, Slack, clock, kept, motion, plan, slack
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
 
 SEVEN = ("pelvis", "thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left")
@@ -299,8 +299,8 @@ def recording(
 
 
 @jax.jit
-def _ends(laid: Plan, person: Person) -> Any:
-    return duration(laid, person)
+def _ends(laid: Plan, person: Person) -> tuple[Any, Slack]:
+    return duration(laid, person), slack(person, laid)
 
 
 _plan = jax.jit(plan, static_argnames=("capacity",))
@@ -308,7 +308,9 @@ _plan = jax.jit(plan, static_argnames=("capacity",))
 
 def _samples(key: Any, person: Person, along: Route, capacity: int, rate: float) -> int:
     laid = _plan(jax.random.split(key)[0], person, along, capacity)
-    return math.floor(float(_ends(laid, person)) * rate + 1e-6) + 1
+    lasts, left = _ends(laid, person)
+    check_slack(person, left, "on this route")
+    return math.floor(float(lasts) * rate + 1e-6) + 1
 
 
 def trimmed(read: Any, true: Any, samples: int) -> Any:

@@ -296,5 +296,8 @@ def test_impossible_bodies_sensors_and_rates_are_refused():
         simulate.recording(jax.random.key(0), placements=("wrist_left",))
     with pytest.raises(TypeError, match=r"a person is Person\(body=Body"):
         simulate.recording(jax.random.key(0), Gait())
+    wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
+    with pytest.raises(ValueError, match="a leg of 0.859 m would be overstretched by .* mm on this route; raise knee"):
+        simulate.recording(jax.random.key(0), person(), wall)
     with pytest.raises(ValueError, match=r"gyr and acc must both be \(T, 3\)"):
         strapdown.integrate(jnp.zeros((5, 3)), jnp.zeros((4, 3)), 0.01, jnp.eye(3))
