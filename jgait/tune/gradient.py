@@ -1,0 +1,55 @@
+"""How a loss is differentiated: forward or reverse, by what suits a filter."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+FORWARD_UP_TO = 12
+"""Free numbers up to which "auto" differentiates forward."""
+
+GRADIENTS = ("auto", "forward", "together", "reverse")
+"""Ways to differentiate, see `value_and_grad`."""
+
+
+def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Callable[..., Any]:
+    """`jax.value_and_grad` with respect to the first argument, by the way that suits a filter.
+
+        forward    one tangent after another, in constant memory and soonest compiled
+        together   all tangents at once: several times faster than "forward" where the filter runs over components
+                   (see `jgait.filtering.execution`), and slower where it runs on matrices
+        reverse    the same cost for any number of parameters; filters over components store √T beliefs for it
+        auto       forward up to `FORWARD_UP_TO` numbers in the first argument, reverse beyond
+
+    Args:
+        function: (free, …) → scalar; `free` is any pytree of floats.
+        gradient: one of `GRADIENTS`.
+
+    Returns:
+        (free, …) → (value, gradient in the type of `free`).
+
+    Raises:
+        ValueError: for another `gradient`.
+    """
+    if gradient not in GRADIENTS:
+        raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")
+    backward = jax.value_and_grad(function)
+
+    def both(free: Any, *rest: Any) -> tuple[Any, Any]:
+        flat, unflatten = ravel_pytree(free)
+        if gradient == "reverse" or (gradient == "auto" and flat.size > FORWARD_UP_TO):
+            return backward(free, *rest)
+
+        def along(direction: Any) -> tuple[Any, Any]:
+            return jax.jvp(lambda v: function(unflatten(v), *rest), (flat,), (direction,))
+
+        directions = jnp.eye(flat.size, dtype=flat.dtype)
+        if gradient == "together":
+            value, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
+            return value, unflatten(slopes)
+        values, slopes = jax.lax.map(along, directions)
+        return values[0], unflatten(slopes)
+
+    return both
