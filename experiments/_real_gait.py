@@ -18,9 +18,8 @@ import numpy as np
 from _gait_figures import NONE, STRIKES, Figures, Strides, Truth, figures, find_strides, low_pass, pool, summary
 
 from jgait import datasets
-from jgait.datasets.walks import Walk
 from jgait.signal import true_runs
-from jgait.types import SIDES, Imu, leg_of
+from jgait.types import SIDES, Imu, Walk, leg_of
 
 __all__ = ["NONE", "STRIKES", "Figures", "Spread", "Strides", "Truth", "figures", "find_strides", "low_pass", "pool",
            "real", "spread", "spread_of", "summary"]  # fmt: skip

@@ -9,6 +9,8 @@ from jgait.types import (
     LegTrajectory,
     Recording,
     RecordingError,
+    Strides,
+    Walk,
     leg_of,
 )
 
@@ -23,6 +25,8 @@ __all__ = [
     "Legs",
     "Recording",
     "RecordingError",
+    "Strides",
+    "Walk",
     "__version__",
     "leg_of",
 ]

@@ -105,7 +105,7 @@ def lesson(
 ) -> Lesson:
     """A walk to tune on: look at `window`, relative to `standing`, with the leg lengths of `p`."""
     lengths = np.asarray([*p.thigh_length, *p.shank_length], float)
-    bare = reference._replace(stddev=None, diagnostics={})
+    bare = reference._replace(stddev=None, diagnostics={}, strides=None)
     look, still = _within(window, bare), _within(standing, bare)
     return Lesson(inputs, bare, look, still, np.asarray(window[0]), np.asarray(window[1] - 1), lengths)
 

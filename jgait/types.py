@@ -75,26 +75,6 @@ class Legs(NamedTuple):
     left: LegTrajectory | None
 
 
-class Estimate(NamedTuple):
-    """What an estimator, a simulator or motion capture says about a recording.
-
-    Attributes:
-        time: (T,) [s].
-        legs: joint angles and foot position.
-        stddev: standard deviations in the type of `legs`, or None where the source states none.
-        distance: (T,) [m] distance walked since the start, or None.
-        valid: (T,) bool; False where the values mean nothing (padding, no data yet).
-        diagnostics: name → scalar or array that says how far to trust the result.
-    """
-
-    time: Any
-    legs: Legs
-    stddev: Legs | None
-    distance: Any
-    valid: Any
-    diagnostics: dict[str, Any]
-
-
 class Strides(NamedTuple):
     """Strides of both feet, each from one initial contact of a foot to its next; every field is (n,).
 
@@ -117,6 +97,42 @@ class Strides(NamedTuple):
     width: Any
     height: Any
     valid: Any
+
+
+class Estimate(NamedTuple):
+    """What an estimator, a simulator or motion capture says about a recording.
+
+    Attributes:
+        time: (T,) [s].
+        legs: joint angles and foot position.
+        stddev: standard deviations in the type of `legs`, or None where the source states none.
+        distance: (T,) [m] distance walked since the start, or None.
+        valid: (T,) bool; False where the values mean nothing (padding, no data yet).
+        diagnostics: name → scalar or array that says how far to trust the result.
+        strides: `Strides`, or None where the source says nothing of them.
+    """
+
+    time: Any
+    legs: Legs
+    stddev: Legs | None
+    distance: Any
+    valid: Any
+    diagnostics: dict[str, Any]
+    strides: Any = None
+
+
+class Walk(NamedTuple):
+    """One recorded walk.
+
+    Attributes:
+        recording: what the sensors gave.
+        reference: what an independent measurement says, in the type of an estimate; None where there is none.
+        info: what else is known; each data set's module says which keys there are.
+    """
+
+    recording: Recording
+    reference: Estimate | None
+    info: dict[str, Any]
 
 
 class RecordingError(ValueError):

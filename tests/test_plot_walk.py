@@ -91,6 +91,8 @@ def test_a_stride_that_is_not_there_is_refused(walked):
     _, recording, truth = walked
     with pytest.raises(ValueError, match="got 0"):
         plot.stride_signals(recording, truth, stride=0)
-    none = truth._replace(strides=truth.strides._replace(valid=np.zeros_like(truth.strides.valid)))
+    none = truth._replace(
+        estimate=truth.estimate._replace(strides=truth.strides._replace(valid=np.zeros_like(truth.strides.valid)))
+    )
     with pytest.raises(ValueError, match="no stride"):
         plot.stride_signals(recording, none)

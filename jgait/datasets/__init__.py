@@ -19,7 +19,8 @@ from jgait.datasets.registry import (
     path,
     unavailable_reason,
 )
-from jgait.datasets.walks import Failure, Walk, Walks, load_each
+from jgait.datasets.walks import Failure, Walks, load_each
+from jgait.types import Walk
 
 __all__ = [
     "ChecksumError",

@@ -30,8 +30,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.walks import Walk
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 ROOT = "example_data"
 RATE_HZ = 204.8

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.walks import Walk
-from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
 LAG = 2  # samples by which the IMU follows Vicon

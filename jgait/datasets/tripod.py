@@ -31,8 +31,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.walks import Walk
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 128.0
 GRAVITY = 9.80665

@@ -35,8 +35,7 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
-from jgait.datasets.walks import Walk
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
 MAX_GAP = 0.05  # [s] longest gap that is interpolated

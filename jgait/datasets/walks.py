@@ -1,23 +1,9 @@
-"""The records in which data sets come: a walk with its reference, or a failure with its reason."""
+"""Reading a data set walk by walk: a failure is kept with its reason, and the others are not lost."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from jgait.types import Estimate, Recording
-
-
-class Walk(NamedTuple):
-    """One recorded walk.
-
-    Attributes:
-        recording: what the sensors gave.
-        reference: what an independent measurement says, in the type of an estimate; None where there is none.
-        info: what else is known; each data set's module says which keys there are.
-    """
-
-    recording: Recording
-    reference: Estimate | None
-    info: dict[str, Any]
+from jgait.types import Walk
 
 
 class Failure(NamedTuple):

@@ -32,10 +32,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
 from jgait.estimators.inclination import Vector
+from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_calibration import prepare
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
@@ -54,6 +56,7 @@ __all__ = [
     "LegOptions",
     "LegParams",
     "estimate",
+    "estimator",
     "one_side",
     "prepared",
     "run",
@@ -256,6 +259,23 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation
         RecordingError: see `leg_calibration.prepare`.
     """
     return prepare(recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis)
+
+
+def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
+    """The parameters with a person's own thigh and shank lengths [m], as far as `body` has them."""
+    known = {name: body[name] for name in ("thigh_length", "shank_length") if name in body}
+    return p._replace(**{name: BySide(*(float(v) for v in np.broadcast_to(value, 2))) for name, value in known.items()})
+
+
+def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
+    """This estimator as a record of functions, for cohorts; without accelerometers gravity is left out."""
+
+    def ready(recording: Recording) -> Prepared[LegInputs]:
+        preparation = prepared(recording, options)
+        gravity = options.gravity and has_gravity(preparation.inputs)
+        return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes)
+
+    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body)
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:

@@ -78,8 +78,7 @@ class Truth(NamedTuple):
     """Everything that is known of a simulated walk.
 
     Attributes:
-        estimate: joint angles, foot positions and distance in the type of an estimate.
-        strides: of both feet.
+        estimate: joint angles, foot positions, distance and strides in the type of an estimate.
         motion: of all segments, a `Motion` of `Pose` at the times of the estimate.
         load_right: what the right foot bears.
         load_left: what the left foot bears.
@@ -87,11 +86,15 @@ class Truth(NamedTuple):
     """
 
     estimate: Estimate
-    strides: Strides
     motion: Motion
     load_right: Load
     load_left: Load
     plan: Plan
+
+    @property
+    def strides(self) -> Strides:
+        """Strides of both feet."""
+        return self.estimate.strides
 
 
 def duration(plan: Plan, person: Person) -> Any:
@@ -175,8 +178,8 @@ def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
         **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
     }
     loads = _loads(person, laid, entry, r)
-    estimate = Estimate(time, legs, None, distance, valid, diagnostics)
-    return Truth(estimate, strides(laid), moving, *loads, laid)
+    estimate = Estimate(time, legs, None, distance, valid, diagnostics, strides(laid))
+    return Truth(estimate, moving, *loads, laid)
 
 
 def _leg(segments: Segments, side: str, ahead: Vector) -> LegTrajectory:

@@ -1,0 +1,43 @@
+"""What every estimator offers to those who run it on many recordings: decide, pad, and a pure function to map."""
+
+from collections.abc import Callable, Hashable
+from typing import Any, NamedTuple
+
+from jgait.types import Estimate, Recording
+
+
+class Prepared[I](NamedTuple):
+    """A recording made ready for the pure part of an estimator.
+
+    Attributes:
+        inputs: pytree of NumPy arrays, one of them `time` (T,); recordings of one T and one structure stack.
+        options: what the recording decides at compile time; recordings that share it share a program.
+        notes: in words, what was decided or noticed on the way.
+    """
+
+    inputs: I
+    options: Hashable
+    notes: tuple[str, ...]
+
+
+class Estimator[P, I](NamedTuple):
+    """An estimator as functions, so that cohorts and tuners need not know which one it is.
+
+    Attributes:
+        name: as in `jgait.estimators`.
+        params: default parameters, natural units.
+        transforms: their ranges, in the same type.
+        prepare: recording → `Prepared`, on the host; raises `RecordingError` for what cannot be used.
+        pad: (inputs, samples) → inputs with invalid samples behind, the estimate before them unchanged.
+        run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
+        own: (params, body) → parameters with a person's own measures put in; `body` maps a name as of the
+            diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left).
+    """
+
+    name: str
+    params: P
+    transforms: P
+    prepare: Callable[[Recording], Prepared[I]]
+    pad: Callable[[I, int], I]
+    run: Callable[[P, I, Any], Estimate]
+    own: Callable[[P, dict[str, Any]], P]
