@@ -4,18 +4,38 @@ from jgait.evaluate.errors import (
     FIELDS,
     DistanceError,
     Window,
-    bootstrap_interval,
     distance_error,
-    summary,
     trajectory_errors,
+)
+from jgait.evaluate.reliability import Icc, Limits, icc, icc21, limits_of_agreement
+from jgait.evaluate.statistics import (
+    AGREEMENT,
+    PairedDifference,
+    agreement,
+    bootstrap_interval,
+    cluster_bootstrap,
+    paired_difference,
+    summary,
+    with_errors,
 )
 
 __all__ = [
+    "AGREEMENT",
     "FIELDS",
     "DistanceError",
+    "Icc",
+    "Limits",
+    "PairedDifference",
     "Window",
+    "agreement",
     "bootstrap_interval",
+    "cluster_bootstrap",
     "distance_error",
+    "icc",
+    "icc21",
+    "limits_of_agreement",
+    "paired_difference",
     "summary",
     "trajectory_errors",
+    "with_errors",
 ]

@@ -1,7 +1,6 @@
 """How far an estimate is from a reference, in the units that papers print; on the host, in NumPy and pandas."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -147,65 +146,3 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
     error = float(ours[-1] - theirs[-1])
     rmse = float(np.sqrt(np.mean((ours - theirs) ** 2)))
     return DistanceError(float(ours[-1]), float(theirs[-1]), error, abs(error), error / float(theirs[-1]), rmse)
-
-
-def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
-    """Median, worst, mean and number of each numeric column.
-
-    Args:
-        errors: a table with one row a leg or recording, or several `DistanceError`.
-
-    Returns:
-        One row for each column of `errors`; columns `median worst mean n`. The worst is the value furthest from 0,
-        with its sign; missing values do not count.
-
-    Raises:
-        ValueError: if there is nothing to summarise.
-    """
-    import pandas as pd
-
-    table = errors if isinstance(errors, pd.DataFrame) else pd.DataFrame(list(errors), columns=DistanceError._fields)
-    table = table.select_dtypes("number")
-    if table.empty:
-        raise ValueError("no errors to summarise: the table has no rows or no numeric column")
-    rows = {}
-    for column in table.columns:
-        values = table[column].dropna().to_numpy(dtype=float)
-        worst = values[np.argmax(np.abs(values))] if values.size else np.nan
-        median, mean = (np.median(values), values.mean()) if values.size else (np.nan, np.nan)
-        rows[column] = {"median": median, "worst": worst, "mean": mean, "n": values.size}
-    return pd.DataFrame.from_dict(rows, orient="index").astype({"n": int})
-
-
-def bootstrap_interval(
-    values: Any,
-    statistic: Callable[[np.ndarray], Any] = np.median,
-    *,
-    seed: int,
-    level: float = 0.95,
-    resamples: int = 2000,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic of independent values; one value a person, not a sample.
-
-    Args:
-        values: (n,), finite.
-        statistic: (n,) → scalar.
-        seed: of the resampling; the same seed gives the same interval.
-        level: probability that the interval is to cover [1].
-        resamples: how many.
-
-    Returns:
-        Lower and upper end, in the unit of the statistic.
-
-    Raises:
-        ValueError: if there are fewer than two values, one is not finite, or `level` is not inside (0, 1).
-    """
-    data = as_float(values)
-    if data.ndim != 1 or data.size < 2 or not np.isfinite(data).all():
-        raise ValueError(f"bootstrap needs at least two finite values in one dimension; got shape {data.shape}")
-    if not 0.0 < level < 1.0 or resamples < 1:
-        raise ValueError(f"level must lie in (0, 1) and resamples be positive; got {level!r} and {resamples!r}")
-    rng = np.random.default_rng(seed)
-    draws = np.array([statistic(data[rng.integers(0, data.size, data.size)]) for _ in range(resamples)])
-    low, high = np.quantile(draws, [0.5 - level / 2.0, 0.5 + level / 2.0])
-    return float(low), float(high)

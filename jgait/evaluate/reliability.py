@@ -1,0 +1,215 @@
+"""How far an estimate and its reference are interchangeable: intraclass correlation and limits of agreement.
+
+On the host, in NumPy; quantiles of distributions need scipy, names of subjects pandas (the extra `io`).
+
+Source:
+    Shrout and Fleiss, Intraclass correlations: uses in assessing rater reliability, Psychological Bulletin 86 (1979).
+    McGraw and Wong, Forming inferences about some intraclass correlation coefficients, Psychological Methods 1 (1996).
+    Bland and Altman, Statistical methods for assessing agreement between two methods of clinical measurement, Lancet
+    327 (1986); Agreement between methods of measurement with multiple observations per individual, Journal of
+    Biopharmaceutical Statistics 17 (2007).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.types import as_float
+
+
+class Icc(NamedTuple):
+    """Intraclass correlation of n targets [1], with its interval; NaN where the targets do not differ at all."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+class Limits(NamedTuple):
+    """Bias and limits of agreement, each with its confidence interval, in the unit of the measurement.
+
+    Attributes:
+        bias: mean of estimate − reference.
+        bias_low: lower end of its interval.
+        bias_high: upper end.
+        sd: standard deviation of a single difference, of any measurement of any subject.
+        lower: lower limit of agreement.
+        lower_low: lower end of its interval.
+        lower_high: upper end.
+        upper: upper limit of agreement.
+        upper_low: lower end of its interval.
+        upper_high: upper end.
+        n: differences.
+        n_subjects: subjects; n where each difference is a subject of its own.
+    """
+
+    bias: float
+    bias_low: float
+    bias_high: float
+    sd: float
+    lower: float
+    lower_low: float
+    lower_high: float
+    upper: float
+    upper_low: float
+    upper_high: float
+    n: int
+    n_subjects: int
+
+
+def icc21(ratings: Any, *, level: float = 0.95) -> Icc:
+    """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
+
+    ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), of the mean squares of rows, columns and the rest.
+
+    Args:
+        ratings: (n, k), one row a target, one column a rater; finite.
+        level: probability that the interval is to cover [1]. It takes the targets for independent.
+
+    Raises:
+        ValueError: if there are not at least two targets and two raters, or a rating is not finite.
+
+    Source:
+        Shrout and Fleiss 1979, table 4 and its interval; McGraw and Wong 1996, table 7, case 2, ICC(A,1).
+    """
+    check_level(level)
+    table = as_float(ratings)
+    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
+        raise ValueError(f"ratings must be finite and (n, k) with n, k >= 2; got shape {table.shape}")
+    n, k = table.shape
+    table = table - table.mean()
+    rows, columns = table.mean(axis=1), table.mean(axis=0)
+    between = k * np.sum(rows**2) / (n - 1)
+    raters = n * np.sum(columns**2) / (k - 1)
+    rest = np.sum((table - rows[:, None] - columns) ** 2) / ((n - 1) * (k - 1))
+    value = float(icc_of_squares(between, raters, rest, n, k))
+    return Icc(value, *_icc_interval(value, between, raters, rest, n, k, level), n)
+
+
+def icc_of_squares(between: Any, raters: Any, rest: Any, n: Any, k: int) -> np.ndarray:
+    """ICC(2,1) from the mean squares of targets, raters and the rest, NaN where all are 0; see `icc21`."""
+    total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
+    return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
+
+
+def _icc_interval(
+    value: float, between: float, raters: float, rest: float, n: int, k: int, level: float
+) -> tuple[float, float]:
+    """McGraw and Wong's interval; Satterthwaite's degrees of freedom can vanish at negative values, then NaN."""
+    from scipy import stats
+
+    if not value < 1.0:  # all agree exactly, or nothing differs: there is no noise to tell an interval from
+        return value, value
+    a = k * value / (n * (1.0 - value))
+    parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
+    top = 0.5 + level / 2.0
+    with np.errstate(all="ignore"):
+        freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([k - 1.0, (n - 1.0) * (k - 1.0)]))
+        down, up = stats.f.ppf(top, n - 1, freedom), stats.f.ppf(top, freedom, n - 1)
+        noise = k * raters + (k * n - k - n) * rest
+        low = n * (between - down * rest) / (down * noise + n * between)
+        high = n * (up * between - rest) / (noise + n * up * between)
+    return (float(low), float(high)) if np.isfinite([low, high]).all() else (np.nan, np.nan)
+
+
+def icc(estimate: Any, reference: Any, *, level: float = 0.95) -> Icc:
+    """ICC(2,1) of an estimate and its reference as two raters; see `icc21`.
+
+    Args:
+        estimate: (n,), finite.
+        reference: (n,), finite.
+        level: probability that the interval is to cover [1].
+
+    Raises:
+        ValueError: if the two differ in length, hold fewer than two values, or one is not finite.
+    """
+    return icc21(np.stack(finite_pair(estimate, reference, "estimate", "reference"), axis=1), level=level)
+
+
+def limits_of_agreement(estimate: Any, reference: Any, *, subjects: Any = None, level: float = 0.95) -> Limits:
+    """Bland and Altman's limits: where the share `level` of differences estimate − reference lies.
+
+    limits = bias ± z √(σ_B² + σ_W²). Between and within subjects are told apart by an unbalanced one-way analysis of
+    variance, σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²), m the rows of each of n subjects, and not below 0.
+    The intervals add the variances of the bias and of z times the standard deviation, with t of n − 1.
+
+    Args:
+        estimate: (N,), finite.
+        reference: (N,), finite.
+        subjects: (N,) who each row is of; None where each is of another.
+        level: share of differences between the limits, and probability that each interval is to cover [1].
+
+    Raises:
+        ValueError: if lengths differ, a value is not finite, or there are fewer than two subjects.
+
+    Source:
+        Bland and Altman 1986, and 2007 section 3 (the true value varies) for repeated measurements.
+    """
+    from scipy import stats
+
+    check_level(level)
+    ours, theirs = finite_pair(estimate, reference, "estimate", "reference")
+    difference = ours - theirs
+    if subjects is not None and np.shape(subjects) != difference.shape:
+        raise ValueError(f"subjects must name one of each of {difference.size} rows; got shape {np.shape(subjects)}")
+    codes, count = (np.arange(ours.size), ours.size) if subjects is None else number_subjects(subjects)
+    if count < 2:
+        raise ValueError(f"limits of agreement need at least two subjects; got {count}")
+    bias = float(difference.mean())
+    variance, of_bias, of_sd = _variances(difference, np.bincount(codes), codes)
+    sd, top = float(np.sqrt(variance)), 0.5 + level / 2.0
+    z, t = float(stats.norm.ppf(top)), float(stats.t.ppf(top, count - 1))
+    half, wide = float(t * np.sqrt(of_bias)), float(t * np.sqrt(of_bias + z**2 * of_sd))
+    lower, upper = bias - z * sd, bias + z * sd
+    return Limits(
+        *(bias, bias - half, bias + half), sd,
+        *(lower, lower - wide, lower + wide), *(upper, upper - wide, upper + wide), ours.size, count,
+    )  # fmt: skip
+
+
+def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> tuple[float, float, float]:
+    """Variance of one difference, of their mean and of the standard deviation."""
+    n, total = sizes.size, difference.size
+    means = np.bincount(codes, difference) / sizes
+    between = float(np.sum(sizes * (means - difference.mean()) ** 2) / (n - 1))
+    if total == n:
+        return between, between / n, between / (2.0 * (n - 1))
+    within = float(np.sum((difference - means[codes]) ** 2) / (total - n))
+    share = (n - 1) * total / float(total**2 - np.sum(sizes**2))
+    persons = max(share * (between - within), 0.0)
+    variance = persons + within
+    of_bias = persons * float(np.sum(sizes**2)) / total**2 + within / total
+    if persons == 0.0:
+        return variance, of_bias, variance / (2.0 * (total - n))
+    spread = 2.0 * ((share * between) ** 2 / (n - 1) + ((1.0 - share) * within) ** 2 / (total - n))
+    return variance, of_bias, spread / (4.0 * variance)
+
+
+def check_level(level: float) -> None:
+    """Refuse a probability that is none, such as 95."""
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie in (0, 1); got {level!r}")
+
+
+def number_subjects(labels: Any) -> tuple[np.ndarray, int]:
+    """Each row's subject as a number in order of appearance, and how many subjects there are."""
+    import pandas as pd
+
+    codes, names = pd.factorize(np.asarray(labels))
+    if (codes < 0).any():
+        raise ValueError(f"every row needs a subject; {int((codes < 0).sum())} of {codes.size} have none")
+    return codes, len(names)
+
+
+def finite_pair(one: Any, other: Any, *names: str) -> tuple[np.ndarray, np.ndarray]:
+    """Two equally long columns of finite numbers, at least two of them."""
+    first, second = as_float(one), as_float(other)
+    if first.ndim != 1 or first.shape != second.shape or first.size < 2:
+        raise ValueError(
+            f"{names[0]} and {names[1]} must be (n,) with the same n >= 2; got {first.shape} and {second.shape}"
+        )
+    for name, values in zip(names, (first, second), strict=True):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} must be finite; {int(np.sum(~np.isfinite(values)))} of {values.size} are not")
+    return first, second

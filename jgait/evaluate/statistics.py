@@ -1,0 +1,329 @@
+"""What a cohort's errors say: intervals over subjects, agreement with a reference, before against after.
+
+Strides of one person are not independent: whatever is said about people is resampled, or its variance taken, over
+people. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jgait.evaluate.errors import DistanceError
+from jgait.evaluate.reliability import (
+    check_level,
+    finite_pair,
+    icc21,
+    icc_of_squares,
+    limits_of_agreement,
+    number_subjects,
+)
+from jgait.types import as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+AGREEMENT = (
+    "n", "n_subjects", "bias", "bias_low", "bias_high", "loa_low", "loa_high", "rmse", "mae", "mae_low", "mae_high",
+    "max_abs", "icc", "icc_low", "icc_high", "n_dropped",
+)  # fmt: skip
+"""Columns of the table of `agreement`."""
+
+
+class PairedDifference(NamedTuple):
+    """How errors changed from before to after; below 0 is better.
+
+    Attributes:
+        estimate: statistic over subjects of their mean change, after − before, in the unit of the errors.
+        low: lower end of its interval.
+        high: upper end.
+        n: subjects.
+        better: subjects whose errors fell.
+        worse: subjects whose errors rose.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    n: int
+    better: int
+    worse: int
+
+    @property
+    def worse_beyond_noise(self) -> bool:
+        """Whether the whole interval says worse."""
+        return self.low > 0.0
+
+
+def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
+    """Median, worst, mean and number of each numeric column.
+
+    Args:
+        errors: a table with one row a leg or recording, or several `DistanceError`.
+
+    Returns:
+        One row for each column of `errors`; columns `median worst mean n`. The worst is the value furthest from 0,
+        with its sign; missing values do not count.
+
+    Raises:
+        ValueError: if there is nothing to summarise.
+    """
+    import pandas as pd
+
+    table = errors if isinstance(errors, pd.DataFrame) else pd.DataFrame(list(errors), columns=DistanceError._fields)
+    table = table.select_dtypes("number")
+    if table.empty:
+        raise ValueError("no errors to summarise: the table has no rows or no numeric column")
+    rows = {}
+    for column in table.columns:
+        values = table[column].dropna().to_numpy(dtype=float)
+        worst = values[np.argmax(np.abs(values))] if values.size else np.nan
+        median, mean = (np.median(values), values.mean()) if values.size else (np.nan, np.nan)
+        rows[column] = {"median": median, "worst": worst, "mean": mean, "n": values.size}
+    return pd.DataFrame.from_dict(rows, orient="index").astype({"n": int})
+
+
+def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.ndarray]:
+    """Which of `count` things each resample holds, (count,) a time."""
+    check_level(level)
+    if resamples < 1:
+        raise ValueError(f"resamples must be positive; got {resamples!r}")
+    rng = np.random.default_rng(seed)
+    return (rng.integers(0, count, count) for _ in range(resamples))
+
+
+def _ends(values: Any, level: float) -> tuple[float, float]:
+    """Lower and upper end of the middle share `level` of the finite values."""
+    values = as_float(values)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return np.nan, np.nan
+    low, high = np.quantile(values, [0.5 - level / 2.0, 0.5 + level / 2.0])
+    return float(low), float(high)
+
+
+def bootstrap_interval(
+    values: Any,
+    statistic: Callable[[np.ndarray], Any] = np.median,
+    *,
+    seed: int,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of a statistic of independent values; one value a person, not a sample.
+
+    Args:
+        values: (n,), finite.
+        statistic: (n,) → scalar.
+        seed: of the resampling; the same seed gives the same interval.
+        level: probability that the interval is to cover [1].
+        resamples: how many.
+
+    Returns:
+        Lower and upper end, in the unit of the statistic.
+
+    Raises:
+        ValueError: if there are fewer than two values, one is not finite, or `level` is not inside (0, 1).
+    """
+    data = as_float(values)
+    if data.ndim != 1 or data.size < 2 or not np.isfinite(data).all():
+        raise ValueError(f"bootstrap needs at least two finite values in one dimension; got shape {data.shape}")
+    return _ends([statistic(data[draw]) for draw in _draws(data.size, seed, level, resamples)], level)
+
+
+def cluster_bootstrap(
+    table: "pd.DataFrame",
+    statistic: Callable[["pd.DataFrame"], Any],
+    *,
+    by: str = "subject",
+    seed: int,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of a statistic of a table, drawing whole subjects with all their rows.
+
+    Args:
+        table: any number of rows a subject.
+        statistic: table → scalar. In the tables it is given, column `by` is the number of the draw (0 … n − 1): a
+            subject drawn twice is two subjects, also to a statistic that groups.
+        by: column that names the subject.
+        seed: of the resampling; the same seed gives the same interval.
+        level: probability that the interval is to cover [1].
+        resamples: how many.
+
+    Returns:
+        Lower and upper end, in the unit of the statistic.
+
+    Raises:
+        ValueError: if there is no such column, fewer than two subjects, or the statistic of a resample is not finite.
+    """
+    _columns(table, (by,))
+    codes, count = number_subjects(table[by])
+    if count < 2:
+        raise ValueError(f"bootstrap over {by!r} needs at least two of them; the table has {count}")
+    order, sizes = np.argsort(codes, kind="stable"), np.bincount(codes)
+    groups = np.split(order, np.cumsum(sizes)[:-1])
+    numbers = np.arange(count)
+    values = []
+    for draw in _draws(count, seed, level, resamples):
+        drawn = table.take(np.concatenate([groups[one] for one in draw]))
+        values.append(float(statistic(drawn.assign(**{by: np.repeat(numbers, sizes[draw])}))))
+    if not np.isfinite(values).all():
+        bad = int(np.sum(~np.isfinite(values)))
+        raise ValueError(f"the statistic must be finite on every resample; it was not on {bad} of {resamples}")
+    return _ends(values, level)
+
+
+def paired_difference(
+    before: Any,
+    after: Any,
+    subjects: Any,
+    *,
+    seed: int,
+    statistic: Callable[[np.ndarray], Any] = np.median,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> PairedDifference:
+    """Whether errors changed by more than the choice of subjects explains, every subject counted once.
+
+    Args:
+        before: (n,) sizes of errors, finite.
+        after: (n,) of the same recordings in the same order.
+        subjects: (n,) who each row is of; a subject with several rows has their mean change.
+        seed: of the resampling of subjects.
+        statistic: changes of the subjects → scalar; `np.median` or `np.mean`.
+        level: probability that the interval is to cover [1].
+        resamples: how many.
+
+    Raises:
+        ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
+    """
+    first, second = finite_pair(before, after, "before", "after")
+    if np.shape(subjects) != first.shape:
+        raise ValueError(f"subjects must name one of each of the {first.size} rows; got shape {np.shape(subjects)}")
+    codes, count = number_subjects(subjects)
+    if count < 2:
+        raise ValueError(f"a paired difference needs at least two subjects; got {count}")
+    changes = np.bincount(codes, second - first) / np.bincount(codes)
+    low, high = bootstrap_interval(changes, statistic, seed=seed, level=level, resamples=resamples)
+    better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
+    return PairedDifference(float(statistic(changes)), low, high, count, better, worse)
+
+
+def _columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
+    missing = [name for name in names if name not in table.columns]
+    if missing:
+        raise ValueError(f"the table needs the columns {list(names)}; it has {list(table.columns)}: {missing} missing")
+
+
+def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (error / reference).
+
+    Args:
+        table: with columns `estimate` and `reference`; where the reference is 0, `rel_error` is NaN.
+
+    Raises:
+        ValueError: if one of them is missing.
+    """
+    _columns(table, ("estimate", "reference"))
+    estimate, reference = (table[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
+    error = estimate - reference
+    relative = np.divide(error, reference, out=np.full_like(error, np.nan), where=reference != 0.0)
+    return table.assign(error=error, abs_error=np.abs(error), rel_error=relative)
+
+
+def agreement(
+    table: "pd.DataFrame",
+    *,
+    by: str = "subject",
+    quantities: Sequence[str] | None = None,
+    seed: int = 0,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> "pd.DataFrame":
+    """How well estimates agree with their reference, one row a quantity.
+
+    Bias and limits are those of `limits_of_agreement` with the rows' subjects; the mean absolute error's interval is
+    bootstrapped over subjects, and so is that of ICC(2,1) unless every row is of another subject, for the F-based one
+    takes rows for independent. What cannot be told (one subject, one row) is NaN.
+
+    Args:
+        table: long, with columns `quantity`, `estimate`, `reference` and `by`.
+        by: column that names the subject.
+        quantities: which, in this order; None for all in order of appearance.
+        seed: of the resampling of subjects.
+        level: share of differences between the limits, and probability that each interval is to cover [1].
+        resamples: how many.
+
+    Returns:
+        Index `quantity`; columns `AGREEMENT`, in the quantity's unit. Rows that are not finite are left out and counted
+        in `n_dropped`.
+
+    Raises:
+        ValueError: if a column or a quantity is missing.
+    """
+    import pandas as pd
+
+    _columns(table, (by, "quantity", "estimate", "reference"))
+    present = list(table["quantity"].unique())
+    wanted = present if quantities is None else list(quantities)
+    if not set(wanted) <= set(present):
+        raise ValueError(f"quantities must be among {present}; got {wanted}")
+    rows = {}
+    for name in wanted:
+        chosen = table[table["quantity"] == name]
+        pairs = chosen[["estimate", "reference"]].to_numpy(dtype=float)
+        finite = np.isfinite(pairs).all(axis=1)
+        one = _agreement(
+            pairs[finite], *number_subjects(chosen[by][finite]), seed=seed, level=level, resamples=resamples
+        )
+        rows[name] = one | {"n_dropped": int(np.sum(~finite))}
+    whole = {"n": int, "n_subjects": int, "n_dropped": int}
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity").astype(whole)
+
+
+def _agreement(
+    pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, level: float, resamples: int
+) -> dict[str, float]:
+    """One row of the table of agreement, of finite pairs (n, 2)."""
+    nan = float("nan")
+    n, error = len(pairs), pairs[:, 0] - pairs[:, 1]
+    row = dict.fromkeys(AGREEMENT, nan) | {"n": n, "n_subjects": count}
+    if n == 0:
+        return row
+    size = np.abs(error)
+    row |= {"bias": error.mean(), "rmse": np.sqrt(np.mean(error**2)), "mae": size.mean(), "max_abs": size.max()}
+    if n > 1:
+        row |= {"icc": icc21(pairs).value}
+    if count < 2:
+        return row
+    limits = limits_of_agreement(*pairs.T, subjects=codes, level=level)
+    row |= {
+        "bias_low": limits.bias_low,
+        "bias_high": limits.bias_high,
+        "loa_low": limits.lower,
+        "loa_high": limits.upper,
+    }
+    sums = _moments(pairs, codes)
+    drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, level, resamples)])
+    row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0], level)
+    interval = _ends(_icc_of_moments(drawn), level) if n > count else icc21(pairs, level=level)[1:3]
+    row["icc_low"], row["icc_high"] = interval
+    return row
+
+
+def _moments(pairs: np.ndarray, codes: np.ndarray) -> np.ndarray:
+    """Of each subject n, Σ|x − y|, Σx, Σy, Σx², Σy², Σ(x + y)²; sums of them make every resample's statistics."""
+    x, y = (pairs - pairs.mean()).T
+    columns = (np.ones_like(x), np.abs(x - y), x, y, x**2, y**2, (x + y) ** 2)
+    return np.stack([np.bincount(codes, column) for column in columns], axis=1)
+
+
+def _icc_of_moments(sums: np.ndarray) -> np.ndarray:
+    """ICC(2,1) of two raters from the sums of `_moments` (..., 7)."""
+    n, _, x, y, xx, yy, both = sums.T
+    grand = (x + y) ** 2 / (2.0 * n)
+    between, raters = both / 2.0 - grand, (x**2 + y**2) / n - grand
+    rest = np.maximum(xx + yy - grand - between - raters, 0.0)
+    return icc_of_squares(between / (n - 1.0), raters, rest / (n - 1.0), n, 2)
