@@ -1,5 +1,6 @@
 """How good an estimate is, for one recording and for a cohort; on the host, in NumPy and pandas."""
 
+from jgait.evaluate.consistency import Consistency, Whiteness, nees_consistency, nis_consistency, whiteness
 from jgait.evaluate.errors import (
     FIELDS,
     DistanceError,
@@ -22,10 +23,12 @@ from jgait.evaluate.statistics import (
 __all__ = [
     "AGREEMENT",
     "FIELDS",
+    "Consistency",
     "DistanceError",
     "Icc",
     "Limits",
     "PairedDifference",
+    "Whiteness",
     "Window",
     "agreement",
     "bootstrap_interval",
@@ -34,8 +37,11 @@ __all__ = [
     "icc",
     "icc21",
     "limits_of_agreement",
+    "nees_consistency",
+    "nis_consistency",
     "paired_difference",
     "summary",
     "trajectory_errors",
+    "whiteness",
     "with_errors",
 ]

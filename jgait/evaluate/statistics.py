@@ -158,7 +158,7 @@ def cluster_bootstrap(
     Raises:
         ValueError: if there is no such column, fewer than two subjects, or the statistic of a resample is not finite.
     """
-    _columns(table, (by,))
+    require_columns(table, (by,))
     codes, count = number_subjects(table[by])
     if count < 2:
         raise ValueError(f"bootstrap over {by!r} needs at least two of them; the table has {count}")
@@ -211,7 +211,8 @@ def paired_difference(
     return PairedDifference(float(statistic(changes)), low, high, count, better, worse)
 
 
-def _columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
+def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
+    """Refuse a table without some columns."""
     missing = [name for name in names if name not in table.columns]
     if missing:
         raise ValueError(f"the table needs the columns {list(names)}; it has {list(table.columns)}: {missing} missing")
@@ -226,7 +227,7 @@ def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
     Raises:
         ValueError: if one of them is missing.
     """
-    _columns(table, ("estimate", "reference"))
+    require_columns(table, ("estimate", "reference"))
     estimate, reference = (table[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
     error = estimate - reference
     relative = np.divide(error, reference, out=np.full_like(error, np.nan), where=reference != 0.0)
@@ -265,7 +266,7 @@ def agreement(
     """
     import pandas as pd
 
-    _columns(table, (by, "quantity", "estimate", "reference"))
+    require_columns(table, (by, "quantity", "estimate", "reference"))
     present = list(table["quantity"].unique())
     wanted = present if quantities is None else list(quantities)
     if not set(wanted) <= set(present):

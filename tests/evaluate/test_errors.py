@@ -78,35 +78,6 @@ def test_distance_error_is_estimate_minus_reference_over_the_common_time():
     assert error.rmse == pytest.approx(np.sqrt(np.mean(ramp**2)), rel=1e-9)
 
 
-def test_summary_of_a_table_and_of_distances():
-    table = pd.DataFrame({"hip_deg": [1.0, 2.0, 9.0], "rel_error": [-0.5, 0.1, np.nan], "name": ["a", "b", "c"]})
-    result = evaluate.summary(table)
-    assert result.loc["hip_deg"].to_dict() == {"median": 2.0, "worst": 9.0, "mean": 4.0, "n": 3.0}
-    assert result.loc["rel_error", "worst"] == -0.5
-    assert result.loc["rel_error", "n"] == 2
-    assert "name" not in result.index
-    errors = [evaluate.DistanceError(1.0 + e, 1.0, e, abs(e), e, 0.0) for e in (-0.2, 0.1)]
-    both = evaluate.summary(errors)
-    assert both.loc["abs_error", "mean"] == pytest.approx(0.15)
-    assert both.loc["error", "worst"] == -0.2
-
-
-def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
-    values = np.random.default_rng(0).normal(3.0, 1.0, 200)
-    low, high = evaluate.bootstrap_interval(values, seed=1)
-    assert low < np.median(values) < high
-    assert high - low < 0.6
-    assert (low, high) == evaluate.bootstrap_interval(values, seed=1)
-    assert (low, high) != evaluate.bootstrap_interval(values, seed=2)
-    wide = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.99)
-    narrow = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.5)
-    assert wide[0] < narrow[0] < values.mean() < narrow[1] < wide[1]
-    # for a mean of normals the interval is mean ± 1.96 s/√n, within what 2000 resamples can tell
-    low, high = evaluate.bootstrap_interval(values, np.mean, seed=3)
-    half = 1.96 * values.std() / np.sqrt(200)
-    np.testing.assert_allclose([low, high], [values.mean() - half, values.mean() + half], atol=0.15 * half)
-
-
 def test_refusals_say_what_was_wrong():
     late = walk(TIME + 100.0, distance=TIME)
     with pytest.raises(
@@ -127,9 +98,3 @@ def test_refusals_say_what_was_wrong():
         evaluate.distance_error(walk(TIME), walk(TIME, distance=TIME))
     with pytest.raises(ValueError, match="reference distance is 0 m"):
         evaluate.distance_error(walk(TIME, distance=TIME), walk(TIME, distance=0.0 * TIME))
-    with pytest.raises(ValueError, match="no errors to summarise"):
-        evaluate.summary([])
-    with pytest.raises(ValueError, match="at least two finite values"):
-        evaluate.bootstrap_interval([1.0], seed=0)
-    with pytest.raises(ValueError, match=r"level must lie in \(0, 1\)"):
-        evaluate.bootstrap_interval([1.0, 2.0], seed=0, level=95)

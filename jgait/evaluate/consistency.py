@@ -1,0 +1,202 @@
+"""Does a filter keep to its own statement? Chi-square tests of its innovations and of its errors, and whiteness.
+
+If model and noise are right, innovations are zero-mean, white and as large as the filter says. A filter that is too
+sure of itself shows normalised squares above the band, one that is too modest below it. On the host, in NumPy; the
+quantiles need scipy (the extra `io`).
+
+Source:
+    Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (Wiley 2001), section 5.4.
+    Ljung and Box, On a measure of lack of fit in time series models, Biometrika 65 (1978).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.evaluate.reliability import check_level
+from jgait.types import as_float
+
+
+class Consistency(NamedTuple):
+    """Normalised squares against chi-square.
+
+    Attributes:
+        mean: sum of squares over degrees of freedom [1]; expected 1.
+        low: lower end of where it lies with the probability asked for, if the filter is right [1].
+        high: upper end.
+        share_inside: share of steps whose own square lies in its own chi-square band [1]; expected `level`.
+        n: steps that count.
+        freedom: their degrees of freedom.
+        consistent: whether `mean` lies in its band.
+    """
+
+    mean: float
+    low: float
+    high: float
+    share_inside: float
+    n: int
+    freedom: int
+    consistent: bool
+
+
+class Whiteness(NamedTuple):
+    """Autocorrelation of innovations against that of white noise.
+
+    Attributes:
+        autocorrelation: (lags, m) of each component at lag 1, 2, … [1]; NaN where no pair of samples is that far apart.
+        band: (lags, m) half-width z/√pairs within which each lies if white [1].
+        share_inside: share of them inside [1]; expected `level`.
+        statistic: of Ljung and Box, summed over components.
+        p_value: probability of one as large or larger if white.
+        n: (m,) samples of each component.
+        consistent: whether `p_value` is at least 1 − level.
+    """
+
+    autocorrelation: np.ndarray
+    band: np.ndarray
+    share_inside: float
+    statistic: float
+    p_value: float
+    n: np.ndarray
+    consistent: bool
+
+
+def nis_consistency(nis: Any, count: Any, *, mask: Any = None, level: float = 0.95) -> Consistency:
+    """Are innovations as large as the filter says? Their normalised squares ν'S⁻¹ν add up to a chi-square.
+
+    Args:
+        nis: (T,) normalised innovation squared, as in the posterior of `jgait.filtering`.
+        count: (T,) or a number: how many components were observed in each step.
+        mask: (T,) bool, False where a step is not to count; steps with count 0 or a NaN never do.
+        level: probability that a right filter lies inside each band [1].
+
+    Raises:
+        ValueError: if shapes do not fit or no step counts.
+    """
+    squares = as_float(nis)
+    if squares.ndim != 1 or np.shape(count) not in ((), squares.shape):
+        raise ValueError(f"nis must be (T,) and count (T,) or a number; got {squares.shape} and {np.shape(count)}")
+    freedom = np.broadcast_to(as_float(count), squares.shape)
+    used = _mask(mask, squares.shape) & np.isfinite(squares) & (freedom > 0)
+    return _chi_square(squares[used], freedom[used], level, "nis")
+
+
+def nees_consistency(
+    error: Any, *, covariance: Any = None, stddev: Any = None, mask: Any = None, level: float = 0.95
+) -> Consistency:
+    """Are estimates as far from the truth as the filter says? Normalised estimation errors squared e'P⁻¹e.
+
+    The band is for independent rows: the same instant of many runs or people. Errors of successive samples of one run
+    hang together, and their mean leaves the band more often than 1 − level though the filter be right.
+
+    Args:
+        error: (N, n) estimate − truth, or (N,) of one state.
+        covariance: (N, n, n) that the filter states; either this
+        stddev: (N, n), or (N,), where it states no more; errors of different states are then taken for independent.
+        mask: (N,) bool, False where a row is not to count; rows with a NaN never do.
+        level: probability that a right filter lies inside each band [1].
+
+    Raises:
+        ValueError: if not exactly one of the two statements is given, shapes do not fit, a statement is no covariance
+            (not positive), or no row counts.
+    """
+    errors = as_float(error)
+    errors = errors[:, None] if errors.ndim == 1 else errors
+    if errors.ndim != 2:
+        raise ValueError(f"error must be (N, n) or (N,); got {errors.shape}")
+    if (covariance is None) == (stddev is None):
+        raise ValueError("exactly one of covariance and stddev must be given")
+    size, used = errors.shape[1], _mask(mask, errors.shape[:1]) & np.isfinite(errors).all(axis=1)
+    if covariance is None:
+        spread = as_float(stddev)
+        spread = spread[:, None] if spread.ndim == 1 else spread
+        if spread.shape != errors.shape:
+            raise ValueError(f"stddev must be {errors.shape} as the error; got {np.shape(stddev)}")
+        used &= np.isfinite(spread).all(axis=1)
+        if not (spread[used] > 0.0).all():
+            raise ValueError(f"stddev must be positive; the smallest is {spread[used].min():g}")
+        squares = np.sum((errors[used] / spread[used]) ** 2, axis=1)
+    else:
+        matrices = as_float(covariance)
+        if matrices.shape != (*errors.shape, size):
+            raise ValueError(f"covariance must be {(*errors.shape, size)}; got {matrices.shape}")
+        used &= np.isfinite(matrices).all(axis=(1, 2))
+        try:
+            factors = np.linalg.cholesky(matrices[used])
+        except np.linalg.LinAlgError as broken:
+            raise ValueError("covariance must be positive definite in every row that counts") from broken
+        squares = np.sum(np.linalg.solve(factors, errors[used][..., None]) ** 2, axis=(1, 2))
+    return _chi_square(squares, np.full(squares.shape, float(size)), level, "error")
+
+
+def _mask(mask: Any, shape: tuple[int, ...]) -> np.ndarray:
+    if mask is None:
+        return np.ones(shape, bool)
+    given = np.asarray(mask)
+    if given.dtype != np.bool_ or given.shape != shape:
+        raise ValueError(f"mask must be bool of shape {shape}; got {given.dtype} of shape {given.shape}")
+    return given
+
+
+def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: str) -> Consistency:
+    from scipy import stats
+
+    check_level(level)
+    if not squares.size:
+        raise ValueError(f"no step of {name} counts: all are masked, not finite or without an observation")
+    tails = np.array([0.5 - level / 2.0, 0.5 + level / 2.0])
+    total = float(freedom.sum())
+    low, high = stats.chi2.ppf(tails, total) / total
+    each = stats.chi2.ppf(tails[:, None], freedom)
+    share = float(np.mean((squares >= each[0]) & (squares <= each[1])))
+    mean = float(squares.sum()) / total
+    return Consistency(mean, float(low), float(high), share, squares.size, round(total), bool(low <= mean <= high))
+
+
+def whiteness(innovations: Any, *, lags: int = 20, mask: Any = None, level: float = 0.95) -> Whiteness:
+    """Does an innovation tell of the next one? Autocorrelations up to a lag, and Ljung and Box's test of them all.
+
+    r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the pairs of samples k apart that
+    are both there; without gaps this is Ljung and Box's n (n + 2) Σ r_k²/(n − k). The mean is not taken off: the
+    innovations of a right filter have none, and a bias is to show.
+
+    Args:
+        innovations: (T, m) or (T,), evenly spaced; best divided by their standard deviations where these change.
+            Components are tested as if independent: whiten those that are correlated within a step.
+        lags: how many.
+        mask: (T, m), (T,) or as the innovations, bool, False where there was no observation; NaN is no observation.
+        level: probability that white noise is called consistent [1].
+
+    Raises:
+        ValueError: if shapes do not fit, there are not more samples than lags, or a component is 0 throughout.
+    """
+    from scipy import stats
+
+    check_level(level)
+    values = as_float(innovations)
+    seen = np.isfinite(values)
+    if mask is not None:
+        rows = np.shape(mask) == values.shape[:1] and values.ndim == 2
+        given = _mask(mask, values.shape[:1] if rows else values.shape)
+        seen &= given[:, None] if rows else given
+    if values.ndim not in (1, 2) or not 0 < lags < len(values):
+        raise ValueError(f"innovations must be (T, m) or (T,) with T > lags > 0; got {values.shape} and {lags} lags")
+    values, seen = values.reshape(len(values), -1), seen.reshape(len(values), -1)
+    values = np.where(seen, values, 0.0)
+    count, power = seen.sum(axis=0), np.sum(values**2, axis=0)
+    if not (power > 0.0).all():
+        raise ValueError(
+            f"every component needs samples other than 0; {np.flatnonzero(power <= 0.0).tolist()} has none"
+        )
+    pairs = np.stack([np.sum(seen[k:] & seen[:-k], axis=0) for k in range(1, lags + 1)])
+    sums = np.stack([np.sum(values[k:] * values[:-k], axis=0) for k in range(1, lags + 1)])
+    there = pairs > 0
+    if not there.any():
+        raise ValueError(f"no two samples are 1 to {lags} apart: nothing to correlate")
+    known = np.where(there, pairs, 1)
+    correlation = np.where(there, sums / known / (power / count), np.nan)
+    band = np.where(there, stats.norm.ppf(0.5 + level / 2.0) / np.sqrt(known), np.nan)
+    statistic = float(np.sum((count + 2.0) / count * np.nansum(pairs * correlation**2, axis=0)))
+    p_value = float(stats.chi2.sf(statistic, int(there.sum())))
+    inside = float(np.mean(np.abs(correlation[there]) <= band[there]))
+    return Whiteness(correlation, band, inside, statistic, p_value, count, p_value >= 1.0 - level)

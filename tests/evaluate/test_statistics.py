@@ -1,0 +1,323 @@
+"""Statistics of a cohort: worked examples of the papers, intervals that cover, and refusals that say what is wrong."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from jgait import evaluate
+
+
+def cohort(sizes, *, seed=0, bias=0.01, between=0.03, within=0.02, quantity="stride_length"):
+    """Rows of each subject: a reference that varies, an error with a part of the person and a part of the stride."""
+    rng = np.random.default_rng(seed)
+    count, codes = len(sizes), np.repeat(np.arange(len(sizes)), sizes)
+    reference = 1.2 + rng.normal(0.0, 0.1, count)[codes] + rng.normal(0.0, 0.05, codes.size)
+    error = bias + rng.normal(0.0, between, count)[codes] + rng.normal(0.0, within, codes.size)
+    table = {"subject": [f"s{c}" for c in codes], "quantity": quantity, "estimate": reference + error}
+    return evaluate.with_errors(pd.DataFrame({**table, "reference": reference}))
+
+
+def test_summary_of_a_table_and_of_distances():
+    table = pd.DataFrame({"hip_deg": [1.0, 2.0, 9.0], "rel_error": [-0.5, 0.1, np.nan], "name": ["a", "b", "c"]})
+    result = evaluate.summary(table)
+    assert result.loc["hip_deg"].to_dict() == {"median": 2.0, "worst": 9.0, "mean": 4.0, "n": 3.0}
+    assert result.loc["rel_error", "worst"] == -0.5
+    assert result.loc["rel_error", "n"] == 2
+    assert "name" not in result.index
+    errors = [evaluate.DistanceError(1.0 + e, 1.0, e, abs(e), e, 0.0) for e in (-0.2, 0.1)]
+    both = evaluate.summary(errors)
+    assert both.loc["abs_error", "mean"] == pytest.approx(0.15)
+    assert both.loc["error", "worst"] == -0.2
+
+
+def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
+    values = np.random.default_rng(0).normal(3.0, 1.0, 200)
+    low, high = evaluate.bootstrap_interval(values, seed=1)
+    assert low < np.median(values) < high
+    assert high - low < 0.6
+    assert (low, high) == evaluate.bootstrap_interval(values, seed=1)
+    assert (low, high) != evaluate.bootstrap_interval(values, seed=2)
+    wide = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.99)
+    narrow = evaluate.bootstrap_interval(values, np.mean, seed=1, level=0.5)
+    assert wide[0] < narrow[0] < values.mean() < narrow[1] < wide[1]
+    # for a mean of normals the interval is mean ± 1.96 s/√n, within what 2000 resamples can tell
+    low, high = evaluate.bootstrap_interval(values, np.mean, seed=3)
+    half = 1.96 * values.std() / np.sqrt(200)
+    np.testing.assert_allclose([low, high], [values.mean() - half, values.mean() + half], atol=0.15 * half)
+
+
+# --- over subjects ---
+
+
+def test_one_row_a_subject_makes_the_cluster_bootstrap_the_plain_one():
+    values = np.random.default_rng(4).normal(size=30)
+    table = pd.DataFrame({"subject": np.arange(30), "value": values})
+    clustered = evaluate.cluster_bootstrap(table, lambda rows: np.median(rows["value"]), seed=5, resamples=300)
+    assert clustered == evaluate.bootstrap_interval(values, seed=5, resamples=300)
+
+
+def test_strides_that_say_the_same_add_no_certainty():
+    one = pd.DataFrame({"subject": list("abcdefgh"), "value": np.arange(8.0)})
+    often = pd.concat([one] * 50).sample(frac=1.0, random_state=0)
+    mean = {"statistic": lambda rows: rows["value"].mean(), "seed": 0, "resamples": 500}
+    np.testing.assert_allclose(
+        np.diff(evaluate.cluster_bootstrap(often, **mean)), np.diff(evaluate.cluster_bootstrap(one, **mean)), rtol=0.15
+    )
+
+
+def test_a_subject_drawn_twice_is_two_to_a_statistic_that_groups():
+    table = pd.DataFrame({"subject": ["a", "b", "b", "c"], "value": [0.0, 1.0, 3.0, 9.0]})
+    seen = []
+
+    def count(rows):
+        seen.append(rows["value"].groupby(rows["subject"]).sum().to_list())
+        return float(rows["subject"].nunique())
+
+    assert evaluate.cluster_bootstrap(table, count, seed=0, resamples=50) == (3.0, 3.0)
+    assert all(set(sums) <= {0.0, 4.0, 9.0} for sums in seen)
+    assert any(len(set(sums)) < 3 for sums in seen)
+
+
+def test_cluster_bootstrap_covers_the_mean_of_people_where_rows_taken_for_people_do_not():
+    covered = plain = 0
+    for seed in range(60):
+        table = cohort([8] * 25, seed=seed, bias=0.01, between=0.03, within=0.01)
+        low, high = evaluate.cluster_bootstrap(table, lambda rows: rows["error"].mean(), seed=seed, resamples=200)
+        covered += low <= 0.01 <= high
+        low, high = evaluate.bootstrap_interval(table["error"], np.mean, seed=seed, resamples=200)
+        plain += low <= 0.01 <= high
+    assert covered >= 48  # 6σ below 95 % would be 47; the percentile interval of 25 people covers about 93 %
+    assert plain <= 45
+
+
+def test_paired_difference_by_hand():
+    before, after = np.array([3.0, 5.0, 2.0, 4.0, 4.0]), np.array([2.0, 4.0, 2.5, 4.0, 2.0])
+    change = evaluate.paired_difference(before, after, ["a", "a", "b", "c", "d"], seed=0)
+    assert change.estimate == -0.5  # changes of a, b, c, d: −1, 0.5, 0, −2
+    assert (change.n, change.better, change.worse) == (4, 2, 1)
+    assert change.low == -2.0 and change.high == 0.5
+    assert not change.worse_beyond_noise
+    mean = evaluate.paired_difference(before, after, ["a", "a", "b", "c", "d"], seed=0, statistic=np.mean)
+    assert mean.estimate == pytest.approx(-0.625)
+
+
+def test_pairs_see_a_change_that_is_small_beside_the_spread_of_people():
+    rng = np.random.default_rng(0)
+    before = rng.gamma(4.0, 1.0, 40)
+    names = np.arange(40)
+    worse = evaluate.paired_difference(before, before + rng.normal(0.1, 0.1, 40), names, seed=1)
+    assert worse.worse_beyond_noise and worse.low > 0.0
+    assert worse.worse > 25
+    back = evaluate.paired_difference(before + 0.1, before, names, seed=1)
+    assert (back.better, back.worse) == (40, 0)
+    np.testing.assert_allclose(back[:3], -0.1, rtol=1e-12)
+
+
+# --- intraclass correlation ---
+
+
+SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]])
+
+
+def test_icc_of_the_example_of_shrout_and_fleiss():
+    icc = evaluate.icc21(SHROUT_FLEISS)
+    # table 3: BMS 11.24, JMS 32.49, EMS 1.02
+    assert icc.value == pytest.approx(
+        (11.2417 - 1.0194) / (11.2417 + 3 * 1.0194 + 4 * (32.4861 - 1.0194) / 6), abs=1e-4
+    )
+    assert round(icc.value, 2) == 0.29
+    assert (round(icc.low, 2), round(icc.high, 2)) == (0.02, 0.76)
+    assert icc.n == 6
+
+
+def test_icc_of_two_raters_by_the_components_of_variance():
+    rng = np.random.default_rng(0)
+    truth = rng.normal(0.0, 3.0, 4000)
+    one, two = truth + rng.normal(0.0, 1.0, 4000), truth + rng.normal(0.0, 1.0, 4000)
+    assert evaluate.icc(one, two).value == pytest.approx(0.9, abs=0.01)
+    # an offset d between two raters has variance d²/2 and counts against absolute agreement
+    assert evaluate.icc(one + 2.0, two).value == pytest.approx(9.0 / (9.0 + 1.0 + 2.0), abs=0.01)
+    pair = np.stack([one[:50], two[:50]], axis=1)
+    assert evaluate.icc(one[:50], two[:50]) == evaluate.icc21(pair)
+    np.testing.assert_allclose(evaluate.icc21(1e6 + 10.0 * pair)[:3], evaluate.icc21(pair)[:3], rtol=1e-6)
+
+
+def test_the_interval_of_icc_covers():
+    rng = np.random.default_rng(1)
+    inside = 0
+    for _ in range(300):
+        truth = rng.normal(0.0, np.sqrt(3.0), (20, 1))
+        icc = evaluate.icc21(truth + rng.normal(0.0, 1.0, 4) + rng.normal(0.0, 1.0, (20, 4)))
+        inside += icc.low <= 0.6 <= icc.high
+    assert abs(inside / 300 - 0.95) < 6 * np.sqrt(0.95 * 0.05 / 300)
+
+
+def test_icc_where_nothing_or_everything_agrees():
+    assert evaluate.icc([1.0, 2.0, 4.0], [1.0, 2.0, 4.0]) == (1.0, 1.0, 1.0, 3)
+    assert np.isnan(evaluate.icc([1.0, 1.0], [1.0, 1.0])[:3]).all()
+    assert evaluate.icc([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]).value < 0.0
+
+
+# --- limits of agreement ---
+
+
+def test_limits_of_the_example_of_bland_and_altman():
+    # peak expiratory flow by two meters [l/min], Lancet 1986
+    large = [494, 395, 516, 434, 476, 557, 413, 442, 650, 433, 417, 656, 267, 478, 178, 423, 427]
+    mini = [512, 430, 520, 428, 500, 600, 364, 380, 658, 445, 432, 626, 260, 477, 259, 350, 451]
+    limits = evaluate.limits_of_agreement(large, mini)
+    assert round(limits.bias, 1) == -2.1
+    assert round(limits.sd, 1) == 38.8
+    assert (round(limits.bias_low, 1), round(limits.bias_high, 1)) == (-22.0, 17.8)
+    # they take 2 s and 3 s²/n for 1.96 s and (1 + 1.96²/2 · 17/16) s²/n
+    np.testing.assert_allclose([limits.lower, limits.upper], [-79.7, 75.5], atol=0.05 * 38.8)
+    np.testing.assert_allclose([limits.lower_low, limits.upper_high], [-114.3, 110.1], atol=0.05 * 38.8)
+    assert (limits.n, limits.n_subjects) == (17, 17)
+
+
+def test_repeated_measures_by_hand():
+    difference = np.array([1.0, 3.0, 6.0, 2.0, 4.0, 9.0])
+    names = ["a", "a", "b", "c", "c", "c"]
+    limits = evaluate.limits_of_agreement(difference, np.zeros(6), subjects=names)
+    # means 2, 6, 5 about 25/6; within 2 + 26 on 3; divisor (36 − 14) / (2 · 6)
+    between = (2 * (2 - 25 / 6) ** 2 + (6 - 25 / 6) ** 2 + 3 * (5 - 25 / 6) ** 2) / 2
+    within = 28.0 / 3.0
+    persons = max((between - within) / (22.0 / 12.0), 0.0)
+    assert persons == 0.0
+    assert limits.sd == pytest.approx(np.sqrt(within))
+    difference[2] = 30.0
+    limits = evaluate.limits_of_agreement(difference, np.zeros(6), subjects=names)
+    mean = 49 / 6
+    between = (2 * (2 - mean) ** 2 + (30 - mean) ** 2 + 3 * (5 - mean) ** 2) / 2
+    persons = (between - within) / (22.0 / 12.0)
+    assert limits.sd == pytest.approx(np.sqrt(persons + within))
+    assert limits.bias == pytest.approx(mean)
+    half = stats.t.ppf(0.975, 2) * np.sqrt(persons * 14 / 36 + within / 6)
+    np.testing.assert_allclose([limits.bias_low, limits.bias_high], [mean - half, mean + half])
+    assert limits.upper - limits.lower == pytest.approx(2 * 1.959964 * limits.sd)
+
+
+def test_one_row_a_subject_is_the_plain_case():
+    table = cohort([1] * 12)
+    plain = evaluate.limits_of_agreement(table["estimate"], table["reference"])
+    named = evaluate.limits_of_agreement(table["estimate"], table["reference"], subjects=table["subject"])
+    assert plain == named
+
+
+def test_limits_of_unbalanced_repeats_find_the_variance_and_cover_it():
+    truth = 0.01 + stats.norm.ppf(0.975) * np.hypot(0.03, 0.02)
+    sd, upper, bias = [], [], []
+    for seed in range(300):
+        table = cohort(np.random.default_rng(seed).integers(1, 12, 15), seed=seed)
+        limits = evaluate.limits_of_agreement(table["estimate"], table["reference"], subjects=table["subject"])
+        sd.append(limits.sd)
+        upper.append(limits.upper_low <= truth <= limits.upper_high)
+        bias.append(limits.bias_low <= 0.01 <= limits.bias_high)
+    assert np.mean(np.square(sd)) == pytest.approx(0.03**2 + 0.02**2, rel=0.08)
+    # approximate intervals for unequal sizes: within 5 % of the nominal 95 %
+    assert 0.90 <= np.mean(bias) <= 1.0
+    assert 0.90 <= np.mean(upper) <= 1.0
+
+
+# --- tables ---
+
+
+def test_errors_are_estimate_minus_reference():
+    table = evaluate.with_errors(pd.DataFrame({"estimate": [1.5, 3.0, 1.0], "reference": [1.0, 4.0, 0.0]}))
+    assert table["error"].to_list() == [0.5, -1.0, 1.0]
+    assert table["abs_error"].to_list() == [0.5, 1.0, 1.0]
+    np.testing.assert_array_equal(table["rel_error"], [0.5, -0.25, np.nan])
+
+
+def test_a_row_of_agreement_holds_what_its_parts_say():
+    table = pd.concat([cohort([6, 3, 9, 5, 7]), cohort([1] * 9, seed=3, quantity="stride_width")], ignore_index=True)
+    table.loc[[2, 7], "estimate"] = np.nan
+    result = evaluate.agreement(table, seed=4, resamples=300)
+    assert list(result.index) == ["stride_length", "stride_width"]
+    assert tuple(result.columns) == evaluate.AGREEMENT
+    length = table[table["quantity"] == "stride_length"].dropna(subset="estimate")
+    row = result.loc["stride_length"]
+    assert (row["n"], row["n_subjects"], row["n_dropped"]) == (28, 5, 2)
+    limits = evaluate.limits_of_agreement(length["estimate"], length["reference"], subjects=length["subject"])
+    np.testing.assert_allclose(
+        row[["bias", "bias_low", "bias_high", "loa_low", "loa_high"]],
+        [limits.bias, limits.bias_low, limits.bias_high, limits.lower, limits.upper],
+    )
+    error = length["error"].to_numpy()
+    np.testing.assert_allclose(row["rmse"], np.sqrt(np.mean(error**2)))
+    np.testing.assert_allclose(row["mae"], np.abs(error).mean())
+    np.testing.assert_allclose(row["max_abs"], np.abs(error).max())
+    slow = {"seed": 4, "resamples": 300}
+    np.testing.assert_allclose(
+        row[["mae_low", "mae_high"]],
+        evaluate.cluster_bootstrap(length, lambda rows: rows["abs_error"].mean(), **slow),
+    )
+    assert row["icc"] == pytest.approx(evaluate.icc(length["estimate"], length["reference"]).value)
+    np.testing.assert_allclose(
+        row[["icc_low", "icc_high"]],
+        evaluate.cluster_bootstrap(
+            length, lambda rows: evaluate.icc(rows["estimate"], rows["reference"]).value, **slow
+        ),
+        rtol=1e-9,
+    )
+    width = table[table["quantity"] == "stride_width"]
+    np.testing.assert_allclose(
+        result.loc["stride_width", ["icc", "icc_low", "icc_high"]],
+        evaluate.icc(width["estimate"], width["reference"])[:3],
+    )
+
+
+def test_quantities_are_chosen_and_do_not_touch_each_other():
+    table = pd.concat([cohort([4] * 5), cohort([4] * 5, seed=1, quantity="stride_width")])
+    both = evaluate.agreement(table, resamples=50)
+    one = evaluate.agreement(table, quantities=["stride_width"], resamples=50)
+    pd.testing.assert_frame_equal(one, both.loc[["stride_width"]])
+
+
+def test_what_cannot_be_told_is_nan():
+    alone = evaluate.agreement(cohort([5]), resamples=20).iloc[0]
+    assert (alone["n"], alone["n_subjects"]) == (5, 1)
+    assert np.isfinite(alone[["bias", "rmse", "mae", "max_abs", "icc"]].astype(float)).all()
+    assert alone[["bias_low", "loa_low", "loa_high", "mae_low", "icc_low"]].isna().all()
+    none = evaluate.agreement(cohort([5]).assign(estimate=np.nan)).iloc[0]
+    assert (none["n"], none["n_subjects"], none["n_dropped"]) == (0, 0, 5)
+    assert none[["bias", "mae", "icc", "max_abs"]].isna().all()
+
+
+def test_refusals_say_what_was_wrong():
+    table = cohort([2, 2])
+    with pytest.raises(ValueError, match="no errors to summarise"):
+        evaluate.summary([])
+    with pytest.raises(ValueError, match="at least two finite values"):
+        evaluate.bootstrap_interval([1.0], seed=0)
+    with pytest.raises(ValueError, match=r"level must lie in \(0, 1\); got 95"):
+        evaluate.bootstrap_interval([1.0, 2.0], seed=0, level=95)
+    with pytest.raises(ValueError, match="resamples must be positive; got 0"):
+        evaluate.bootstrap_interval([1.0, 2.0], seed=0, resamples=0)
+    with pytest.raises(ValueError, match=r"\['person'\] missing"):
+        evaluate.cluster_bootstrap(table, len, by="person", seed=0)
+    with pytest.raises(ValueError, match="at least two of them; the table has 1"):
+        evaluate.cluster_bootstrap(table[:2], len, seed=0)
+    with pytest.raises(ValueError, match="not on 3 of 3"):
+        evaluate.cluster_bootstrap(table, lambda rows: np.nan, seed=0, resamples=3)
+    with pytest.raises(ValueError, match="every row needs a subject; 1 of 4 have none"):
+        evaluate.cluster_bootstrap(table.assign(subject=["a", "a", None, "b"]), len, seed=0)
+    with pytest.raises(ValueError, match="after must be finite; 1 of 2 are not"):
+        evaluate.paired_difference([1.0, 2.0], [1.0, np.nan], ["a", "b"], seed=0)
+    with pytest.raises(ValueError, match="at least two subjects; got 1"):
+        evaluate.paired_difference([1.0, 2.0], [1.0, 2.0], ["a", "a"], seed=0)
+    with pytest.raises(ValueError, match=r"each of the 2 rows; got shape \(3,\)"):
+        evaluate.paired_difference([1.0, 2.0], [1.0, 2.0], ["a", "b", "c"], seed=0)
+    with pytest.raises(ValueError, match=r"n, k >= 2; got shape \(3, 1\)"):
+        evaluate.icc21(np.ones((3, 1)))
+    with pytest.raises(ValueError, match=r"same n >= 2; got \(3,\) and \(2,\)"):
+        evaluate.icc([1.0, 2.0, 3.0], [1.0, 2.0])
+    with pytest.raises(ValueError, match="limits of agreement need at least two subjects; got 1"):
+        evaluate.limits_of_agreement([1.0, 2.0], [1.0, 2.0], subjects=["a", "a"])
+    with pytest.raises(ValueError, match=r"each of 2 rows; got shape \(3,\)"):
+        evaluate.limits_of_agreement([1.0, 2.0], [1.0, 2.0], subjects=["a", "b", "c"])
+    with pytest.raises(ValueError, match=r"\['reference'\] missing"):
+        evaluate.with_errors(table.drop(columns="reference"))
+    with pytest.raises(ValueError, match=r"among \['stride_length'\]; got \['speed'\]"):
+        evaluate.agreement(table, quantities=["speed"])
