@@ -1,0 +1,127 @@
+"""Scores and curvature of a sum of losses, as one small program."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.flatten_util import ravel_pytree
+
+from jgait.params import Transform, constrain
+from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS
+
+Function = Callable[..., Any]
+
+
+class Curvature(NamedTuple):
+    """What a loss does around a point, in free coordinates.
+
+    Attributes:
+        losses: (items,).
+        scores: (items, p) gradient of each item's loss.
+        hessian: (p, p) second derivatives of the sum of the losses; None if not asked for.
+        prior: value, gradient (p,) and second derivatives (p, p) of the negative log-prior; zeros without one.
+    """
+
+    losses: Any
+    scores: Any
+    hessian: Any
+    prior: tuple[Any, Any, Any]
+
+
+@lru_cache(maxsize=8)
+def program(
+    loss: Function,
+    priors: tuple[Any, ...] | None,
+    leaves: tuple[Transform, ...],
+    treedef: Any,
+    gradient: str,
+    second: bool,
+) -> Function:
+    """(free, params, data) → `Curvature`, jitted; few are kept, so that calls after the first one compile nothing.
+
+    Args:
+        loss: (params, item) → scalar.
+        priors: `Prior` or None for each of the transforms; or None.
+        leaves: the transforms.
+        treedef: their structure.
+        gradient: one of `GRADIENTS`; "together" takes all pairs of directions at once.
+        second: whether to take second derivatives.
+
+    Raises:
+        ValueError: for another `gradient`.
+    """
+    if gradient not in GRADIENTS:
+        raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")
+    transforms = jax.tree.unflatten(treedef, leaves)
+    beside = (None,) * len(leaves) if priors is None else priors
+
+    def run(free: Any, params: Any, data: Any) -> Curvature:
+        flat, unflatten = ravel_pytree(free)
+
+        def item_loss(vector: Any, item: Any) -> Any:
+            return loss(constrain(unflatten(vector), transforms, params), item)
+
+        def prior(vector: Any) -> Any:
+            natural = treedef.flatten_up_to(constrain(unflatten(vector), transforms, params))
+            terms = [
+                jnp.sum(jnp.asarray(one.penalty(value), vector.dtype))
+                for one, value, transform in zip(beside, natural, leaves, strict=True)
+                if one is not None and transform.to_free is not None
+            ]
+            return sum(terms, jnp.zeros_like(vector[0]))
+
+        ways = _reverse if gradient == "reverse" or (gradient == "auto" and flat.size > FORWARD_UP_TO) else _forward
+        found = ways(item_loss, flat, data, second, gradient == "together")
+        slope = jax.jacfwd(prior)
+        return Curvature(*found, (prior(flat), slope(flat), jax.jacfwd(slope)(flat)))
+
+    return jax.jit(run)
+
+
+def _forward(item_loss: Function, flat: Any, data: Any, second: bool, together: bool) -> tuple[Any, Any, Any]:
+    """Tangents of tangents: no tape through a filter's scan, and one evaluation to compile."""
+    eye = jnp.eye(flat.size, dtype=flat.dtype)
+
+    def every(function: Function, over: Any) -> Any:
+        return jax.vmap(function)(over) if together else lax.map(function, over)
+
+    def losses(vector: Any) -> Any:
+        return jax.vmap(item_loss, in_axes=(None, 0))(vector, data)
+
+    def along(direction: Any, vector: Any = flat) -> tuple[Any, Any]:
+        return jax.jvp(losses, (vector,), (direction,))
+
+    if not second:
+        values, slopes = every(along, eye)
+        return values[0], slopes.T, None
+
+    def pair(directions: tuple[Any, Any]) -> tuple[Any, Any, Any]:
+        one, other = directions
+        (values, slopes), (_, bends) = jax.jvp(lambda vector: along(one, vector), (flat,), (other,))
+        return values, slopes, jnp.sum(bends)
+
+    rows, columns = np.triu_indices(flat.size)
+    values, slopes, bends = every(pair, (eye[rows], eye[columns]))
+    upper = jnp.zeros_like(eye).at[rows, columns].set(bends)
+    return values[0], slopes[np.flatnonzero(rows == columns)].T, upper + jnp.triu(upper, 1).T
+
+
+def _reverse(item_loss: Function, flat: Any, data: Any, second: bool, together: bool) -> tuple[Any, Any, Any]:
+    """Tangents of adjoints: p of them, for many parameters."""
+
+    def both(vector: Any) -> tuple[Any, Any]:
+        return jax.vmap(jax.value_and_grad(item_loss), in_axes=(None, 0))(vector, data)
+
+    if not second:
+        return (*both(flat), None)
+
+    def along(direction: Any) -> Any:
+        (values, slopes), (_, bends) = jax.jvp(both, (flat,), (direction,))
+        return values, slopes, jnp.sum(bends, axis=0)
+
+    values, slopes, bends = lax.map(along, jnp.eye(flat.size, dtype=flat.dtype))
+    return values[0], slopes[0], (bends + bends.T) / 2.0

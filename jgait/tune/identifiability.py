@@ -1,0 +1,307 @@
+"""What the data can determine and what they cannot, from the curvature of the loss at the best parameters.
+
+Everything is counted in free coordinates (see `jgait.params`): a standard error of 1 is a factor e for a positive
+parameter, one unit of the logit for an interval, and the parameter's own unit for a real one.
+"""
+
+import math
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.params import Transform
+from jgait.tune.coordinates import Coordinates, check_items, check_loss, coordinates, natural_numbers
+from jgait.tune.curvature import Curvature, program
+from jgait.tune.words import Direction, direction, sentences
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+INFORMATION = ("hessian", "scores", "sandwich")
+"""Ways to count information, see `identifiability`."""
+
+TOGETHER = 0.95
+"""Correlation from which on two parameters are said to move together."""
+
+ROUNDINGS = 1000.0
+"""Errors of rounding, for each free number, that second derivatives are trusted to have at most."""
+
+
+class Identifiability(NamedTuple):
+    """What is known of p free numbers; `sentences` says it in words and `table()` in rows.
+
+    Attributes:
+        names: of the numbers, such as "thigh_length.right" or "level[0]".
+        transforms: name of each number's transform.
+        values: (p,) in natural units.
+        free: (p,) in free coordinates.
+        loss: total over the items, with the prior [nat].
+        gradient: (p,) of the total in free coordinates.
+        decrement: gᵀ B⁻¹ g over the determined directions, B the information that the spread rests on: the squared
+            length of the step to the optimum in standard errors. Well below 1 at an optimum.
+        information: (p, p) in free coordinates: second derivatives, or the outer products for "scores".
+        eigenvalues: (p,) of the information, ascending.
+        eigenvectors: (p, p), one a column.
+        covariance: (p, p) in free coordinates; directions without information have a huge but finite variance.
+        correlation: (p, p); exactly singular pairs show ±1.
+        stderr_free: (p,) in free coordinates; infinite without information.
+        stderr: (p,) in natural units, by the slope of the transform.
+        low: (p,) lower ends in natural units, inside the bounds.
+        high: (p,) upper ends.
+        determined: (p,) bool, whether the standard error is within the limit.
+        directions: those that are not determined, the worst first.
+        minimum: False where the loss curves downwards or its curvature is not finite.
+        undetermined: names of what is not determined.
+        sentences: all of it in plain words.
+        level: of the intervals.
+    """
+
+    names: tuple[str, ...]
+    transforms: tuple[str, ...]
+    values: np.ndarray
+    free: np.ndarray
+    loss: float
+    gradient: np.ndarray
+    decrement: float
+    information: np.ndarray
+    eigenvalues: np.ndarray
+    eigenvectors: np.ndarray
+    covariance: np.ndarray
+    correlation: np.ndarray
+    stderr_free: np.ndarray
+    stderr: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    determined: np.ndarray
+    directions: tuple[Direction, ...]
+    minimum: bool
+    undetermined: list[str]
+    sentences: list[str]
+    level: float
+
+    @property
+    def gradient_norm(self) -> float:
+        """Norm of the gradient of the total loss in free coordinates."""
+        return float(np.linalg.norm(self.gradient))
+
+    def table(self) -> "pd.DataFrame":
+        """One row a number (index `name`); columns `value stderr low high stderr_free determined moves_with`."""
+        import pandas as pd
+
+        partners = [
+            ", ".join(f"{self.names[j]} ({self.correlation[i, j]:+.2f})" for j in _partners(self.correlation, i))
+            for i in range(len(self.names))
+        ]
+        columns = {
+            "value": self.values, "stderr": self.stderr, "low": self.low, "high": self.high,
+            "stderr_free": self.stderr_free, "determined": self.determined, "moves_with": partners,
+        }  # fmt: skip
+        return pd.DataFrame(columns, index=pd.Index(self.names, name="name"))
+
+
+class _Spread(NamedTuple):
+    """Covariance in two parts: where there is information, and where there is none.
+
+    Attributes:
+        known: (p, p) covariance within the directions that have information.
+        unknown: (p, p) covariance of the others, huge; a zero row where a parameter has no share in them.
+        decrement: see `Identifiability`.
+        falling: (k, p) directions along which the loss curves downwards.
+    """
+
+    known: np.ndarray
+    unknown: np.ndarray
+    decrement: float
+    falling: np.ndarray
+
+
+def _partners(correlation: np.ndarray, i: int) -> list[int]:
+    return [j for j in range(len(correlation)) if j != i and abs(correlation[i, j]) >= TOGETHER]
+
+
+def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float) -> _Spread:
+    """Invert what can be inverted.
+
+    Scaled to a unit diagonal first, so that what counts as rounding does not depend on the units of the parameters.
+
+    Args:
+        information: (p, p) symmetric, finite.
+        noise: (p, p) covariance of the gradient: the information itself, or that of the scores for the sandwich.
+        gradient: (p,).
+        rounding: eigenvalues of the scaled matrix below this, relative to the largest, are none.
+        limit: see `identifiability`.
+    """
+    scale = np.sqrt(np.abs(np.diag(information)))
+    scale = 1.0 / np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    has = values > rounding * np.abs(values).max()
+    good = vectors[:, has] / values[has]
+    bread = np.outer(scale, scale) * (good @ vectors[:, has].T)
+    known = bread @ noise @ bread
+    # Huge against all that is known, so that what has no information shows correlations of ±1; and a share that is
+    # no more than rounding must not reach parameters which have nothing to do with it.
+    empty = np.where(np.abs(vectors[:, ~has]) < 1e-5, 0.0, vectors[:, ~has])
+    huge = 1e12 * max(1.0, float(np.max(np.diag(known) / scale**2)))
+    unknown = huge * np.outer(scale, scale) * (empty @ empty.T)
+    steps = vectors[:, has].T @ (scale * gradient)
+    meat = vectors[:, has].T @ (np.outer(scale, scale) * noise) @ vectors[:, has]
+    decrement = float(steps @ np.linalg.pinv(meat, hermitian=True) @ steps) if has.any() else 0.0
+    along = (scale[:, None] * vectors[:, values < -rounding * np.abs(values).max()]).T
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    # Curvature of a thousandth of what would count as determined is rounding or flatness, and not worth a word.
+    falls = np.einsum("ki,ij,kj->k", along, information, along) < -1e-6 / limit**2
+    return _Spread(known, unknown, decrement, along[falls])
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.where(deviation > 0.0, deviation, 1.0)
+    correlation = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Natural values `reach` below and above the free ones; a bound itself where the reach is infinite."""
+    one, other = (natural_numbers(at, vector + sign * reach)[0] for sign in (-1.0, 1.0))
+    low, high = (np.array([getattr(t, end) for t in at.transforms]) for end in ("low", "high"))
+    one, other = np.where(np.isnan(one), low, one), np.where(np.isnan(other), high, other)
+    return np.minimum(one, other), np.maximum(one, other)
+
+
+def _beside(transforms: Any, priors: Any) -> tuple[Any, Any, Any]:
+    """Priors and transforms in the order of the parameters, and their structure."""
+    structure: Any
+    leaves, structure = jax.tree.flatten(transforms, is_leaf=lambda node: isinstance(node, Transform))
+    if priors is None:
+        return None, tuple(leaves), structure
+    try:
+        told = tuple(structure.flatten_up_to(priors))
+    except (ValueError, TypeError) as error:
+        raise TypeError(f"priors and transforms must have the same structure: {error}") from error
+    odd = next((one for one in told if one is not None and not hasattr(one, "penalty")), None)
+    if odd is not None:
+        raise TypeError(f"priors must hold a jgait.params.Prior or None for every parameter; got {odd!r}")
+    return told, tuple(leaves), structure
+
+
+def _information(found: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Information, and the covariance of the gradient that the spread rests on."""
+    bent = np.asarray(found.prior[2], float)
+    scores = np.asarray(found.scores, float)
+    size = scores.shape[1]
+    if kind != "hessian" and count <= size:
+        raise ValueError(
+            f"information={kind!r} needs more items than free numbers, whose scores it compares; "
+            f"got {count} items for {size} numbers"
+        )
+    outer = scores.T @ scores
+    if kind == "scores":
+        return outer + bent, outer + bent
+    whole = np.asarray(found.hessian, float) + bent
+    return whole, outer if kind == "sandwich" else whole
+
+
+def identifiability(
+    loss: Callable[[Any, Any], Any],
+    params: Any,
+    transforms: Any,
+    data: Any,
+    *,
+    batched: bool = True,
+    gradient: str = "auto",
+    information: str = "hessian",
+    level: float = 0.95,
+    limit: float = 1.0,
+    priors: Any = None,
+) -> Identifiability:
+    """Say what the data determine at the best parameters, and how well.
+
+        hessian    observed information Σ ∂²ℓᵢ; covariance its inverse. For a negative log-likelihood.
+        scores     Σ ∂ℓᵢ ∂ℓᵢᵀ; the same at the truth in large samples, by first derivatives only.
+        sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, trajectory errors too.
+
+    A direction (an eigenvector of the information) is not determined when its standard deviation exceeds `limit` in
+    free coordinates or its eigenvalue is not positive beyond rounding; a parameter when its standard error does.
+
+    Args:
+        loss: (params, item) → the item's total negative log-likelihood [nat], not a mean over its samples: a loss
+            divided by n makes every standard error √n too large, except for "sandwich", which scale does not touch.
+            Pure JAX; a function kept between calls is compiled once.
+        params: NamedTuple in natural units, the best ones (`Fit.params`).
+        transforms: the same type, holding a `Transform` for each.
+        data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
+        batched: whether `data` has an axis of items.
+        gradient: how to differentiate. "forward": tangents of tangents, one pair of numbers after another, in
+            constant memory; "together": all pairs at once; "reverse": tangents of adjoints; "auto": forward up to
+            `FORWARD_UP_TO` numbers.
+        information: one of `INFORMATION`.
+        level: of the intervals, which are symmetric in free coordinates and so respect bounds.
+        limit: largest standard error in free coordinates that counts as determined.
+        priors: the type of `params`, holding a `jgait.params.Prior` or None for each, as in `fit`; each counted once.
+
+    Returns:
+        The statement.
+
+    Raises:
+        TypeError: if `params`, `transforms` and `priors` do not match, or `data` holds anything but numbers.
+        ValueError: if nothing is free, a value is outside its range, the loss is not one finite scalar there, an
+            option is unknown, or there are too few items to compare scores.
+
+    Source: White (1982), Econometrica 50, for the sandwich. Tests: tests/tune/test_identifiability.py.
+    """
+    if information not in INFORMATION:
+        raise ValueError(f"information must be one of {', '.join(INFORMATION)}; got {information!r}")
+    if not (0.0 < level < 1.0 and 0.0 < limit < math.inf):
+        raise ValueError(f"level must lie in (0, 1) and limit be positive; got level={level}, limit={limit}")
+    at = coordinates(params, transforms)
+    data, count = check_items(data, batched)
+    check_loss(loss, params, data)
+    run = program(loss, *_beside(transforms, priors), gradient, information != "scores")
+    found = run(at.tree, params, data)
+    total = float(np.sum(np.asarray(found.losses, float))) + float(found.prior[0])
+    if not math.isfinite(total):
+        raise ValueError(f"the loss is not finite at these parameters (total {total})")
+    whole, noise = _information(found, information, count)
+    slope = np.sum(np.asarray(found.scores, float), axis=0) + np.asarray(found.prior[1], float)
+    rounding = ROUNDINGS * len(slope) * float(np.finfo(at.vector.dtype).eps)
+    return _statement(at, total, slope, whole, noise, rounding, level, limit)
+
+
+def _statement(
+    at: Coordinates, total: float, slope: np.ndarray, information: np.ndarray, noise: np.ndarray,
+    rounding: float, level: float, limit: float,
+) -> Identifiability:  # fmt: skip
+    """From information to words, on the host."""
+    finite = bool(np.isfinite(slope).all() and np.isfinite(information).all() and np.isfinite(noise).all())
+    usable, gradient = (information, slope) if finite else (np.zeros_like(information), np.zeros_like(slope))
+    spread = _spread(usable, noise if finite else usable, gradient, rounding, limit)
+    covariance = spread.known + spread.unknown
+    correlation = _correlation(covariance)
+    free = np.asarray(at.vector, float)
+    stderr_free = np.where(np.diag(spread.unknown) > 0.0, np.inf, np.sqrt(np.diag(covariance)))
+    values, slopes = natural_numbers(at, free)
+    infinite = np.isinf(stderr_free)
+    stderr = np.where(infinite, np.inf, np.abs(slopes) * np.where(infinite, 0.0, stderr_free))
+    low, high = _ends(at, free, NormalDist().inv_cdf(0.5 + level / 2.0) * stderr_free)
+    eigenvalues, eigenvectors = np.linalg.eigh(usable)
+    known, unknown = (np.einsum("ik,ij,jk->k", eigenvectors, part, eigenvectors) for part in spread[:2])
+    deviations = np.where(unknown > known, np.inf, np.sqrt(np.maximum(known, 0.0)))
+    loose = tuple(
+        direction(at.names, eigenvectors[:, k], float(deviations[k]))
+        for k in np.argsort(-deviations, kind="stable")
+        if deviations[k] > limit
+    )
+    determined = stderr_free <= limit
+    result = Identifiability(
+        at.names, tuple(t.name for t in at.transforms), values, free, total, slope, spread.decrement,
+        information, eigenvalues, eigenvectors, covariance, correlation, stderr_free, stderr, low, high,
+        determined, loose, finite and not len(spread.falling),
+        [name for name, known in zip(at.names, determined, strict=True) if not known], [], level,
+    )  # fmt: skip
+    together = [(i, j) for i in range(len(free)) for j in _partners(correlation, i) if i < j]
+    falling = [direction(at.names, vector, math.inf) for vector in spread.falling]
+    return result._replace(sentences=sentences(result, at.transforms, together, falling, finite, limit))

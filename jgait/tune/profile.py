@@ -1,0 +1,252 @@
+"""The profile of a loss: one parameter held at value after value, the others fitted again each time."""
+
+import math
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from jgait.params import Transform
+from jgait.tune.coordinates import Coordinates, check_items, check_loss, coordinates, natural
+from jgait.tune.gradient import value_and_grad
+
+
+class Profile(NamedTuple):
+    """A profiled parameter.
+
+    Attributes:
+        name: of the number, such as "thigh_length.right".
+        values: (V,) at which it was held, natural units, ascending.
+        losses: (V,) total loss of the best fit of the others [nat]; infinite where none was finite.
+        params: those fits, natural units, (V,) in front of every free leaf; what is fixed is the very object given.
+        gradient_norms: (V,) of the total loss in the others' free coordinates; large where `steps` were too few.
+        transform: of the number.
+    """
+
+    name: str
+    values: np.ndarray
+    losses: np.ndarray
+    params: Any
+    gradient_norms: np.ndarray
+    transform: Transform
+
+    @property
+    def free(self) -> np.ndarray:
+        """(V,) the values in free coordinates."""
+        return _free(self.transform, self.values)
+
+    @property
+    def rises(self) -> np.ndarray:
+        """(V,) how far each loss lies above the profile's minimum [nat], which may lie between the values."""
+        return self.losses - self._minimum()[1]
+
+    def _minimum(self) -> tuple[float, float]:
+        """Where the profile is lowest, in free coordinates, and its loss: of the parabola through three values."""
+        free, losses = self.free, self.losses
+        k = int(np.argmin(losses))
+        if 0 < k < len(free) - 1 and np.isfinite(losses[k - 1 : k + 2]).all():
+            x, y = free[k - 1 : k + 2] - free[k], losses[k - 1 : k + 2] - losses[k]
+            slopes = y[[0, 2]] / x[[0, 2]]  # of the parabola y = b x + c x²: slope + c · x at either side
+            bend = (slopes[1] - slopes[0]) / (x[2] - x[0])
+            if bend > 0.0:
+                slope = slopes[0] - bend * x[0]
+                return float(free[k] - slope / (2.0 * bend)), float(losses[k] - slope**2 / (4.0 * bend))
+        return float(free[k]), float(losses[k])
+
+    def interval(self, level: float = 0.95) -> tuple[float | None, float | None]:
+        """Ends of the values that a likelihood-ratio test at `level` does not reject.
+
+        2 (ℓ(x) − min ℓ) ≤ χ²₁(level); between values, √(ℓ − min ℓ) is taken as straight in free coordinates, which is
+        exact for a parabola.
+
+        Args:
+            level: in (0, 1).
+
+        Returns:
+            Lower and upper end in natural units; None where the profile does not rise enough within its values.
+
+        Raises:
+            ValueError: for another level.
+        """
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level must lie in (0, 1); got {level}")
+        height = NormalDist().inv_cdf(0.5 + level / 2.0)
+        centre, lowest = self._minimum()
+        roots = np.sqrt(2.0 * np.maximum(self.losses - lowest, 0.0))
+
+        def end(side: np.ndarray) -> float | None:
+            before, under = centre, 0.0
+            for k in side:
+                if roots[k] >= height:
+                    share = (height - under) / (roots[k] - under) if math.isfinite(roots[k]) else 0.0
+                    return _natural(self.transform, before + share * (self.free[k] - before))
+                before, under = self.free[k], roots[k]
+            return None
+
+        order = np.arange(len(self.values))
+        return end(order[self.free < centre][::-1]), end(order[self.free > centre])
+
+    def sentence(self, level: float = 0.95) -> str:
+        """What the profile says, in plain words."""
+        low, high = self.interval(level)
+        if low is not None and high is not None:
+            return f"{self.name} lies between {low:.4g} and {high:.4g} ({100 * level:g} %)"
+        if low is None and high is None:
+            rise = float(np.max(self.rises[np.isfinite(self.rises)]))
+            need = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2 / 2.0
+            return (
+                f"{self.name} is not determined by these data: the loss rises by {rise:.2g} nat at most between "
+                f"{self.values[0]:.4g} and {self.values[-1]:.4g}, and {need:.3g} nat would tell ({100 * level:g} %)"
+            )
+        bound = f"above {low:.4g}" if low is not None else f"below {high:.4g}"
+        end = f"{self.values[-1]:.4g}" if low is not None else f"{self.values[0]:.4g}"
+        return f"{self.name} lies {bound} ({100 * level:g} %); the profile, to {end}, shows no other end"
+
+
+def _free(transform: Transform, values: Any) -> np.ndarray:
+    to_free: Any = transform.to_free
+    return np.asarray(to_free(jnp.asarray(values)), float)
+
+
+def _natural(transform: Transform, free: float) -> float:
+    to_natural: Any = transform.to_natural
+    return float(to_natural(jnp.asarray(free)))
+
+
+class _State(NamedTuple):
+    """Between steps; the loss is finite unless it was not at the start."""
+
+    others: Any
+    optimizer: Any
+    loss: Any
+    gradient: Any
+    scale: Any
+    best: Any
+    best_loss: Any
+    best_norm: Any
+
+
+def _choose(condition: Any, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _refit(objective: Callable[[Any], Any], start: Any, optimizer: Any, steps: int, gradient: str) -> Any:
+    """Lowest point seen in a scan of steps; one that leads to anything not finite is taken back and halved."""
+    differentiate = value_and_grad(objective, gradient)
+
+    def norm(vector: Any) -> Any:
+        return jnp.sqrt(jnp.sum(vector * vector))
+
+    def body(state: _State, number: Any) -> tuple[_State, None]:
+        extra = {"value": state.loss, "grad": state.gradient, "value_fn": objective}
+        with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
+            updates, after = optimizer.update(state.gradient, state.optimizer, state.others, **extra)
+        moves = number > 0  # the first evaluates the start, by the same program as every step
+        others = jnp.where(moves, state.others + (state.scale * updates).astype(start.dtype), state.others)
+        loss, slope = differentiate(others)
+        good = jnp.isfinite(loss) & jnp.all(jnp.isfinite(slope)) & jnp.all(jnp.isfinite(others))
+        moved = state._replace(others=others, optimizer=_choose(moves, after, state.optimizer))
+        state = _choose(good, moved._replace(loss=loss, gradient=slope), state)
+        scale = jnp.where(good, jnp.minimum(2.0 * state.scale, 1.0), 0.5 * state.scale).astype(state.scale.dtype)
+        found = (others, loss, norm(slope))
+        best, best_loss, best_norm = _choose(good & (loss < state.best_loss), found, state[5:])
+        return _State(*state[:4], scale, best, best_loss, best_norm), None
+
+    infinite = jnp.full((), jnp.inf, jax.eval_shape(objective, start).dtype)
+    zero = jnp.zeros_like(start)
+    state = _State(start, optimizer.init(start), infinite, zero, jnp.ones_like(infinite), start, infinite, norm(zero))
+    state, _ = jax.lax.scan(body, state, jnp.arange(steps + 1))
+    return state.best, state.best_loss, state.best_norm
+
+
+def _values(at: Coordinates, name: str, values: Any) -> tuple[int, np.ndarray]:
+    """Place of the profiled number and the values to hold it at, ascending."""
+    if name not in at.names:
+        raise ValueError(f"name must be one of the free numbers {', '.join(at.names)}; got {name!r}")
+    place = at.names.index(name)
+    transform = at.transforms[place]
+    array = np.sort(np.asarray(values, float).ravel())
+    if array.size < 2 or np.any(np.diff(array) == 0.0):
+        raise ValueError(f"values must be two different numbers at least; got {values!r}")
+    if not np.all((array > transform.low) & (array < transform.high) & np.isfinite(array)):
+        raise ValueError(f"values of '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {values!r}")
+    return place, array
+
+
+def profile(
+    loss: Callable[[Any, Any], Any],
+    params: Any,
+    transforms: Any,
+    data: Any,
+    name: str,
+    values: Any,
+    optimizer: optax.GradientTransformation,
+    *,
+    steps: int = 100,
+    batched: bool = True,
+    gradient: str = "auto",
+) -> Profile:
+    """The loss of one parameter held at each value in turn, all other free ones fitted again.
+
+    It needs no curvature, and so shows what a standard error cannot: intervals that are lopsided, or have no end.
+    All values are fitted side by side by one program, each from `params` on, which should be the best ones. Steps
+    follow the gradient of the mean loss over the items, as in `fit`.
+
+    Args:
+        loss: (params, item) → the item's total negative log-likelihood [nat]; pure JAX.
+        params: NamedTuple in natural units.
+        transforms: the same type, holding a `Transform` for each.
+        data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
+        name: of the number, as in `Identifiability.names`.
+        values: (V,) at which to hold it, in natural units.
+        optimizer: from optax, for the others.
+        steps: how many, for each value.
+        batched: whether `data` has an axis of items.
+        gradient: how to differentiate, see `value_and_grad`.
+
+    Returns:
+        The profile.
+
+    Raises:
+        TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
+        ValueError: if the name is not that of a free number, a value is outside its range, or the loss is not one
+            scalar or finite at no value.
+    """
+    if steps < 1:
+        raise ValueError(f"steps must be at least 1; got {steps}")
+    at = coordinates(params, transforms)
+    place, held = _values(at, name, values)
+    data, count = check_items(data, batched)
+    check_loss(loss, params, data)
+    extended = optax.with_extra_args_support(optimizer)
+
+    def run(vector: Any, free: Any, params: Any, data: Any) -> Any:
+        def full(others: Any, value: Any) -> Any:
+            return jnp.concatenate([others[:place], value[None], others[place:]])
+
+        def one(value: Any) -> Any:
+            def objective(others: Any) -> Any:
+                point = natural(at, full(others, value), transforms, params)
+                return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(point, data))
+
+            others = jnp.delete(vector, place)
+            if others.size:
+                others, best, slope = _refit(objective, others, extended, steps, gradient)
+            else:
+                best, slope = objective(others), jnp.zeros_like(value)
+            return full(others, value), best, slope
+
+        return jax.vmap(one)(free)
+
+    free = jnp.asarray(_free(at.transforms[place], held), at.vector.dtype)
+    vectors, means, slopes = jax.jit(run)(at.vector, free, params, data)
+    losses = count * np.asarray(means, float)
+    losses = np.where(np.isnan(losses), np.inf, losses)
+    if not np.isfinite(losses).any():
+        raise ValueError(f"the loss or its gradient is not finite at any of the values of '{name}'")
+    fits = natural(at, vectors, transforms, params)
+    return Profile(name, held, losses, fits, count * np.asarray(slopes, float), at.transforms[place])

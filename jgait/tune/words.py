@@ -1,0 +1,119 @@
+"""How the findings about parameters read."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.params import Transform, positive
+
+LARGE = 0.3
+"""Size from which on a component of a unit vector is worth naming."""
+
+OFF = 0.25
+"""gᵀ B⁻¹ g from which on a point is called no optimum: half a standard error away."""
+
+
+class Direction(NamedTuple):
+    """A combination of parameters in free coordinates.
+
+    Attributes:
+        names: of the parameters with large components.
+        weights: those components of the unit vector, the largest positive.
+        stddev: standard deviation along it; infinite without information.
+        words: the combination as it reads, for example "0.71 a1 − 0.71 rollover_radius".
+    """
+
+    names: tuple[str, ...]
+    weights: tuple[float, ...]
+    stddev: float
+    words: str
+
+
+def direction(names: tuple[str, ...], vector: np.ndarray, stddev: float) -> Direction:
+    """Name a unit vector by its large components; by its largest where it has many small ones."""
+    vector = vector * (1.0 if vector[np.argmax(np.abs(vector))] > 0.0 else -1.0)
+    order = np.argsort(-np.abs(vector), kind="stable")
+    large = [int(i) for i in order if abs(vector[i]) >= LARGE] or [int(i) for i in order[:3]]
+    words = names[large[0]] if len(large) == 1 else f"{vector[large[0]]:.2f} {names[large[0]]}"
+    for i in large[1:]:
+        words += f" {'−' if vector[i] < 0.0 else '+'} {abs(vector[i]):.2f} {names[i]}"
+    return Direction(tuple(names[i] for i in large), tuple(float(vector[i]) for i in large), stddev, words)
+
+
+def is_interval(transform: Transform) -> bool:
+    """Whether the range has two ends."""
+    return math.isfinite(transform.low) and math.isfinite(transform.high)
+
+
+def is_positive(transform: Transform) -> bool:
+    """Whether the free value is the logarithm."""
+    return transform.to_free is positive.to_free
+
+
+def unknown(name: str, transform: Transform, stderr: float, low: float, high: float, level: float) -> str:
+    """Say that a parameter is not determined, and how badly."""
+    said = f"{name} is not determined by these data: "
+    if math.isinf(stderr):
+        return said + "its standard error is infinite"
+    if is_interval(transform):
+        return said + f"its {100 * level:g} % interval is {low:.3g} to {high:.3g} of {transform.name}"
+    if is_positive(transform):
+        factor = f"{math.exp(stderr):.3g}" if stderr < 14.0 else f"10^{stderr / math.log(10.0):.0f}"
+        return said + f"its standard error is a factor of {factor}"
+    return said + f"its standard error is {stderr:.3g}"
+
+
+def known(name: str, transform: Transform, value: float, stderr_free: float, stderr: float) -> str:
+    """Say how well a parameter is determined, in one standard error."""
+    if is_positive(transform) and stderr_free >= LARGE:
+        return f"{name} {value:.4g} within a factor of {math.exp(stderr_free):.2g}"
+    if is_positive(transform):
+        return f"{name} {value:.4g} ± {100.0 * stderr_free:.2g} %"
+    return f"{name} {value:.4g} ± {stderr:.2g}"
+
+
+def sentences(
+    found: Any,
+    transforms: tuple[Transform, ...],
+    together: list[tuple[int, int]],
+    falling: list[Direction],
+    finite: bool,
+    limit: float,
+) -> list[str]:
+    """The findings in plain words: what is wrong, what is not determined, what moves together, what is known.
+
+    Args:
+        found: an `Identifiability`.
+        transforms: of its numbers.
+        together: pairs of numbers that move together.
+        falling: directions along which the loss curves downwards.
+        finite: whether all derivatives are.
+        limit: see `identifiability`.
+    """
+    said: list[str] = []
+    if not finite:
+        said.append("nothing can be said: the derivatives of the loss are not finite at these parameters")
+    for one in falling:
+        said.append(f"the point is no minimum: the loss curves downwards along {one.words}")
+    if not found.decrement <= OFF:
+        said.append(
+            f"the point is no optimum: the gradient asks for a step of {math.sqrt(found.decrement):.2g} standard errors"
+        )
+    rows = list(zip(found.names, transforms, found.determined, strict=True))
+    for i, (name, transform, good) in enumerate(rows):
+        if not good:
+            said.append(unknown(name, transform, found.stderr_free[i], found.low[i], found.high[i], found.level))
+    for one in found.directions:
+        if len(one.names) > 1 and finite:
+            spread = "infinite" if math.isinf(one.stddev) else f"{one.stddev:.3g}, above {limit:g}"
+            said.append(f"the combination {one.words} is not determined: its standard deviation is {spread}")
+    for i, j in together:
+        value = found.correlation[i, j]
+        verb = "move together" if value > 0.0 else "move against each other"
+        number = f"{value:.2f}".replace("-", "−")
+        said.append(f"{found.names[i]} and {found.names[j]} {verb}, correlation {number}")
+    for i, (name, transform, good) in enumerate(rows):
+        if good:
+            said.append(known(name, transform, found.values[i], found.stderr_free[i], found.stderr[i]))
+    return said
