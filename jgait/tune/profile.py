@@ -57,6 +57,18 @@ class Profile(NamedTuple):
                 return float(free[k] - slope / (2.0 * bend)), float(losses[k] - slope**2 / (4.0 * bend))
         return float(free[k]), float(losses[k])
 
+    def curve(self, points: int = 200) -> tuple[np.ndarray, np.ndarray]:
+        """The profile between its finite values, as `interval` sees it: values (points,) and rises (points,) [nat]."""
+        centre, lowest = self._minimum()
+        seen = np.isfinite(self.losses)
+        free = self.free[seen]
+        signed = np.sign(free - centre) * np.sqrt(np.maximum(self.losses[seen] - lowest, 0.0))
+        nodes = np.append(free, centre)
+        order = np.argsort(nodes, kind="stable")
+        dense = np.linspace(free[0], free[-1], points)
+        rises = np.interp(dense, nodes[order], np.append(signed, 0.0)[order]) ** 2
+        return _natural(self.transform, dense), rises
+
     def interval(self, level: float = 0.95) -> tuple[float | None, float | None]:
         """Ends of the values that a likelihood-ratio test at `level` does not reject.
 
@@ -83,7 +95,7 @@ class Profile(NamedTuple):
             for k in side:
                 if roots[k] >= height:
                     share = (height - under) / (roots[k] - under) if math.isfinite(roots[k]) else 0.0
-                    return _natural(self.transform, before + share * (self.free[k] - before))
+                    return float(_natural(self.transform, before + share * (self.free[k] - before)))
                 before, under = self.free[k], roots[k]
             return None
 
@@ -112,9 +124,9 @@ def _free(transform: Transform, values: Any) -> np.ndarray:
     return np.asarray(to_free(jnp.asarray(values)), float)
 
 
-def _natural(transform: Transform, free: float) -> float:
+def _natural(transform: Transform, free: Any) -> np.ndarray:
     to_natural: Any = transform.to_natural
-    return float(to_natural(jnp.asarray(free)))
+    return np.asarray(to_natural(jnp.asarray(free)), float)
 
 
 class _State(NamedTuple):
