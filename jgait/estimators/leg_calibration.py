@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment
-from jgait.signal import median_filter, true_runs
+from jgait.signal import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 STILL_RATE = 0.25  # rad/s; every leg gyroscope stays below it while standing
@@ -93,6 +93,26 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
         k: Imu(grid, on_grid(i.gyr), None if i.acc is None else on_grid(i.acc), np.asarray(i.mask)[near])
         for k, i in sensors.items()
     }
+
+
+def _median(values: np.ndarray, size: int) -> np.ndarray:
+    """`jgait.signal.median_filter` in NumPy: every recording has a length of its own, and JAX would compile for each.
+
+    Raises:
+        RecordingError: if there are not enough samples for a window.
+    """
+    half = size // 2
+    if size < 1 or size % 2 == 0:
+        raise ValueError(f"median must be an odd number of samples; got {size}")
+    if len(values) <= half:
+        raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
+    padded = np.pad(np.asarray(values, np.float64), [(half, half), (0, 0)], mode="reflect")
+    window = [padded[shift : shift + len(values)] for shift in range(size)]
+    # Sorted by exchanging neighbours, whole signals at a time: several times faster than `np.sort` of short windows.
+    for turn in range(size):
+        for i in range(turn % 2, size - 1, 2):
+            window[i], window[i + 1] = np.minimum(window[i], window[i + 1]), np.maximum(window[i], window[i + 1])
+    return window[half]
 
 
 def _maximum(values: np.ndarray, half: int) -> np.ndarray:
@@ -273,7 +293,7 @@ def prepare(
     sensors, time = _common_clock(recording, sides)
     time, sensors = resampled(time, sensors, rate_hz)
     if median > 1:
-        sensors = {k: i._replace(gyr=np.asarray(median_filter(i.gyr, median))) for k, i in sensors.items()}
+        sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
     still, (start, stop), notes = find_standing(sensors, time)
     legs = {}
