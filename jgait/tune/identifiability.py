@@ -222,7 +222,8 @@ def identifiability(
 
         hessian    observed information Σ ∂²ℓᵢ; covariance its inverse. For a negative log-likelihood.
         scores     Σ ∂ℓᵢ ∂ℓᵢᵀ; the same at the truth in large samples, by first derivatives only.
-        sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, trajectory errors too.
+        sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, trajectory errors too. With
+                   few items n it understates standard errors, by a factor of about √(1 − p/n).
 
     A direction (an eigenvector of the information) is not determined when its standard deviation exceeds `limit` in
     free coordinates or its eigenvalue is not positive beyond rounding; a parameter when its standard error does.

@@ -1,0 +1,127 @@
+"""Pictures of a tuning show what was found, and mark what is not determined and what was taken back."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from jgait import plot, plot_tuning, tune
+from jgait.params import fixed, positive, real
+
+
+class Leg(NamedTuple):
+    a1: Any
+    rollover_radius: Any
+    noise: Any
+
+
+AT, FREE = Leg(0.4, 0.1, 0.05), Leg(real, real, positive)
+
+
+def total_length(params, item):
+    """Sees a1 + rollover_radius only."""
+    return 0.5 * ((item - params.a1 - params.rollover_radius) / params.noise) ** 2 + jnp.log(params.noise)
+
+
+@pytest.fixture(scope="module")
+def lengths():
+    values = np.random.default_rng(0).normal(size=50)
+    return 0.5 + 0.05 * (values - values.mean()) / values.std()
+
+
+def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is_marked(lengths, tmp_path):
+    found = tune.identifiability(total_length, AT, FREE, lengths)
+    figure = plot_tuning.correlation(found, title="lengths")
+    axis = figure.axes[0]
+    np.testing.assert_array_equal(axis.images[0].get_array(), np.abs(found.correlation))
+    names = ["a1 *", "rollover_radius *", "noise"]
+    assert [label.get_text() for label in axis.get_xticklabels()] == names
+    assert [label.get_text() for label in axis.get_yticklabels()] == names
+    assert axis.get_xlabel() == "* not determined by these data"
+    texts = [[text.get_text() for text in axis.texts[3 * row : 3 * row + 3]] for row in range(3)]
+    assert texts == [["1", "−1.00", "0"], ["−1.00", "1", "0"], ["0", "0", "1"]]
+    dark = {text.get_text(): text.get_color() for text in axis.texts}
+    assert dark["−1.00"] == "white" and dark["0"] == "black"  # readable on their ground
+    assert plot.save(figure, tmp_path / "correlation.png").stat().st_size > 5000
+
+
+def test_many_parameters_are_drawn_without_numbers():
+    class Many(NamedTuple):
+        level: Any
+
+    found = tune.identifiability(
+        lambda p, item: jnp.sum((p.level - item) ** 2), Many(jnp.zeros(14)), Many(real), np.zeros((2, 14))
+    )
+    axis = plot_tuning.correlation(found).axes[0]
+    assert not axis.texts and axis.get_xlabel() == ""
+    assert [label.get_text() for label in axis.get_yticklabels()][-1] == "level[13]"
+
+
+def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
+    free = FREE._replace(rollover_radius=fixed, noise=fixed)
+    found = tune.profile(total_length, AT, free, lengths, "a1", np.linspace(0.37, 0.42, 6), optax.sgd(0.1))
+    low, high = found.interval(0.9)
+    figure = plot_tuning.profile(found, level=0.9, unit="m")
+    (axis,) = figure.axes
+    need = 1.6448536269514722**2 / 2.0
+    assert axis.get_xlabel() == "a1 [m]" and axis.get_ylabel() == "loss above its minimum [nat]"
+    assert [text.get_text() for text in axis.get_legend().texts] == [
+        "90 %: 1.35 nat",
+        f"from {low:.4g}",
+        f"to {high:.4g}",
+    ]
+    curve, points, line, *ends = axis.lines
+    np.testing.assert_allclose(points.get_ydata(), found.rises)
+    np.testing.assert_allclose(line.get_ydata(), need)
+    for end, at in zip(ends, (low, high), strict=True):
+        assert list(end.get_xdata()) == [at, at]
+        assert np.interp(at, *curve.get_data()) == pytest.approx(need, rel=1e-2)
+    parabola = 0.5 * ((curve.get_xdata() - 0.4) / 0.05) ** 2 * 50
+    np.testing.assert_allclose(curve.get_ydata(), parabola, atol=1e-9)
+    assert axis.get_xscale() == "linear"
+    plot.save(figure, tmp_path / "profile.png")
+
+
+def test_a_flat_profile_says_so(lengths, tmp_path):
+    free = Leg(positive, positive, fixed)
+    found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
+    figure = plot_tuning.profile(found)
+    (axis,) = figure.axes
+    assert [text.get_text() for text in axis.texts] == ["not determined by these data"]
+    assert axis.get_ylim()[1] > 1.92  # the line is seen even so
+    assert axis.get_xscale() == "log"
+    assert axis.get_xlabel() == "a1"
+    plot.save(figure, tmp_path / "flat.png")
+
+
+def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths, tmp_path):
+    def cliff(params, item):  # not a number below 0.3
+        return jnp.where(params.a1 < 0.3, jnp.nan, (params.a1 - 0.25) ** 2) + 0.0 * item
+
+    free = Leg(real, fixed, fixed)
+    fit = tune.fit(cliff, AT, free, lengths, optax.sgd(0.4), steps=12)
+    assert fit.rejected
+    figure = plot_tuning.training(fit, unit="m²", title="a cliff")
+    above, below = figure.axes
+    assert above.get_ylabel() == "loss [m²]" and below.get_xlabel() == "step"
+    for axis, values in ((above, fit.losses), (below, fit.gradient_norms)):
+        line, crosses = axis.lines
+        np.testing.assert_array_equal(line.get_ydata(), values)
+        np.testing.assert_array_equal(crosses.get_xdata(), np.flatnonzero(~fit.accepted))
+        np.testing.assert_array_equal(crosses.get_ydata(), values[~fit.accepted])
+    assert [text.get_text() for text in above.get_legend().texts] == ["loss", f"taken back ({fit.rejected})"]
+    plot.save(figure, tmp_path / "training.png")
+
+
+def test_a_training_judged_on_other_items_shows_their_loss_where_it_was_looked_at(lengths, tmp_path):
+    free = Leg(real, fixed, fixed)
+    fit = tune.fit(total_length, AT._replace(a1=0.2), free, lengths, optax.sgd(1e-4), steps=10,
+                   validation=np.arange(50) >= 40, every=5)  # fmt: skip
+    figure = plot_tuning.training(fit)
+    line, judged = figure.axes[0].lines
+    assert len(line.get_xdata()) == 10
+    assert list(judged.get_xdata()) == [5, 10]
+    np.testing.assert_array_equal(judged.get_ydata(), fit.validation[[4, 9]])
+    plot.save(figure, tmp_path / "training.png")
