@@ -189,6 +189,33 @@ def _values(at: Coordinates, name: str, values: Any) -> tuple[int, np.ndarray]:
     return place, array
 
 
+def _runner(
+    loss: Callable[[Any, Any], Any], transforms: Any, at: Coordinates, place: int, optimizer: Any, steps: int,
+    gradient: str,
+) -> Callable[..., Any]:  # fmt: skip
+    """(vector, values, params, data) → vectors (V, p), mean losses (V,) and gradient norms (V,)."""
+
+    def run(vector: Any, free: Any, params: Any, data: Any) -> Any:
+        def full(others: Any, value: Any) -> Any:
+            return jnp.concatenate([others[:place], value[None], others[place:]])
+
+        def one(value: Any) -> Any:
+            def objective(others: Any) -> Any:
+                point = natural(at, full(others, value), transforms, params)
+                return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(point, data))
+
+            others = jnp.delete(vector, place)
+            if others.size:
+                others, best, slope = _refit(objective, others, optimizer, steps, gradient)
+            else:
+                best, slope = objective(others), jnp.zeros_like(value)
+            return full(others, value), best, slope
+
+        return jax.vmap(one)(free)
+
+    return run
+
+
 def profile(
     loss: Callable[[Any, Any], Any],
     params: Any,
@@ -234,26 +261,7 @@ def profile(
     place, held = _values(at, name, values)
     data, count = check_items(data, batched)
     check_loss(loss, params, data)
-    extended = optax.with_extra_args_support(optimizer)
-
-    def run(vector: Any, free: Any, params: Any, data: Any) -> Any:
-        def full(others: Any, value: Any) -> Any:
-            return jnp.concatenate([others[:place], value[None], others[place:]])
-
-        def one(value: Any) -> Any:
-            def objective(others: Any) -> Any:
-                point = natural(at, full(others, value), transforms, params)
-                return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(point, data))
-
-            others = jnp.delete(vector, place)
-            if others.size:
-                others, best, slope = _refit(objective, others, extended, steps, gradient)
-            else:
-                best, slope = objective(others), jnp.zeros_like(value)
-            return full(others, value), best, slope
-
-        return jax.vmap(one)(free)
-
+    run = _runner(loss, transforms, at, place, optax.with_extra_args_support(optimizer), steps, gradient)
     free = jnp.asarray(_free(at.transforms[place], held), at.vector.dtype)
     vectors, means, slopes = jax.jit(run)(at.vector, free, params, data)
     losses = count * np.asarray(means, float)
