@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
+
+from jgait.types import SIDES
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
@@ -51,6 +54,24 @@ class Segments(NamedTuple):
     foot_left: Any
 
 
+def segment_of(placement: str) -> str:
+    """The segment that carries a sensor at a placement (see `jgait.PLACEMENTS`).
+
+    Raises:
+        ValueError: if none of the lower body does.
+    """
+    if placement in ("pelvis", "lower_back", "waist"):
+        return "pelvis"
+    kind, _, side = placement.partition("_")
+    segments = {"thigh": "thigh", "shank": "shank", "ankle": "shank", "foot": "foot"}
+    if kind not in segments or side not in SIDES:
+        raise ValueError(
+            f"the lower body can wear sensors on {', '.join(Segments._fields)}, ankle_right, ankle_left, lower_back "
+            f"and waist; got {placement!r}"
+        )
+    return f"{segments[kind]}_{side}"
+
+
 class Motion(NamedTuple):
     """A pose and its first and second derivative with respect to time.
 
@@ -63,6 +84,11 @@ class Motion(NamedTuple):
     pose: Any
     rate: Any
     acceleration: Any
+
+
+def kept[T](values: T) -> T:
+    """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
+    return lax.optimization_barrier(values)
 
 
 def add(a: Vector, b: Vector) -> Vector:

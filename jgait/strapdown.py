@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.kinematics import GRAVITY
+from jgait.rotation import rotation
 
 _SUM = (11.0 / 1440.0, -93.0 / 1440.0, 802.0 / 1440.0)
 """Weights of six samples in the integral over the interval between the middle two, the outermost first."""
@@ -62,20 +63,6 @@ def _integral(samples: Any, dt: Any) -> Any:
     return jnp.concatenate([jnp.zeros_like(samples[:1]), jnp.cumsum(steps, axis=0)])
 
 
-def _rotation(turn: Any) -> Any:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
-    square = jnp.sum(turn * turn, axis=1)[:, None, None]
-    small = square < 1e-8
-    safe = jnp.where(small, jnp.ones_like(square), square)
-    angle = jnp.sqrt(safe)
-    first = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
-    second = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / safe)
-    x, y, z = turn[:, 0], turn[:, 1], turn[:, 2]
-    zero = jnp.zeros_like(x)
-    cross = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    return jnp.eye(3, dtype=turn.dtype)[None] + first * cross + second * (cross @ cross)
-
-
 def attitude(gyr: Any, dt: Any, start: Any) -> Any:
     """Axes of a sensor (T, 3, 3) from its angular rate (T, 3) [rad/s], samples dt [s] apart, and its first axes."""
     rates = [_shifted(gyr, i) for i in (-2, -1, 0, 1, 2, 3)]
@@ -83,7 +70,7 @@ def attitude(gyr: Any, dt: Any, start: Any) -> Any:
     # First moment about the middle, in units of dt².
     odd = [(b - a) for a, b in zip(rates[:3], rates[:2:-1], strict=True)]
     moment = dt * dt * sum(w * d for w, d in zip(_MOMENT, odd, strict=True))
-    turns = _rotation(total + jnp.cross(total, moment) / dt)
+    turns = rotation(total + jnp.cross(total, moment) / dt)
     all_turns = jnp.concatenate([start[None], turns])
     return jax.lax.associative_scan(lambda a, b: a @ b, all_turns)
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.kinematics import Motion, Vector, in_segment, inertial
+from jgait.kinematics import Motion, Vector, in_segment, inertial, segment_of
 from jgait.replay.body import JointCentres, LegCentres, Replay, body_motion, median
 from jgait.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
 from jgait.sensors import ImuErrors, measure
@@ -69,17 +69,13 @@ def replay(
     if len(time) < 10:
         raise ValueError(f"{end - start:g} s at {rate_hz:g} Hz are {len(time)} samples; at least 10 are needed")
     body = body_motion(points, time, cutoff_hz=cutoff_hz, noise=noise, max_gap=max_gap)
-    there = [place for place in _PLACES if getattr(body.motion.pose, _segment(place)) is not None]
+    there = [place for place in _PLACES if getattr(body.motion.pose, segment_of(place)) is not None]
     chosen = there if placements is None else list(placements)
     lacking = [place for place in (*chosen, *(offsets or {})) if place not in there]
     if lacking or not chosen:
         raise ValueError(f"sensors can be placed at {', '.join(there)}; got {', '.join(lacking) or 'none'}")
     sensors = _sensors(body, chosen, offsets or {}, errors, key)
     return Recording(sensors, rate_hz, name, subject), _truth(points, body, rate_hz)
-
-
-def _segment(placement: str) -> str:
-    return placement.replace("ankle", "shank")
 
 
 def mount(body: Replay, placement: str) -> np.ndarray:
@@ -91,7 +87,7 @@ def mount(body: Replay, placement: str) -> np.ndarray:
     part, _, side = placement.partition("_")
     if part == "pelvis":
         return as_float([-_BEHIND, 0.0, 0.0])
-    valid = getattr(body.valid, _segment(placement))
+    valid = getattr(body.valid, segment_of(placement))
     if part == "foot":
         middle = (body.points[f"heel_{side}"] + body.points[f"toe_{side}"]) / 2.0 - body.points[f"ankle_{side}"]
         inside = in_segment(getattr(body.motion.pose, placement), Vector(*middle.T))
@@ -119,7 +115,7 @@ def _sensors(
         if offset.shape != (3,):
             raise ValueError(f"offsets[{placement!r}] must be (3,); got {offset.shape}")
         places.append(mount(body, placement) + offset)
-        frames.append([getattr(order, _segment(placement)) for order in body.motion])
+        frames.append([getattr(order, segment_of(placement)) for order in body.motion])
     stacked: Motion = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *(Motion(*f) for f in frames))
     gyr, acc = (jnp.stack(felt, axis=-1) for felt in _inertial(stacked, Vector(*map(jnp.asarray, np.stack(places).T))))
     lost = np.zeros(gyr.shape[:2], bool)
@@ -131,7 +127,7 @@ def _sensors(
         gyr, acc, lost = read.gyr, read.acc, ~np.asarray(read.mask)
     sensors = {}
     for i, placement in enumerate(placements):
-        mask = getattr(body.valid, _segment(placement)) & ~lost[i]
+        mask = getattr(body.valid, segment_of(placement)) & ~lost[i]
         rate, force = (np.where(mask[:, None], as_float(signal[i]), 0.0) for signal in (gyr, acc))
         sensors[placement] = Imu(body.time, rate, force, mask)
     return sensors
