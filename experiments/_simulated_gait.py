@@ -90,7 +90,7 @@ def _walked(key: Any, person: Person, time: Any, errors: ImuErrors) -> Walked:
     body, own = person
     slowest = []
     for side in SIDES:
-        rate = getattr(true.motion.rate.segments, f"foot_{side}")
+        rate = getattr(true.motion.rate, f"foot_{side}")
         speeds = []
         for ahead in (-body.heel_length, body.ball_length):
             v = in_world(rate, Vector(ahead, 0.0, MARKER - body.ankle_height))
@@ -99,7 +99,7 @@ def _walked(key: Any, person: Person, time: Any, errors: ImuErrors) -> Walked:
     legs = [getattr(true.estimate.legs, side) for side in SIDES]
     return Walked(
         {name: imu.gyr for name, imu in read.items()}, {name: imu.acc for name, imu in read.items()},
-        jnp.stack(true.motion.pose.segments.pelvis.origin, axis=1), jnp.stack(slowest),
+        jnp.stack(true.motion.pose.pelvis.origin, axis=1), jnp.stack(slowest),
         jnp.stack([leg.hip_angle for leg in legs]), jnp.stack([leg.knee_angle for leg in legs]), true.plan.contact,
         jnp.asarray(own.stance_fraction) * own.stride_time, jnp.asarray(own.right_first), true.strides.width,
     )  # fmt: skip

@@ -17,7 +17,8 @@ from jgait.kinematics import GRAVITY, Vector, in_world
 from jgait.params import positive
 from jgait.sensors import IDEAL, MPU6000
 from jgait.simulate import SEVEN, Body, Gait, Person, Truth
-from jgait.simulate.footsteps import FIRST, LINGER, TOES_RISE
+from jgait.simulate.feet import LINGER, TOES_RISE
+from jgait.simulate.footsteps import FIRST
 from jgait.simulate.walker import clock
 from jgait.types import SIDES, Recording
 
@@ -52,7 +53,7 @@ def strapdown_rows(recording: Recording, truth: Truth, person: Person) -> list[R
     for every in (1, 2, 4):
         worst = 0.0
         for placement, imu in recording.sensors.items():
-            frame = getattr(truth.motion.pose.segments, simulate.segment_of(placement))
+            frame = getattr(truth.motion.pose, simulate.segment_of(placement))
             place = np.stack(in_world(frame, simulate.mount(person.body, placement)), axis=1)
             axes = np.stack([np.array([part[0] for part in axis]) for axis in frame[1:]], axis=1)
             dt = every / RATE_HZ
@@ -97,7 +98,7 @@ def stance_motion(truth: Truth, person: Person) -> float:
     for number, side in enumerate(SIDES):
         new = left_is_new == (number == 1)
         foothold, since = np.where(new, k, k - 1), np.where(new, r, 1.0 + r)
-        frame = getattr(truth.motion.pose.segments, f"foot_{side}")
+        frame = getattr(truth.motion.pose, f"foot_{side}")
         # The first footholds are stood on, not landed on, and the last two are not left.
         walked = (foothold >= 1) & (foothold < steps - 0.5)
         for phase in phases:
@@ -112,7 +113,7 @@ def stance_motion(truth: Truth, person: Person) -> float:
 
 def length_error(truth: Truth, body: Body) -> float:
     """Largest difference [m] of the distances between joints from the lengths of the body."""
-    s = truth.motion.pose.segments
+    s = truth.motion.pose
     pairs = [("hip_width", s.thigh_right.origin, s.thigh_left.origin)]
     for side in SIDES:
         thigh, shank, foot = (getattr(s, f"{name}_{side}").origin for name in ("thigh", "shank", "foot"))
@@ -128,7 +129,7 @@ def standing_error(recording: Recording, truth: Truth, person: Person) -> float:
     stands = truth.estimate.time < person.gait.quiet_before
     worst = 0.0
     for placement, imu in recording.sensors.items():
-        frame = getattr(truth.motion.pose.segments, simulate.segment_of(placement))
+        frame = getattr(truth.motion.pose, simulate.segment_of(placement))
         up = GRAVITY * np.stack([frame.x.z, frame.y.z, frame.z.z], axis=1)
         worst = max(worst, float(np.abs(imu.acc - up)[stands].max()))
     return worst

@@ -131,7 +131,7 @@ def _stage(axes: Any, lines: dict[str, np.ndarray], ground: np.ndarray, title: s
 
 def _lines(truth: Truth, body: Body, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Points (n, points, 3) of pelvis, legs and ground, forward and left of the pelvis and up [m]."""
-    segments = truth.motion.pose.segments
+    segments = truth.motion.pose
     feet = (segments.foot_right, segments.foot_left)
     footholds, soles = _footholds(truth, body)
     lines = {}

@@ -249,15 +249,14 @@ def potter(
 
 def _ranged(key: Any, truth: Truth, ranging: Ranging) -> dict[str, Any]:
     """Distance from the inner side of the left ankle to the right leg, and what the sensor makes of it."""
-    pose = truth.motion.pose
-    segments = pose.segments
+    segments = truth.motion.pose
 
     def rows(vector: Any) -> Any:
         return jnp.stack([jnp.asarray(part) for part in vector], axis=1)
 
-    ankle, looks = rows(pose.ankle_left), -rows(segments.shank_left.y)
+    ankle, looks = rows(segments.foot_left.origin), -rows(segments.shank_left.y)
     sender = ankle + 0.04 * rows(segments.shank_left.z) + SKIN * looks
-    bone = nearest_point(sender, rows(segments.shank_right.origin), rows(pose.ankle_right))
+    bone = nearest_point(sender, rows(segments.shank_right.origin), rows(segments.foot_right.origin))
     towards = sender - bone
     away = jnp.sqrt(jnp.sum(towards * towards, axis=1, keepdims=True))
     receiver = bone + SKIN / away * towards

@@ -40,10 +40,10 @@ def test_the_checks_find_a_fault(experiment, long):
     checks = experiment.checks
     heavy = person.body._replace(thigh_length=person.body.thigh_length + 0.01)
     assert checks.length_error(truth, heavy) == pytest.approx(0.01, abs=1e-12)
-    segments = truth.motion.pose.segments
+    segments = truth.motion.pose
     foot = segments.foot_left
     sliding = foot._replace(origin=foot.origin._replace(x=foot.origin.x + 0.01 * truth.estimate.time))
-    motion = truth.motion._replace(pose=truth.motion.pose._replace(segments=segments._replace(foot_left=sliding)))
+    motion = truth.motion._replace(pose=segments._replace(foot_left=sliding))
     # The sole is flat for a fifth of a stride and more.
     assert checks.stance_motion(truth._replace(motion=motion), person) > 1e-3
     biased = {name: imu._replace(acc=imu.acc + 0.5) for name, imu in recording.sensors.items()}

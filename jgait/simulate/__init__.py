@@ -4,11 +4,13 @@ A `Person` (lengths of the body, parameters of the gait, each with its unit) wal
 the library's own records; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.
 """
 
+from jgait.kinematics import segment_of
+from jgait.simulate.batches import cohort, walks
 from jgait.simulate.check import check_person
 from jgait.simulate.person import Body, Gait, Person
-from jgait.simulate.population import cohort, fitted, gait, paced, person_of, population, walks
+from jgait.simulate.population import fitted, gait, paced, person_of, population
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
-from jgait.simulate.walker import Pose, motion, plan
+from jgait.simulate.walker import motion, plan
 from jgait.simulate.worn import (
     FOUR,
     SEVEN,
@@ -17,7 +19,6 @@ from jgait.simulate.worn import (
     duration,
     mount,
     recording,
-    segment_of,
     signals,
     strides,
     trimmed,
@@ -26,7 +27,7 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Pose", "Route", "Truth", "check_person", "circle", "cohort",
+    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Route", "Truth", "check_person", "circle", "cohort",
     "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
     "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "truth", "u_turn",
     "walk", "walks",

@@ -1,10 +1,13 @@
 """What a person can be and do: refusals that name the limit."""
 
 import math
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
+from jgait.kinematics import segment_of
+from jgait.sensors import ImuErrors, check_errors
 from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.routes import straight
 from jgait.simulate.walker import Slack, plan, slack
@@ -59,6 +62,20 @@ def check_person(person: Person) -> None:
             f"0.05; got {float(gait.foot_flat):g}, {float(gait.heel_off):g}, {float(gait.stance_fraction):g}"
         )
     check_slack(person, _slack(jax.tree.map(float, person)), "on level ground")
+
+
+def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:
+    """Refuse sensors that nobody can wear.
+
+    Raises:
+        TypeError, ValueError: if the sensors cannot err like that, the rate [Hz] is not positive, or a placement is not
+            on the simulated body.
+    """
+    check_errors(errors)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
+    for placement in placements:
+        segment_of(placement)
 
 
 def check_slack(person: Person, left: Slack, where: str) -> None:

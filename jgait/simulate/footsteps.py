@@ -12,9 +12,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from jgait.simulate import routes
+from jgait.simulate.feet import HEEL_RISES, LINGER
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import CURVE, glide, pieces, step
+from jgait.simulate.smooth import CURVE, pieces
 
 FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
@@ -30,14 +31,13 @@ class Plan(NamedTuple):
         x: of the point under the ankle [m].
         y: the same [m].
         z: height of the ground there [m].
-        heading: of the route there [rad].
         foot_yaw: of the foot [rad].
         slope: pitch of the ground along the foot [rad].
         side: 1 where the left foot stands there, −1 for the right.
         toe_up: pitch of the foot when it lands there [rad].
         heel_up: pitch of the foot when it leaves, heel up [rad].
         off: steps after landing at which the heel begins to rise [1].
-        leave: steps after landing at which the toes begin to leave [1]; they are off `LINGER` later.
+        leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
         lift: how high it is lifted on the way to the next but one foothold [m].
         contact: when it lands [s].
         time_curve: time [s] over the clock.
@@ -54,7 +54,6 @@ class Plan(NamedTuple):
     x: Any
     y: Any
     z: Any
-    heading: Any
     foot_yaw: Any
     slope: Any
     side: Any
@@ -84,52 +83,6 @@ def reach(body: Body, knee: Any) -> Any:
     """Hip to ankle [m] at a knee flexion [rad]: r² = a² + b² + 2 a b cos(knee)."""
     a, b = body.thigh_length, body.shank_length
     return jnp.sqrt(a * a + b * b + 2.0 * a * b * jnp.cos(knee))
-
-
-def heel_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
-    """How far the ankle moves forward and up [m] when the foot is pitched up about its heel."""
-    s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
-    return c * body.heel_length - s * body.ankle_height, s * body.heel_length + c * body.ankle_height
-
-
-def ball_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
-    """How far the ankle moves forward and up [m] when the heel is lifted by a pitch about the ball of the foot."""
-    s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
-    return -c * body.ball_length + s * body.ankle_height, s * body.ball_length + c * body.ankle_height
-
-
-def toe_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
-    """How far the ball of the foot moves forward and up [m] when it is lifted by a pitch about the tip of the toes."""
-    return (1.0 - jnp.cos(pitch)) * body.toe_length, jnp.sin(pitch) * body.toe_length
-
-
-def heel_rise(off: Any, leave: Any, s: Any) -> tuple[Any, Any]:
-    """How much of its final pitch the leaving foot has, and the toes of theirs [1], s steps after it landed.
-
-    The heel comes off slowly while this leg bears alone, and fast about when the other lands; then the ball follows
-    over the tip of the toes. In swing both go back to 0.
-
-    Args:
-        off: steps after landing at which the heel begins to rise [1].
-        leave: steps after landing at which the toes leave [1].
-        s: steps since landing [1].
-    """
-    slow = step((s - off) / (leave - off))
-    fast = glide((s - leave + HEEL_RISES) / (HEEL_RISES + HEEL_AFTER), 0.6, 0.4)
-    toes = glide((s - leave + TOES_RISE) / (TOES_RISE + HEEL_AFTER), 0.5, 0.5)
-    back = glide((s - leave - HEEL_BACK) / (2.0 - leave - HEEL_BACK - HEEL_DOWN), 0.5, 0.5)
-    return HEEL_EARLY * slow + (1.0 - HEEL_EARLY) * fast - back, toes - back
-
-
-HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_BACK, HEEL_DOWN = 0.08, 0.34, 0.24, 0.0, 0.16
-"""Share of the slow rise. In steps: from how long before the toes leave to how long after them the heel rises fast; how
-long after them it begins to come down, and how long before landing it is down."""
-
-LINGER = 0.1
-"""Steps that the tip of the toes takes to come off: till then it moves by a few millimetres."""
-
-TOES_RISE, TOES = 0.14, 0.95
-"""Steps before the toes leave at which the ball leaves; pitch of the toes in that of the heel."""
 
 
 def _lengths(key: Any, gait: Gait, along: Route, k: Any, side: Any) -> tuple[Any, Any, Any, Any]:
@@ -185,7 +138,6 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
         x=x,
         y=y,
         z=jnp.where(k > n + 0.5, jnp.roll(ground, 1), ground),
-        heading=place.heading,
         foot_yaw=place.heading + side * gait.toe_out,
         slope=jnp.arctan(routes.value_at(along, along.slope, distance)),
         side=side,
@@ -229,13 +181,3 @@ def standing_ahead(person: Person) -> Any:
     """How far the hips are ahead of the ankles when standing [m]."""
     b, g = person.body, person.gait
     return -(b.thigh_length * jnp.sin(g.standing_hip) + b.shank_length * jnp.sin(g.standing_hip - g.standing_knee))
-
-
-def landing_pitch(gait: Gait, s: Any) -> Any:
-    """How much of its pitch at landing a foot has [1], s steps after its contact; negative: before it."""
-    up = glide((s + TOES_UP) / (TOES_UP - TOES_TURN + 0.1), 0.5, 0.5)
-    return up - glide((s + TOES_TURN) / (TOES_TURN + 2.0 * gait.foot_flat), 0.5, 0.5)
-
-
-TOES_UP, TOES_TURN = 0.45, 0.16
-"""Steps before landing at which the toes begin to come up over the heel, and to come down again."""

@@ -37,7 +37,8 @@ class Gait(NamedTuple):
     Attributes:
         stride_length: from one foothold of a foot to its next [m].
         stride_time: from one initial contact of a foot to its next [s].
-        stance_fraction: how much of the stride a foot is on the ground [1].
+        stance_fraction: how much of the stride a foot is on the ground; the tip of its toes begins to lift 5 % of
+            a stride (`feet.LINGER`) before that is over, by a few millimetres [1].
         step_width: between the lines on which the two feet walk [m].
         toe_out: how far the feet point outwards [rad].
         toe_up: pitch of the foot at initial contact [rad].

@@ -1,11 +1,10 @@
-"""Many people: adults drawn from published norms, each fitted to a route, simulated in batches.
+"""Many people: adults drawn from published norms, each fitted to a route.
 
 `population` draws them, `gait` makes one manner of walking from the figures that papers print, `fitted` stretches the
-steps so that a whole number covers a route, `walks` simulates everyone with one compilation.
+steps so that a whole number covers a route.
 """
 
 import math
-from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,14 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.sensors import IDEAL, ImuErrors, check_errors
 from jgait.simulate import routes
-from jgait.simulate.check import check_person
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, Body, Gait, Person
-from jgait.simulate.routes import Route, straight
-from jgait.simulate.worn import SEVEN, Truth, duration, segment_of, trimmed, walk
-from jgait.types import Recording
+from jgait.simulate.routes import Route
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
 """Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""
@@ -40,6 +35,7 @@ _MANNER = {
 
 _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock",
          "foot_flat")  # fmt: skip
+"""What varies from person to person whatever the stride."""
 
 
 def manner(relative_stride: Any) -> dict[str, Any]:
@@ -213,7 +209,7 @@ def fitted(key: Any, person: Person, along: Route) -> Person:
         total = float(routes.total_length(along))
         raise ValueError(f"a route of {total:g} m is shorter than half a step of {0.5 * person.gait.stride_length:g} m")
     person = Person(person.body, person.gait._replace(steps=float(steps)))
-    factor = float(_stretch(jax.random.split(key)[0], person, along, _room(steps)))
+    factor = float(_stretch(jax.random.split(key)[0], person, along, room(steps)))
     grown = paced(person, factor)
     # The time of a step is the person's own.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
@@ -236,123 +232,6 @@ def _stretch(key: Any, person: Person, along: Route, capacity: int) -> Any:
     return jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own
 
 
-def _room(steps: int) -> int:
+def room(steps: int) -> int:
     """Steps that arrays hold, some more than asked for, so that other walks find the functions compiled."""
     return 32 * math.ceil(steps / 32)
-
-
-def _fastest(person: Person, along: Route) -> Person:
-    """The person with the longest strides that the route asks for."""
-    factor = math.sqrt(max(1.0, float(np.max(along.speed))))
-    return Person(person.body, person.gait._replace(stride_length=factor * person.gait.stride_length))
-
-
-@partial(jax.jit, static_argnames=("capacity", "placements"))
-def _walks(
-    keys: Any, people: Person, along: Route, time: Any, errors: ImuErrors, capacity: int, placements: tuple[str, ...]
-) -> Any:
-    def one(key: Any, person: Person, way: Route) -> Any:
-        return walk(key, person, way, time, errors, capacity=capacity, placements=placements)
-
-    return jax.vmap(one)(keys, people, along)
-
-
-@partial(jax.jit, static_argnames=("capacity",))
-def _lasts(keys: Any, people: Person, along: Route, capacity: int) -> Any:
-    def one(key: Any, person: Person, way: Route) -> Any:
-        return duration(footholds(jax.random.split(key)[0], person, way, capacity), person)
-
-    return jax.vmap(one)(keys, people, along)
-
-
-def walks(
-    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
-    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
-) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate a walk of each of several people, one after another out of batches that share one compilation.
-
-    Args:
-        keys: one PRNG key for each; `fitted` must have had the same.
-        people: who walk; floats.
-        along: the route of each; all of as many pieces.
-        errors: how the sensors err and how they are mounted.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        names: of recording and subject; None for subject_0001 …
-        batch: how many walk at once; memory grows with it.
-
-    Yields:
-        The recording, and the truth at the same times, in NumPy arrays.
-
-    Raises:
-        TypeError, ValueError: as `recording`, before anything is simulated.
-    """
-    if not (len(keys) == len(people) == len(along) > 0):
-        raise ValueError(f"walks needs a key and a route for each person; got {len(keys)}, {len(along)}, {len(people)}")
-    check_errors(errors)
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
-    for placement in placements:
-        segment_of(placement)
-    for person, way in zip(people, along, strict=True):
-        check_person(_fastest(person, way))
-    names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
-    return _one_by_one(keys, people, along, errors, rate, tuple(placements), names, batch)
-
-
-def _one_by_one(
-    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
-    placements: tuple[str, ...], names: Sequence[str], batch: int,
-) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
-    room = _room(max(round(float(person.gait.steps)) for person in people))
-    batch = min(batch, len(people))
-
-    def together(start: int) -> tuple[Any, Any, Any]:
-        """A batch; the last is filled up with its last person."""
-        chosen = [min(i, len(people) - 1) for i in range(start, start + batch)]
-        members = ([items[i] for i in chosen] for items in (people, along))
-        who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
-        return jnp.stack([keys[i] for i in chosen]), who, where
-
-    starts = range(0, len(people), batch)
-    lasts = np.concatenate([np.asarray(_lasts(*together(start), room)) for start in starts])[: len(people)]
-    samples = np.floor(lasts * rate + 1e-6).astype(int) + 1
-    unit = 512 if samples.max() <= 1024 else 1024
-    time = jnp.asarray(np.arange(unit * math.ceil(int(samples.max()) / unit)) / rate)
-    for start in starts:
-        read, true = jax.tree.map(np.asarray, _walks(*together(start), time, errors, room, placements))
-        for i in range(start, min(start + batch, len(people))):
-            own = jax.tree.map(lambda leaf, k=i - start: leaf[k], (read, true))
-            worn, known = trimmed(own[0], own[1], int(samples[i]))
-            yield Recording({name: worn[name] for name in placements}, rate, names[i], names[i]), known
-
-
-def cohort(
-    key: Any, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
-    placements: Sequence[str] = SEVEN, *, batch: int = 16,
-) -> list[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate one walk of each of `n` people drawn from `population`, each with their own steps along one route.
-
-    The truth of a minute at 100 Hz takes some 12 MB; of many people, take the walks one after another from `walks`.
-
-    Args:
-        key: PRNG key of the people, their variability and the sensors' errors.
-        n: how many.
-        along: where they walk; None for 20 m straight ahead.
-        errors: how the sensors err and how they are mounted.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        batch: how many walk at once.
-
-    Returns:
-        Recording and truth of each, called subject_0001 and so on.
-
-    Raises:
-        ValueError: if `n` is not positive, or as `walks`.
-    """
-    along = straight(20.0) if along is None else along
-    who, how = jax.random.split(key)
-    people = population(who, n)
-    keys = [jax.random.fold_in(how, i) for i in range(n)]
-    fit = [fitted(one, person_of(people, i), along) for i, one in enumerate(keys)]
-    return list(walks(keys, fit, [along] * n, errors, rate, placements, batch=batch))

@@ -1,6 +1,6 @@
 """Smooth functions that walking is made of: steps that start and end at rest, and curves through given points.
 
-Steps are constant outside [0, 1], so that a foot that stands, stands exactly, and five times continuously
+Steps are constant outside [0, 1], so that a foot that stands, stands exactly, and six times continuously
 differentiable, so that sums over samples converge fast to integrals.
 """
 
@@ -20,7 +20,7 @@ _INTEGRAL = tuple(_SLOPE * math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) / 2.0 f
 
 @jax.custom_jvp
 def step(u: Any) -> Any:
-    """From 0 at u ≤ 0 to 1 at u ≥ 1:  ∫ (1 − x²)⁵ dx, normalised, with x = 2u − 1."""
+    """From 0 at u ≤ 0 to 1 at u ≥ 1:  ∫ (1 − x²)⁶ dx, normalised, with x = 2u − 1."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     square = x * x
     total = jnp.zeros_like(x)
@@ -62,7 +62,7 @@ def glide(u: Any, gather: Any, lose: Any) -> Any:
 
 
 def bump(u: Any) -> Any:
-    """Up to 1 at u = 1/2 and back: (1 − x²)⁵ with x = 2u − 1, 0 outside (0, 1)."""
+    """Up to 1 at u = 1/2 and back: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     return (1.0 - x * x) ** ORDER
 

@@ -1,9 +1,8 @@
 """The body at one time: feet that stand where they are planned, a pelvis carried over them, legs that close.
 
-The feet and the pelvis are smooth functions of the walk's clock, which shows k when foothold k is taken. The foot
-that stands rolls over its heel, lies flat, and rolls off over its ball; the other swings from foothold to foothold.
-The hips are as high as the leg that bears allows with its knee bent as the gait says; what is left, both knees, both
-thighs and shanks, follows from the lengths of the legs. Nothing is integrated or differenced.
+The feet and the pelvis are smooth functions of the walk's clock, which shows k when foothold k is taken. The pelvis is
+as high as both legs allow with their knees bent by at least `knee_stance`; what is left, knees, thighs and shanks,
+follows from the lengths of the legs. Nothing is integrated or differenced.
 """
 
 from typing import Any, NamedTuple
@@ -13,60 +12,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.trigonometry import sincos
-from jgait.kinematics import Frame, Motion, Segments, Vector, add, cross, differentiated, dot, scale, subtract
-from jgait.simulate.footsteps import (
-    FIRST,
-    TOES,
-    Plan,
-    ball_turn,
-    footholds,
-    heel_rise,
-    heel_turn,
-    landing_pitch,
-    reach,
-    standing_ahead,
-    toe_turn,
-)
+from jgait.kinematics import Frame, Motion, Segments, Vector, add, cross, differentiated, dot, kept, scale, subtract
+from jgait.simulate.feet import Foot, Foothold, moving_foot, standing_foot
+from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import CURVE, bump, curve_at, glide, pieces, polynomial, slope, step
-
-
-class Pose(NamedTuple):
-    """The body at times (T,).
-
-    Attributes:
-        segments: a `Frame` of each segment.
-        ankle_right: ankle joint in the world [m].
-        ankle_left: ankle joint in the world [m].
-    """
-
-    segments: Segments
-    ankle_right: Vector
-    ankle_left: Vector
-
-
-class Foothold(NamedTuple):
-    """Fields of the `Plan` at one foothold, (T,)."""
-
-    x: Any
-    y: Any
-    z: Any
-    foot_yaw: Any
-    slope: Any
-    toe_up: Any
-    heel_up: Any
-    off: Any
-    leave: Any
-    lift: Any
-
-
-class Foot(NamedTuple):
-    """One foot at times (T,): ankle [m], pitch [rad] toes up, yaw [rad]."""
-
-    ankle: Vector
-    pitch: Any
-    yaw: Any
+from jgait.simulate.smooth import CURVE, bump, curve_at, pieces, polynomial, slope
 
 
 def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
@@ -92,62 +43,6 @@ def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
     return entry, kept(r)
 
 
-def kept[T](values: T) -> T:
-    """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
-    return lax.optimization_barrier(values)
-
-
-def _standing_foot(body: Body, gait: Gait, at: Foothold, s: Any) -> Foot:
-    """The foot that took the last foothold, s in [0, 1] steps ago."""
-    down = kept(at.toe_up * landing_pitch(gait, s))
-    rise, ahead, up = _rockers(body, at, down, s)
-    ankle = _over(body, (at.x, at.y, at.z), at.foot_yaw, at.slope, ahead, up)
-    return kept(Foot(ankle, at.slope + down - rise, at.foot_yaw))
-
-
-def _rockers(body: Body, origin: Foothold, down: Any, s: Any) -> tuple[Any, Any, Any]:
-    """Pitch of the heel [rad], and how far heel, ball and toes turning move the ankle forward and up [m]."""
-    rises, toes = kept(heel_rise(origin.off, origin.leave, s))
-    rise = origin.heel_up * rises
-    turns = (heel_turn(body, down), ball_turn(body, rise), toe_turn(body, TOES * origin.heel_up * toes))
-    return rise, sum(ahead for ahead, _ in turns), sum(up for _, up in turns)
-
-
-def _over(body: Body, place: tuple[Any, Any, Any], yaw: Any, incline: Any, ahead: Any, up: Any) -> Vector:
-    """The ankle over a place on the ground, moved ahead and up [m] along the ground's own directions."""
-    x, y, z = place
-    s, c = sincos(incline)
-    height = body.ankle_height + up
-    ahead, up = ahead * c - height * s, ahead * s + height * c
-    s, c = sincos(yaw)
-    return Vector(x + c * ahead, y + s * ahead, z + up)
-
-
-def _swing(gait: Gait, leave: Any, s: Any) -> tuple[Any, Any]:
-    """How much of the way from foothold to foothold is done, and of the lift, s in [1, 2] steps after landing."""
-    tau = (s - leave) / (2.0 - leave)
-    lift = bump(tau / 0.5) + LATE_LIFT * (step((tau - 0.1) / 0.5) - step((tau - LOWERS) / (1.0 - LOWERS)))
-    hard = gait.landing_speed
-    return hard * glide(tau, GATHER, HARD) + (1.0 - hard) * glide(tau, GATHER, SOFT), lift
-
-
-GATHER, LATE_LIFT, LOWERS = 0.42, 0.5, 0.74
-"""Share of swing in which the foot gathers speed; how high it is lifted late in swing, in the early lift."""
-
-HARD, SOFT = 0.15, 0.44
-"""Shares of swing in which the ground stops the foot, and in which the leg does."""
-
-
-def _moving_foot(body: Body, gait: Gait, origin: Foothold, target: Foothold, s: Any) -> Foot:
-    """The foot that took the last but one foothold s in [1, 2] steps ago, pushes off, and swings to the next."""
-    way, arc = kept(_swing(gait, origin.leave, s))
-    down = kept(target.toe_up * landing_pitch(gait, s - 2.0))
-    rise, ahead, up = _rockers(body, origin, down, s)
-    x, y, z, yaw, incline = (a + way * (b - a) for a, b in zip(origin[:5], target[:5], strict=True))
-    ankle = _over(body, (x, y, z), yaw, incline, ahead, up + origin.lift * arc)
-    return kept(Foot(ankle, incline + down - rise, yaw))
-
-
 def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
     """How high the middle of the hips is [m] when this leg bears; hip: relative to that middle, but in the plane."""
     ahead, aside = hip.x - ankle.x, hip.y - ankle.y
@@ -159,7 +54,7 @@ def _axes(yaw: Any, pitch: Any, roll: Any) -> tuple[Vector, Vector, Vector]:
     """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
     (sy, cy), (sp, cp), (sr, cr) = kept((sincos(yaw), sincos(pitch), sincos(roll)))
     x = Vector(cy * cp, sy * cp, sp)
-    y = Vector(-sy * cr + cy * sp * sr * -1.0, cy * cr - sy * sp * sr, cp * sr)
+    y = Vector(-sy * cr - cy * sp * sr, cy * cr - sy * sp * sr, cp * sr)
     return x, y, cross(x, y)
 
 
@@ -221,8 +116,8 @@ def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
         return kept(curve_at(table, entry, r))
 
     side = plan.side[entry]  # of the foot that landed last
-    new = _standing_foot(body, gait, foothold(0), r)
-    old = _moving_foot(body, gait, foothold(-1), foothold(1), 1.0 + r)
+    new = standing_foot(body, gait, foothold(0), r)
+    old = moving_foot(body, gait, foothold(-1), foothold(1), 1.0 + r)
     walking, heading = curve(plan.walking_curve), curve(plan.heading_curve)
     (ahead, aside, up), (yaw, pitch, roll) = kept(_pelvis_oscillation(gait, side, walking, r))
     s, c = kept(sincos(heading))
@@ -301,8 +196,8 @@ def _height(plan: Plan, entry: Any, r: Any) -> Any:
     return curve_at(plan.z_curve, entry, r) - plan.dip[entry] * _dip(r)
 
 
-def pose(person: Person, plan: Plan, time: Any) -> Pose:
-    """The body at times (T,) [s]."""
+def pose(person: Person, plan: Plan, time: Any) -> Segments:
+    """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
     body = person.body
     entry, r = clock(plan, time)
     now = carried(person, plan, entry, r)
@@ -318,8 +213,7 @@ def pose(person: Person, plan: Plan, time: Any) -> Pose:
         return _frame([right for right, _ in pairs]), _frame([left for _, left in pairs])
 
     thighs, shanks, feet = pick(new_thigh, old_thigh), pick(new_shank, old_shank), pick(new_foot, old_foot)
-    segments = Segments(Frame(middle, *now.axes), *thighs, *shanks, *feet)
-    return Pose(segments, feet[0].origin, feet[1].origin)
+    return Segments(Frame(middle, *now.axes), *thighs, *shanks, *feet)
 
 
 def _flat(frame: Frame) -> list[Any]:
@@ -356,6 +250,8 @@ SHAKEN = 0.24
 """Steps after a contact for which the pelvis is shaken."""
 
 SURGE = (0.99, 0.135)
+"""Shape of the surge: sine and cosine of one wave a step; its amplitude is 1."""
+
 RISE = (-0.475, -0.111, -0.056, -0.027)
 """Shape of the rise: cosine and sine of one and of two waves a step; it spans 1."""
 
@@ -393,5 +289,5 @@ def slack(person: Person, plan: Plan) -> Slack:
 
 
 def motion(person: Person, plan: Plan, time: Any) -> Motion:
-    """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Pose`, exact."""
+    """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
     return differentiated(lambda t: pose(person, plan, t), time)

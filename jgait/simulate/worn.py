@@ -12,39 +12,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, subtract
-from jgait.sensors import IDEAL, Clock, ImuErrors, check_errors, measure, true_times
-from jgait.simulate.check import check_person, check_slack
-from jgait.simulate.footsteps import FIRST, LINGER, Plan
+from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, kept, segment_of, subtract
+from jgait.sensors import IDEAL, Clock, ImuErrors, measure, true_times
+from jgait.simulate.check import check_person, check_sensors, check_slack
+from jgait.simulate.feet import LINGER
+from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Pose, Slack, clock, kept, motion, plan, slack
+from jgait.simulate.walker import Slack, clock, motion, plan, slack
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
 
-SEVEN = ("pelvis", "thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left")
+SEVEN = Segments._fields
 """One sensor on each segment."""
 
 FOUR = ("thigh_right", "shank_right", "thigh_left", "shank_left")
 """What `leg_ekf` needs."""
-
-
-def segment_of(placement: str) -> str:
-    """The segment that carries a placement.
-
-    Raises:
-        ValueError: if the simulated body has no such place.
-    """
-    if placement in ("pelvis", "lower_back", "waist"):
-        return "pelvis"
-    kind, _, side = placement.partition("_")
-    segments = {"thigh": "thigh", "shank": "shank", "ankle": "shank", "foot": "foot"}
-    if kind not in segments or side not in SIDES:
-        raise ValueError(
-            f"a simulated person can wear sensors on {', '.join(SEVEN)}, ankle_right, ankle_left, lower_back and "
-            f"waist; got {placement!r}"
-        )
-    return f"{segments[kind]}_{side}"
 
 
 def mount(body: Body, placement: str) -> Vector:
@@ -53,12 +36,13 @@ def mount(body: Body, placement: str) -> Vector:
     Thigh and shank: half way down, in front of the bone; ankle: a little above it, outside; foot: on the instep;
     lower back and pelvis: behind the fifth lumbar vertebra; waist: on the right side.
     """
+    if placement in ("pelvis", "lower_back"):
+        return Vector(-body.back_depth, 0.0, body.back_height)
+    if placement == "waist":
+        return Vector(0.0, -0.9 * body.hip_width, body.back_height)
     kind, _, side = placement.partition("_")
     out = 1.0 if side == "left" else -1.0
     places = {
-        "pelvis": Vector(-body.back_depth, 0.0, body.back_height),
-        "lower": Vector(-body.back_depth, 0.0, body.back_height),
-        "waist": Vector(0.0, -0.9 * body.hip_width, body.back_height),
         "thigh": Vector(0.07, 0.0, -0.5 * body.thigh_length),
         "shank": Vector(0.04, 0.0, -0.5 * body.shank_length),
         "ankle": Vector(0.0, 0.04 * out, 0.04 - body.shank_length),
@@ -79,7 +63,7 @@ class Truth(NamedTuple):
 
     Attributes:
         estimate: joint angles, foot positions, distance and strides in the type of an estimate.
-        motion: of all segments, a `Motion` of `Pose` at the times of the estimate.
+        motion: of all segments, a `Motion` of `Segments` at the times of the estimate.
         load_right: what the right foot bears.
         load_left: what the left foot bears.
         plan: footholds and their times.
@@ -108,7 +92,7 @@ def signals(key: Any, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapp
 
     Args:
         key: PRNG key of the sensors' errors.
-        moving: the body at times (T,), a `Motion` of `Pose`.
+        moving: the body at times (T,), a `Motion` of `Segments`.
         time: (T,) [s] nominal times of the samples.
         errors: how the sensors err and how they are mounted.
         mounts: placement → place on its segment [m].
@@ -119,7 +103,7 @@ def signals(key: Any, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapp
     read = {}
     for number, (placement, point) in enumerate(mounts.items()):
         name = segment_of(placement)
-        own = Motion(*(getattr(part.segments, name) for part in moving))
+        own = Motion(*(getattr(part, name) for part in moving))
         gyr, acc = (jnp.stack(vector, axis=1) for vector in inertial(own, point))
         flipped = jnp.asarray(errors.left_flipped, gyr.dtype) if placement.endswith("left") else 0.0
         read[placement] = measure(jax.random.fold_in(key, number), time, gyr, acc, errors, flipped)
@@ -166,10 +150,9 @@ def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
     entry, r = clock(laid, time)
     heading, distance = (curve_at(table, entry, r) for table in (laid.heading_curve, laid.distance_curve))
     ahead = Vector(jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading))
-    pose: Pose = moving.pose
-    legs = Legs(*(_leg(pose.segments, side, ahead) for side in SIDES))
+    segments: Segments = moving.pose
+    legs = Legs(*(_leg(segments, side, ahead) for side in SIDES))
     valid = time <= duration(laid, person) + 1e-6
-    segments = pose.segments
     lengths = {"thigh_length": body.thigh_length, "shank_length": body.shank_length}
     diagnostics = {
         "hip_height": segments.pelvis.origin.z - body.ankle_height,
@@ -282,11 +265,7 @@ def recording(
     """
     person = Person() if person is None else person
     check_person(person)
-    check_errors(errors)
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise ValueError(f"rate must be a positive number of samples per second; got {rate!r}")
-    for placement in placements:
-        segment_of(placement)
+    check_sensors(errors, rate, placements)
     steps = round(float(person.gait.steps))
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
     capacity = 16 * math.ceil(steps / 16)

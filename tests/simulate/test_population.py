@@ -140,7 +140,7 @@ def test_a_cohort_walks_the_route_and_says_so(cohort):
         np.testing.assert_allclose(np.diff(time), 0.02, atol=1e-12)
         assert tuple(recording.sensors) == simulate.FOUR
         assert recording.sensors["shank_left"].gyr.shape == (time.size, 3)
-        assert truth.motion.pose.segments.pelvis.origin.x.shape == time.shape
+        assert truth.motion.pose.pelvis.origin.x.shape == time.shape
         assert truth.estimate.distance[-1] == pytest.approx(5.0, abs=1e-9)
         assert bool(truth.estimate.valid.all())
         # Ideal sensors at rest read gravity, in SI units.

@@ -9,7 +9,8 @@ from jgait import simulate, strapdown
 from jgait.kinematics import GRAVITY, Frame, Vector, in_world
 from jgait.sensors import Clock, ImuErrors
 from jgait.simulate import Gait, Person
-from jgait.simulate.footsteps import FIRST, LINGER, TOES_RISE
+from jgait.simulate.feet import LINGER, TOES_RISE
+from jgait.simulate.footsteps import FIRST
 from jgait.simulate.walker import clock, motion, plan, pose, slack
 
 RATE = 100.0
@@ -32,7 +33,7 @@ def walked():
 
 def test_legs_close_with_the_lengths_they_have(walked):
     who, _, truth = walked
-    segments = truth.motion.pose.segments
+    segments = truth.motion.pose
     for side in ("right", "left"):
         thigh, shank, foot = (getattr(segments, f"{part}_{side}") for part in ("thigh", "shank", "foot"))
         for upper, lower, length in (
@@ -52,7 +53,7 @@ def test_legs_close_with_the_lengths_they_have(walked):
 
 def contact_points(who, truth, side):
     """Heel, ball and whole foot of one side in the world, (T, 3) each."""
-    frame = getattr(truth.motion.pose.segments, f"foot_{side}")
+    frame = getattr(truth.motion.pose, f"foot_{side}")
     down = -who.body.ankle_height
     return [stacked(in_world(frame, Vector(x, 0.0, down))) for x in (-who.body.heel_length, who.body.ball_length)]
 
@@ -103,7 +104,7 @@ def test_integrating_a_sensor_returns_the_truth(walked):
     for rate in (200.0, 400.0):
         recording, truth = simulate.recording(jax.random.key(1), who, simulate.corner(3.0, np.pi / 2, 4.0), rate=rate)
         for placement, imu in recording.sensors.items():
-            frame: Frame = getattr(truth.motion.pose.segments, simulate.segment_of(placement))
+            frame: Frame = getattr(truth.motion.pose, simulate.segment_of(placement))
             place = stacked(in_world(frame, simulate.mount(who.body, placement)))
             axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
             start = jnp.asarray(axes[0]), jnp.asarray(place[0])
@@ -204,7 +205,7 @@ def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
 
     def of(who, t):
         laid = plan(jax.random.key(3), who, simulate.straight(20.0), 8)
-        return pose(who, laid, t).segments
+        return pose(who, laid, t)
 
     each = [jax.jit(of)(who, time) for who in people]
     together = jax.jit(jax.vmap(of, in_axes=(0, None)))(jax.tree.map(lambda *v: jnp.stack(v), *people), time)
@@ -214,7 +215,7 @@ def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
     steady = [jax.tree.map(float, person())]
 
     def fixed(who, t):
-        return pose(who, plan(jax.random.key(3), who, simulate.straight(20.0), 8), t).segments.shank_right.origin
+        return pose(who, plan(jax.random.key(3), who, simulate.straight(20.0), 8), t).shank_right.origin
 
     double = jax.jit(fixed)(steady[0], time)
     single = jax.jit(fixed)(jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), steady[0]), time.astype(jnp.float32))

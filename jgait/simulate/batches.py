@@ -1,0 +1,157 @@
+"""Walks of many people, simulated in batches that share one compilation."""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.sensors import IDEAL, ImuErrors
+from jgait.simulate.check import check_person, check_sensors
+from jgait.simulate.person import Person
+from jgait.simulate.population import fitted, person_of, population, room
+from jgait.simulate.routes import Route, straight
+from jgait.simulate.walker import Slack, plan, slack
+from jgait.simulate.worn import SEVEN, Truth, duration, trimmed, walk
+from jgait.types import Recording
+
+
+def _fastest(person: Person, along: Route) -> Person:
+    """The person with the longest strides that the route asks for."""
+    factor = math.sqrt(max(1.0, float(np.max(along.speed))))
+    return Person(person.body, person.gait._replace(stride_length=factor * person.gait.stride_length))
+
+
+@partial(jax.jit, static_argnames=("capacity", "placements"))
+def _walks(
+    keys: Any, people: Person, along: Route, time: Any, errors: ImuErrors, capacity: int, placements: tuple[str, ...]
+) -> Any:
+    def one(key: Any, person: Person, way: Route) -> Any:
+        return walk(key, person, way, time, errors, capacity=capacity, placements=placements)
+
+    return jax.vmap(one)(keys, people, along)
+
+
+@partial(jax.jit, static_argnames=("capacity",))
+def _lasts(keys: Any, people: Person, along: Route, capacity: int) -> tuple[Any, Slack]:
+    """How long each walks [s], and how far the legs are from their limits."""
+
+    def one(key: Any, person: Person, way: Route) -> tuple[Any, Slack]:
+        laid = plan(jax.random.split(key)[0], person, way, capacity)
+        return duration(laid, person), slack(person, laid)
+
+    return jax.vmap(one)(keys, people, along)
+
+
+def walks(
+    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
+    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
+) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate a walk of each of several people, one after another out of batches that share one compilation.
+
+    Args:
+        keys: one PRNG key for each; `fitted` must have had the same.
+        people: who walk; floats.
+        along: the route of each; all of as many pieces.
+        errors: how the sensors err and how they are mounted.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        names: of recording and subject; None for subject_0001 …
+        batch: how many walk at once; memory grows with it.
+
+    Yields:
+        The recording, and the truth at the same times, in NumPy arrays.
+
+    Raises:
+        TypeError, ValueError: as `recording`, before anything is simulated.
+    """
+    if not (len(keys) == len(people) == len(along) > 0):
+        raise ValueError(f"walks needs a key and a route for each person; got {len(keys)}, {len(along)}, {len(people)}")
+    check_sensors(errors, rate, placements)
+    for person, way in zip(people, along, strict=True):
+        check_person(_fastest(person, way))
+    names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
+    capacity = room(max(round(float(person.gait.steps)) for person in people))
+    batches = list(_batches(keys, people, along, min(batch, len(people))))
+    lasts = _durations(batches, len(people), capacity)
+    return _one_by_one(batches, lasts, errors, rate, tuple(placements), names, capacity)
+
+
+class _Batch(NamedTuple):
+    """Some people who walk at once.
+
+    Attributes:
+        members: their numbers.
+        inputs: keys, people and routes, stacked; a batch that is not full is filled up with its last person.
+    """
+
+    members: range
+    inputs: tuple[Any, Person, Route]
+
+
+def _batches(keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], size: int) -> Iterator[_Batch]:
+    for start in range(0, len(people), size):
+        chosen = [min(i, len(people) - 1) for i in range(start, start + size)]
+        members = ([items[i] for i in chosen] for items in (people, along))
+        who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
+        inputs = jnp.stack([keys[i] for i in chosen]), who, where
+        yield _Batch(range(start, min(start + size, len(people))), inputs)
+
+
+def _durations(batches: Sequence[_Batch], people: int, capacity: int) -> np.ndarray:
+    """How long each walks [s]."""
+    lasts = np.zeros(people)
+    for batch in batches:
+        last, _ = jax.tree.map(np.asarray, _lasts(*batch.inputs, capacity))
+        for place, i in enumerate(batch.members):
+            lasts[i] = last[place]
+    return lasts
+
+
+def _one_by_one(
+    batches: Sequence[_Batch], lasts: np.ndarray, errors: ImuErrors, rate: float, placements: tuple[str, ...],
+    names: Sequence[str], capacity: int,
+) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
+    samples = np.floor(lasts * rate + 1e-6).astype(int) + 1
+    unit = 512 if samples.max() <= 1024 else 1024
+    time = jnp.asarray(np.arange(unit * math.ceil(int(samples.max()) / unit)) / rate)
+    for batch in batches:
+        read, true = jax.tree.map(np.asarray, _walks(*batch.inputs, time, errors, capacity, placements))
+        for place, i in enumerate(batch.members):
+            own = jax.tree.map(lambda leaf, k=place: leaf[k], (read, true))
+            worn, known = trimmed(own[0], own[1], int(samples[i]))
+            yield Recording({name: worn[name] for name in placements}, rate, names[i], names[i]), known
+
+
+def cohort(
+    key: Any, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
+    placements: Sequence[str] = SEVEN, *, batch: int = 16,
+) -> list[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate one walk of each of `n` people drawn from `population`, each with their own steps along one route.
+
+    The truth of a minute at 100 Hz takes some 12 MB; of many people, take the walks one after another from `walks`.
+
+    Args:
+        key: PRNG key of the people, their variability and the sensors' errors.
+        n: how many.
+        along: where they walk; None for 20 m straight ahead.
+        errors: how the sensors err and how they are mounted.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        batch: how many walk at once.
+
+    Returns:
+        Recording and truth of each, called subject_0001 and so on.
+
+    Raises:
+        ValueError: if `n` is not positive, or as `walks`.
+    """
+    along = straight(20.0) if along is None else along
+    who, how = jax.random.split(key)
+    people = population(who, n)
+    keys = [jax.random.fold_in(how, i) for i in range(n)]
+    fit = [fitted(one, person_of(people, i), along) for i, one in enumerate(keys)]
+    return list(walks(keys, fit, [along] * n, errors, rate, placements, batch=batch))
