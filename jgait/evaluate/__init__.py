@@ -1,5 +1,6 @@
 """How good an estimate is, for one recording and for a cohort; on the host, in NumPy and pandas."""
 
+from jgait.evaluate.cohort import cohort
 from jgait.evaluate.consistency import Consistency, Whiteness, nees_consistency, nis_consistency, whiteness
 from jgait.evaluate.errors import (
     FIELDS,
@@ -9,6 +10,7 @@ from jgait.evaluate.errors import (
     trajectory_errors,
 )
 from jgait.evaluate.reliability import Icc, Limits, icc, icc21, limits_of_agreement
+from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import (
     AGREEMENT,
     PairedDifference,
@@ -19,20 +21,24 @@ from jgait.evaluate.statistics import (
     summary,
     with_errors,
 )
+from jgait.evaluate.store import Cohort
 
 __all__ = [
     "AGREEMENT",
     "FIELDS",
+    "Cohort",
     "Consistency",
     "DistanceError",
     "Icc",
     "Limits",
     "PairedDifference",
+    "Scores",
     "Whiteness",
     "Window",
     "agreement",
     "bootstrap_interval",
     "cluster_bootstrap",
+    "cohort",
     "distance_error",
     "icc",
     "icc21",

@@ -1,0 +1,308 @@
+"""Ragged recordings through one compiled program a bucket: prepared beside the computation, padded, stacked, mapped."""
+
+import functools
+import queue
+import threading
+from collections.abc import Callable, Generator, Iterable
+from contextlib import closing
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.estimators.interface import Estimator
+from jgait.evaluate.scores import Scores
+from jgait.evaluate.spread import sharded
+from jgait.evaluate.store import COLUMNS, Cohort, frame
+from jgait.filtering.compile import compiled
+from jgait.params import check_params
+from jgait.types import Estimate, RecordingError, Walk
+
+SHORTEST = 512
+"""Samples that the shortest bucket holds."""
+
+WAITING = 3
+"""Batches of recordings that may wait for their buckets to fill, before the fullest runs as it is."""
+
+
+class Job(NamedTuple):
+    """What is done with each recording; see `cohort`."""
+
+    estimator: Estimator
+    params: Any
+    own: Callable[[Walk], dict[str, Any]] | None
+    read: Callable[[Any], Walk] | None
+    score: Callable[[Estimate, Walk], Scores]
+    batch: int
+    mesh: Any
+    x64: bool
+
+
+class Failed(NamedTuple):
+    """A recording that gave no result; a row of the table of failures."""
+
+    recording: str
+    subject: str
+    reason: str
+
+
+class Ready(NamedTuple):
+    """A recording that waits to be run.
+
+    Attributes:
+        name: what tables call it.
+        walk: its recording without the sensors, so that many can wait.
+        time: (T,) [s] in float64.
+        inputs: of the estimator, padded, in the precision of the computation.
+        params: the same, as arrays.
+        options: what decides the program.
+        notes: of the recording and of its preparation.
+        bucket: what can be stacked with it has the same.
+    """
+
+    name: str
+    walk: Walk
+    time: np.ndarray
+    inputs: Any
+    params: Any
+    options: Any
+    notes: tuple[str, ...]
+    bucket: Any
+
+
+def padded_length(samples: int) -> int:
+    """The next length that recordings are padded to: 2ᵏ times 1, 1.25, 1.5 or 1.75, and 512 at least."""
+    if samples <= SHORTEST:
+        return SHORTEST
+    quarter = 1 << (samples - 1).bit_length() - 3
+    return -(-samples // quarter) * quarter
+
+
+def reason_of(error: BaseException) -> str:
+    """An error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def prepared(job: Job, name: str, item: Any) -> Ready | Failed:
+    """Read and prepare one recording; whatever is wrong with it is its own failure.
+
+    A missing package is the installation's fault and not the recording's, so ImportError passes through.
+    """
+    subject = ""
+    try:
+        walk = item if job.read is None else job.read(item)
+        if not isinstance(walk, Walk):
+            raise TypeError(f"read must give a jgait.types.Walk; got {type(walk).__name__}")
+        recording = walk.recording
+        subject = recording.subject
+        params = _params(job, walk)
+        made = job.estimator.prepare(recording)
+        time = np.asarray(made.inputs.time, np.float64)
+        if not time.size:
+            raise RecordingError("the recording holds no samples")
+        inputs, params = jax.tree.map(_lowered, (job.estimator.pad(made.inputs, padded_length(time.size)), params))
+        leaves, structure = jax.tree.flatten((inputs, params))
+        bucket = (made.options, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+        notes = (*recording.notes, *made.notes)
+        kept = walk._replace(recording=recording._replace(sensors={}))
+        return Ready(name, kept, time, inputs, params, made.options, notes, bucket)
+    except ImportError:
+        raise
+    except Exception as error:
+        return Failed(name, subject, reason_of(error))
+
+
+def _params(job: Job, walk: Walk) -> Any:
+    params = job.params(walk) if callable(job.params) else job.params
+    if job.own is not None:
+        params = job.estimator.own(params, job.own(walk))
+    if job.own is not None or callable(job.params):
+        check_params(params, job.estimator.transforms)
+    return params
+
+
+def _lowered(leaf: Any) -> np.ndarray:
+    """A leaf in the precision in which JAX computes; whole numbers of Python are floating-point parameters."""
+    array = np.asarray(leaf)
+    kind = array.dtype if array.dtype.kind == "b" or isinstance(leaf, np.ndarray | jax.Array) else np.float64
+    return array.astype(jax.dtypes.canonicalize_dtype(kind), copy=False)
+
+
+def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
+    """The same things, made in a thread beside whoever takes them, up to `room` in advance; errors come through.
+
+    Args:
+        source: iterated in the thread.
+        room: how many wait at most.
+        x64: JAX's precision in the thread, which has its own.
+    """
+    waiting: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=max(1, room))
+    stop = threading.Event()
+
+    def put(kind: str, value: Any) -> bool:
+        while not stop.is_set():
+            try:
+                waiting.put((kind, value), timeout=0.1)
+                return True
+            except queue.Full:
+                continue
+        return False
+
+    def work() -> None:
+        try:
+            with jax.enable_x64(x64):
+                for value in source:
+                    if not put("value", value):
+                        return
+            put("end", None)
+        except BaseException as error:  # to be raised where the values are taken
+            put("error", error)
+
+    thread = threading.Thread(target=work, name="jgait-cohort", daemon=True)
+    thread.start()
+    try:
+        while True:
+            kind, value = waiting.get()
+            if kind == "error":
+                raise value
+            if kind == "end":
+                return
+            yield value
+    finally:
+        stop.set()
+        thread.join()
+
+
+def evaluated(job: Job, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
+    """Run named items; the tables of each batch as soon as it is finished.
+
+    While one batch computes, the next is read and prepared, and the one before is scored.
+    """
+    failures: list[Failed] = []
+    before: tuple[list[Ready], Any] | None = None
+    with closing(_full(job, items, failures)) as buckets:
+        for bucket in buckets:
+            try:
+                now = (bucket, _started(job, bucket))
+            except Exception as error:
+                error.add_note(f"in a batch of {len(bucket)} recordings from {bucket[0].name!r}")
+                raise
+            if before is not None:
+                yield _finished(job, *before, failures)
+            before = now
+    if before is not None:
+        yield _finished(job, *before, failures)
+    if failures:
+        yield _tables([], failures)
+
+
+def _full(job: Job, items: Iterable[tuple[str, Any]], failures: list[Failed]) -> Generator[list[Ready]]:
+    """Buckets as they fill; at the end, or when too many wait, the rest as they are."""
+    waiting: dict[Any, list[Ready]] = {}
+    with closing(ahead((prepared(job, *item) for item in items), job.batch, job.x64)) as ready:
+        for one in ready:
+            if isinstance(one, Failed):
+                failures.append(one)
+                continue
+            bucket = waiting.setdefault(one.bucket, [])
+            bucket.append(one)
+            if len(bucket) == job.batch:
+                yield waiting.pop(one.bucket)
+            elif sum(map(len, waiting.values())) >= WAITING * job.batch:
+                yield waiting.pop(max(waiting, key=lambda key: len(waiting[key])))
+    yield from waiting.values()
+
+
+@functools.lru_cache(maxsize=64)
+def program(run: Callable[..., Estimate], options: Any, mesh: Any) -> Callable[..., Any]:
+    """The compiled estimator over a batch; the same for the same arguments, so that nothing is compiled twice."""
+    mapped = jax.vmap(lambda params, inputs: run(params, inputs, options))
+    return compiled(mapped if mesh is None else sharded(mapped, mesh))
+
+
+def _started(job: Job, bucket: list[Ready]) -> Any:
+    """Begin to compute a batch; a small one is filled up with copies."""
+    rows = bucket + [bucket[0]] * (job.batch - len(bucket))
+    params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *((row.params, row.inputs) for row in rows))
+    return program(job.estimator.run, bucket[0].options, job.mesh)(params, inputs)
+
+
+def _finished(job: Job, bucket: list[Ready], result: Any, failures: list[Failed]) -> Cohort:
+    """Score a batch when it is computed; takes the failures along."""
+    result = jax.device_get(result)
+    good: list[tuple[Ready, Estimate, Scores]] = []
+    for number, ready in enumerate(bucket):
+        one = jax.tree.map(lambda leaf, number=number: leaf[number], result)
+        estimate = _unpadded(one, ready)
+        bad = _unusable(estimate)
+        if bad is None:
+            try:
+                good.append((ready, estimate, job.score(estimate, ready.walk)))
+                continue
+            except ImportError:
+                raise
+            except Exception as error:
+                bad = f"score: {reason_of(error)}"
+        failures.append(Failed(ready.name, ready.walk.recording.subject, bad))
+    part = _tables(good, failures)
+    failures.clear()
+    return part
+
+
+def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
+    """The estimate at the recording's own samples; time as it was recorded, not rounded to the computation's."""
+    samples, padded = ready.time.size, padded_length(ready.time.size)
+
+    def cut(leaf: Any) -> Any:
+        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
+
+    whole = jax.tree.map(cut, estimate._replace(strides=None))
+    return whole._replace(time=ready.time, strides=estimate.strides)
+
+
+def _unusable(estimate: Estimate) -> str | None:
+    """Why an estimate is a failure, or None."""
+    valid = np.asarray(estimate.valid, bool)
+    if not valid.any():
+        return "the estimate is valid at no sample"
+    for name, values in (("legs", estimate.legs), ("stddev", estimate.stddev), ("distance", estimate.distance)):
+        for leaf in jax.tree.leaves(values):
+            lost = int(np.sum(~np.isfinite(leaf[valid])))
+            if lost:
+                return f"{name} of the estimate is not finite at {lost} of {int(valid.sum())} valid samples"
+    return None
+
+
+def _tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -> Cohort:
+    """The rows of a batch."""
+    from jgait.evaluate.statistics import with_errors
+
+    recordings = [
+        (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
+         np.mean(estimate.valid), "; ".join(ready.notes))
+        for ready, estimate, _ in good
+    ]  # fmt: skip
+    quantities = [
+        (ready.name, ready.walk.recording.subject, name, *pair)
+        for ready, _, scores in good
+        for name, pair in scores.quantities.items()
+    ]
+    lists: dict[str, list[Any]] = {name: [] for name in COLUMNS["strides"] if "error" not in name}
+    for ready, _, scores in good:
+        count = len(scores.strides["s_id"]) if scores.strides else 0
+        own = {"recording": [ready.name] * count, "subject": [ready.walk.recording.subject] * count, **scores.strides}
+        for name, values in lists.items():
+            values.extend(own[name] if count else ())
+    columns = list(zip(*quantities, strict=True)) or [()] * 5
+    first = dict(zip(COLUMNS["quantities"][:5], columns, strict=True))
+    return Cohort(
+        frame("recordings", _columns("recordings", recordings)),
+        with_errors(frame("quantities", first)),
+        with_errors(frame("strides", lists)),
+        frame("failures", _columns("failures", failures)),
+    )
+
+
+def _columns(table: str, rows: list[Any]) -> dict[str, Any]:
+    names = COLUMNS[table]
+    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))

@@ -1,0 +1,150 @@
+"""An estimator on a whole cohort: bad recordings cost nobody else, a killed run goes on, more machines take part."""
+
+from collections.abc import Callable, Iterable, Iterator, Sized
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import jgait
+from jgait.estimators.interface import Estimator
+from jgait.evaluate import scores, spread
+from jgait.evaluate.buckets import Job, evaluated
+from jgait.evaluate.scores import Scores
+from jgait.evaluate.store import Cohort, Folder, Memory, described
+from jgait.params import check_params
+from jgait.types import Estimate, Walk
+
+Progress = Callable[[int, int], None]
+"""Called after every batch with the recordings finished in this run, and those among them that failed."""
+
+
+def cohort(
+    estimator: Estimator,
+    items: Iterable[Any],
+    params: Any = None,
+    *,
+    own: Callable[[Walk], dict[str, Any]] | None = None,
+    read: Callable[[Any], Walk] | None = None,
+    score: Callable[[Estimate, Walk], Scores] = scores.score,
+    out: Path | str | None = None,
+    batch: int = 64,
+    mesh: jax.sharding.Mesh | None = None,
+    client: Any = None,
+    progress: Progress | None = None,
+) -> Cohort:
+    """Run an estimator on many recordings, and compare each with its reference.
+
+    Recordings are padded to a few lengths, and as many as `batch` of one length run together, compiled once a length.
+    They are read one at a time beside the computation, and forgotten when scored: a cohort may be larger than memory.
+    A recording that cannot be read, prepared, estimated or scored is a row of `failures` with its reason.
+
+    In float32 unless JAX is set to float64; a run is repeated exactly on the same devices with the same `batch`.
+
+    With `out` every finished batch is on disk at once. Started again after a kill, with the same arguments, what is
+    finished (failures included) is not read again, and the tables are those of a run that was not interrupted.
+
+    On several devices of one process, `mesh=jax.make_mesh((n,), ("recordings",))` divides each batch among them.
+
+    On a cluster with SLURM, either each process takes its share of the items, all write to one `out`, and each returns
+    the tables of all; `srun python script.py` with, in the script::
+
+        jax.distributed.initialize()  # finds SLURM's settings; on CPUs see also jax_cpu_collectives_implementation
+        tables = evaluate.cohort(estimator, paths, read=load, out="/shared/results")
+
+    or Dask hands them out, a task for each `batch` of items, and repeats what a lost worker had::
+
+        cluster = dask_jobqueue.SLURMCluster(cores=2, memory="8GB", walltime="02:00:00")
+        cluster.scale(jobs=50)
+        tables = evaluate.cohort(estimator, paths, read=load, out="results", client=distributed.Client(cluster))
+
+    Give paths and `read` then, since walks themselves would be sent over the network, and sort them by length: a task
+    runs each length that it meets. Set `jax_compilation_cache_dir` to a folder that all share, and compile once.
+
+    Args:
+        estimator: from `jgait.estimators`.
+        items: walks, or whatever `read` makes a walk of (paths, names); any iterable, taken one by one. A walk is
+            called by its recording's name, anything else by `str(item)`; no two may be called the same.
+        params: of the estimator, natural units; None for its own; or walk → parameters.
+        own: walk → body measures to put into the parameters by `estimator.own`, for example
+            `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None leaves them as they are.
+        read: item → walk.
+        score: (estimate, walk) → `Scores`, on the host; the estimate without padding, the walk without its sensors.
+        out: folder for the results; None keeps them in memory.
+        batch: how many recordings run at once; memory grows with it. The last batch of each length is filled up with
+            copies. Rounded up to a multiple of the devices of `mesh`.
+        mesh: one axis; devices that share each batch.
+        client: a `dask.distributed.Client` (the extra `cluster`); `estimator`, `read` and `score` are sent by
+            cloudpickle.
+        progress: called after every batch.
+
+    Returns:
+        Tables, see `Cohort`.
+
+    Raises:
+        ValueError: if two items have one name, a parameter is outside its range, `out` holds results of something
+            else, several processes have no `out`, or arguments contradict each other.
+        TypeError: if an item is no walk and there is no `read`.
+    """
+    if batch < 1:
+        raise ValueError(f"batch must be at least 1; got {batch}")
+    processes = jax.process_count()
+    if client is not None and (mesh is not None or processes > 1):
+        raise ValueError("client hands recordings to Dask's workers: give no mesh then, and one process")
+    if processes > 1 and out is None:
+        raise ValueError(f"{processes} processes need a folder out that all of them see, to put their results together")
+    params = estimator.params if params is None else params
+    if not callable(params):
+        check_params(params, estimator.transforms)
+    local = spread.checked_mesh(mesh)
+    if isinstance(items, Sized):
+        batch = min(batch, max(1, -(-len(items) // processes)))
+    if local is not None:
+        batch = -(-batch // local.size) * local.size
+    job = Job(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
+    rank = jax.process_index() if processes > 1 else 0
+    store = Memory() if out is None else Folder(Path(out), _description(job), rank)
+    named = _named(items, read is not None, store.done(), rank, processes)
+    finished = failed = 0
+    with closing(evaluated(job, named) if client is None else spread.on_dask(job, named, client)) as parts:
+        for part in parts:
+            store.append(part)
+            finished += len(part.recordings) + len(part.failures)
+            failed += len(part.failures)
+            if progress is not None:
+                progress(finished, failed)
+    spread.barrier("jgait.evaluate.cohort")
+    return store.tables()
+
+
+def _named(
+    items: Iterable[Any], can_read: bool, done: frozenset[str], rank: int, processes: int
+) -> Iterator[tuple[str, Any]]:
+    """This process's share of the items that are not done, each with its name."""
+    seen: set[str] = set()
+    for number, item in enumerate(items):
+        if not can_read and not isinstance(item, Walk):
+            raise TypeError(f"items must be walks, or come with read=; item {number} is {type(item).__name__}")
+        name = str(item.recording.name) if isinstance(item, Walk) else str(item)
+        if name in seen:
+            raise ValueError(f"items must have names of their own; item {number} is a second {name!r}")
+        seen.add(name)
+        if number % processes == rank and name not in done:
+            yield name, item
+
+
+def _description(job: Job) -> dict[str, str]:
+    """What the results in a folder depend on, in words; how they are computed (batch, devices) is not part of it."""
+    estimator = job.estimator
+    return {
+        "jgait": jgait.__version__,
+        "estimator": estimator.name,
+        "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.pad, estimator.run)),
+        "params": described(job.params),
+        "own": described(job.own),
+        "own_function": described(estimator.own),
+        "read": described(job.read),
+        "score": described(job.score),
+        "precision": "float64" if job.x64 else "float32",
+    }

@@ -1,0 +1,240 @@
+"""Tables of a cohort, and the folder in which they grow: batches are appended whole, and a killed run goes on.
+
+Every finished batch is a folder of CSV files, written under a name that begins with a dot and then renamed, which the
+file system does at once or not at all: a kill at any moment loses the batch at work and nothing else.
+"""
+
+import functools
+import hashlib
+import inspect
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "recordings": ("recording", "subject", "n_samples", "seconds", "valid", "notes"),
+    "quantities": ("recording", "subject", "quantity", "estimate", "reference", "error", "abs_error", "rel_error"),
+    "strides": (
+        "recording", "subject", "s_id", "side", "start", "end",
+        "quantity", "estimate", "reference", "error", "abs_error", "rel_error",
+    ),
+    "failures": ("recording", "subject", "reason"),
+}  # fmt: skip
+"""Columns of each table of a `Cohort`."""
+
+_TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
+_WHOLE = ("n_samples", "s_id")
+_DESCRIPTION = "cohort.json"
+
+
+class Cohort(NamedTuple):
+    """How an estimator did on a cohort; pandas tables, sorted by recording.
+
+    Attributes:
+        recordings: a row a recording: `recording subject n_samples seconds valid notes`; `valid` is the share of
+            samples at which the estimate says something [1].
+        quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
+            rel_error`, in the unit that the quantity's name ends with; NaN where there is no reference.
+        strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s].
+        failures: `recording subject reason` of every recording that gave no result.
+    """
+
+    recordings: "pd.DataFrame"
+    quantities: "pd.DataFrame"
+    strides: "pd.DataFrame"
+    failures: "pd.DataFrame"
+
+    def paired(self) -> "pd.DataFrame":
+        """All rows that have a reference, of recordings and of strides, in one long table."""
+        import pandas as pd
+
+        shared = list(COLUMNS["quantities"])
+        rows = pd.concat([self.quantities[shared], self.strides[shared]], ignore_index=True)
+        return rows[rows["reference"].notna()].reset_index(drop=True)
+
+    def by_subject(self) -> "pd.DataFrame":
+        """Means over each subject's recordings or strides, a row a subject and quantity; `n` counts the errors."""
+        rows = self.paired()
+        groups = rows.groupby(["subject", "quantity"], sort=True)
+        means = groups[["estimate", "reference", "error", "abs_error", "rel_error"]].mean()
+        means.insert(0, "n", groups["error"].count())
+        return means.reset_index()
+
+    def agreement(self, **settings: Any) -> "pd.DataFrame":
+        """Bias, limits of agreement and ICC of every quantity that has a reference.
+
+        Args:
+            settings: as of `jgait.evaluate.agreement`.
+        """
+        from jgait.evaluate.statistics import agreement
+
+        return agreement(self.paired(), **settings)
+
+
+def frame(table: str, rows: "dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
+    """Columns as the table of that name, in the types that it has in memory and on disk alike."""
+    import pandas as pd
+
+    made = pd.DataFrame(rows, columns=list(COLUMNS[table]))
+    kinds = {name: str if name in _TEXT else "int64" if name in _WHOLE else "float64" for name in made.columns}
+    return made.astype(kinds)
+
+
+def joined(parts: Iterable[Cohort]) -> Cohort:
+    """Several cohorts as one, sorted by recording; what belongs to one recording keeps its order."""
+    import pandas as pd
+
+    parts = list(parts)
+    tables = []
+    for name in Cohort._fields:
+        filled = [part for cohort in parts if len(part := getattr(cohort, name))]
+        whole = pd.concat(filled, ignore_index=True) if filled else frame(name, {})
+        tables.append(whole.sort_values("recording", kind="stable", ignore_index=True))
+    return Cohort(*tables)
+
+
+class Memory:
+    """Tables that are kept in memory."""
+
+    def __init__(self) -> None:
+        self._parts: list[Cohort] = []
+
+    def done(self) -> frozenset[str]:
+        """Recordings that are finished."""
+        return frozenset()
+
+    def append(self, part: Cohort) -> None:
+        """Add the rows of a batch."""
+        self._parts.append(part)
+
+    def tables(self) -> Cohort:
+        """All rows so far."""
+        return joined(self._parts)
+
+
+class Folder:
+    """Tables that grow on disk, a folder of CSV files a batch."""
+
+    def __init__(self, path: Path, description: dict[str, str], rank: int = 0) -> None:
+        """Make the folder, or take up the one that an earlier run of the same description left.
+
+        Args:
+            path: the folder.
+            description: what the results depend on, in words.
+            rank: number of this process among those that write here.
+
+        Raises:
+            ValueError: if it holds results of another description, or something else.
+        """
+        self._path, self._rank = Path(path), rank
+        self._path.mkdir(parents=True, exist_ok=True)
+        known = self._path / _DESCRIPTION
+        if not known.exists():
+            foreign = sorted(p.name for p in self._path.iterdir() if not p.name.startswith(".") and p != known)
+            if foreign and not known.exists():
+                raise ValueError(f"out must be empty or hold a cohort; {self._path} holds {', '.join(foreign[:3])}")
+            hidden = self._path / f".{rank}-{_DESCRIPTION}"
+            _write(hidden, json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False))
+            hidden.replace(known)
+        before = json.loads(known.read_text(encoding="utf-8"))
+        differ = [name for name in sorted({*before, *description}) if before.get(name) != description.get(name)]
+        if differ:
+            told = "; ".join(f"{k}: {before.get(k, 'none')} there, {description.get(k, 'none')} here" for k in differ)
+            raise ValueError(f"{self._path} holds results of another evaluation ({told}); give another folder as out")
+        for left in self._path.glob(f".{rank}-part-*"):
+            shutil.rmtree(left)
+        own = [int(p.name.rsplit("-", 1)[1]) for p in self._parts() if p.name.startswith(f"part-{rank}-")]
+        self._next = max(own, default=-1) + 1
+
+    def _parts(self) -> list[Path]:
+        return sorted(self._path.glob("part-*-*"))
+
+    def done(self) -> frozenset[str]:
+        """Recordings that are finished, those that failed included."""
+        parts = self._parts()
+        return frozenset(
+            name for part in parts for table in ("recordings", "failures") for name in _read(part, table)["recording"]
+        )
+
+    def append(self, part: Cohort) -> None:
+        """Add the rows of a batch, all of them or, if killed on the way, none."""
+        name = f"part-{self._rank}-{self._next:06d}"
+        hidden = self._path / f".{self._rank}-{name}"
+        hidden.mkdir()
+        for table in Cohort._fields:
+            _write(hidden / f"{table}.csv", getattr(part, table).to_csv(index=False, na_rep="nan", lineterminator="\n"))
+        hidden.rename(self._path / name)
+        self._next += 1
+
+    def tables(self) -> Cohort:
+        """All rows so far, those of other processes included."""
+        return joined(Cohort(*(_read(part, table) for table in Cohort._fields)) for part in self._parts())
+
+
+def _write(path: Path, text: str) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _read(part: Path, table: str) -> "pd.DataFrame":
+    import pandas as pd
+
+    # As text, and numbers from it by Python: exact in every version of pandas; and a subject may be called NA.
+    text = pd.read_csv(part / f"{table}.csv", dtype=str, keep_default_na=False, encoding="utf-8")
+    plain = {name: text[name].to_numpy(dtype=object) for name in COLUMNS[table]}
+    return frame(table, {n: v if n in _TEXT else v.astype("i8" if n in _WHOLE else "f8") for n, v in plain.items()})
+
+
+def described(value: Any) -> str:
+    """In words, the same in every process: a function by name, code and what it closes over; arrays by content."""
+    if isinstance(value, functools.partial):
+        return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
+    if inspect.isfunction(value):
+        held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
+        inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
+        own = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
+        # Two lambdas have one name.
+        return f"{own} {_digest(_code(value))}" if "<" in value.__qualname__ else own
+    if callable(value) and not isinstance(value, type) and not hasattr(value, "_fields"):
+        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+    if isinstance(value, jax.Array | np.ndarray) and np.ndim(value):
+        array = np.asarray(value)
+        return f"{array.dtype}{list(array.shape)} {_digest(array.tobytes())}"
+    if isinstance(value, jax.Array | np.generic | np.ndarray):
+        return repr(value.item())
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        inner = ", ".join(f"{k}={described(v)}" for k, v in zip(value._fields, value, strict=True))
+        return f"{type(value).__name__}({inner})"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {described(v)}" for k, v in sorted(value.items())) + "}"
+    if isinstance(value, tuple | list):
+        return "(" + ", ".join(map(described, value)) + ")"
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+
+
+def _held(value: Any) -> str:
+    """What a function closes over; what may change while it runs (counters, caches, tables) by its type alone."""
+    plain = isinstance(value, tuple | str | bytes | int | float | Path | jax.Array | np.ndarray | np.generic)
+    return described(value) if plain or value is None or inspect.isfunction(value) else type(value).__name__
+
+
+def _code(function: Callable[..., Any]) -> bytes:
+    code = function.__code__
+    constants = [c for c in code.co_consts if not inspect.iscode(c)]
+    return code.co_code + repr((code.co_names, constants)).encode()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]

@@ -1,0 +1,370 @@
+"""A cohort: everyone's numbers are their own, whatever happens to others, to the run, or to the order."""
+
+import gc
+import json
+import weakref
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from made_cohort import FAKE, TRACED, Params, read, run, walk
+
+from jgait import evaluate, protocols
+from jgait.estimators import leg_ekf
+from jgait.evaluate import buckets, scores, spread
+from jgait.evaluate.store import Folder, described
+from jgait.types import Estimate, Legs, Strides, Walk
+
+ERRORS = ["error", "abs_error", "rel_error"]
+
+
+def same(one, two):
+    for name in one._fields:
+        pd.testing.assert_frame_equal(getattr(one, name), getattr(two, name), check_exact=True)
+
+
+def alone(item: Walk, params=None) -> Estimate:
+    made = FAKE.prepare(item.recording)
+    return jax.tree.map(np.asarray, run(params or Params(), made.inputs, made.options))
+
+
+@pytest.fixture(scope="module")
+def twenty():
+    return evaluate.cohort(FAKE, [walk(i) for i in range(20)], batch=4)
+
+
+def test_lengths_of_the_ladder():
+    assert [buckets.padded_length(n) for n in (1, 512, 513, 640, 641, 1000, 1024, 1025, 6000)] == [
+        512, 512, 640, 640, 768, 1024, 1024, 1280, 6144,
+    ]  # fmt: skip
+    lengths = [buckets.padded_length(n) for n in range(1, 40000)]
+    assert all(0 <= m - n <= max(512 - n, 0.25 * n) for n, m in enumerate(lengths, 1))
+
+
+def test_everyone_s_numbers_are_those_of_a_run_alone(twenty):
+    assert list(twenty.recordings["recording"]) == [f"walk_{i:03d}" for i in range(20)]
+    assert twenty.failures.empty
+    for i in (0, 1, 7, 19):
+        item = walk(i)
+        row = twenty.recordings.iloc[i]
+        assert (row["subject"], row["n_samples"], row["valid"]) == (f"00{i % 4}", item.reference.time.size, 1.0)
+        assert row["seconds"] == pytest.approx(item.reference.time[-1])
+        assert row["notes"] == "as it came; prepared"
+        estimate = alone(item)
+        table = twenty.quantities[twenty.quantities["recording"] == row["recording"]].set_index("quantity")
+        error = evaluate.distance_error(estimate, item.reference)
+        np.testing.assert_allclose(table.loc["distance_m", ["estimate", "reference", *ERRORS]].astype(float),
+                                   error[:5], rtol=1e-12)  # fmt: skip
+        rms = evaluate.trajectory_errors(estimate, item.reference).loc["right"]
+        names = ["hip_rmse_deg_right", "knee_rmse_deg_right", "x_rmse_cm_right", "y_rmse_cm_right"]
+        np.testing.assert_allclose(table.loc[names, "estimate"], rms, rtol=1e-12)
+        assert list(table.index) == ["distance_m", *names, "nis_right"]
+        assert np.isnan(table.loc["nis_right", "reference"])
+
+
+def test_a_row_for_each_stride_of_the_reference(twenty):
+    item = walk(3)
+    rows = twenty.strides[twenty.strides["recording"] == "walk_003"]
+    valid = np.flatnonzero(item.reference.strides.valid)
+    assert list(rows["s_id"]) == list(range(valid.size))
+    assert list(rows["side"]) == ["left" if i % 2 else "right" for i in valid]
+    np.testing.assert_allclose(rows["start"], item.reference.strides.start[valid])
+    distance = alone(item).distance
+    gained = [np.interp([s, s + 1.0], item.reference.time, distance) for s in rows["start"]]
+    np.testing.assert_allclose(rows["estimate"], np.diff(gained, axis=1)[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(rows["rel_error"], rows["estimate"] - 1.0, rtol=1e-12)
+    assert set(rows["quantity"]) == {"stride_length_m"}
+
+
+def test_strides_of_an_estimate_go_with_those_of_the_same_foot_and_time():
+    def strides(start, side, length, valid=None):
+        start = np.asarray(start, float)
+        zero = np.zeros_like(start)
+        ok = np.ones(start.size, bool) if valid is None else np.asarray(valid)
+        return Strides(np.asarray(side), start, start + 0.6, start + 1.0, np.asarray(length, float), zero, zero, ok)
+
+    time = np.arange(0.0, 6.0, 0.01)
+    reference = Estimate(time, Legs(None, None), None, None, time >= 0.0, {},
+                         strides([3.0, 0.0, 0.5, 1.0, 2.0], [0, 0, 1, 0, 0], [4, 1, 2, 3, 5]))  # fmt: skip
+    # Late by a tenth; a left one too many; the last row is padding where a right one is missing.
+    ours = strides(
+        [0.1, 0.52, 1.02, 2.6, 2.95, 2.0], [0, 1, 0, 1, 0, 0], [1.5, 2.5, 3.5, 9, 4.5, 8], [True] * 5 + [False]
+    )
+    rows = pd.DataFrame(scores.stride_rows(reference._replace(strides=ours), reference))
+    length = rows[rows["quantity"] == "stride_length_m"]
+    np.testing.assert_allclose(length["estimate"], [1.5, 2.5, 3.5, np.nan, 4.5])
+    np.testing.assert_allclose(length["reference"], [1, 2, 3, 5, 4])
+    assert set(rows["quantity"]) == {"stride_length_m", "stride_duration_s", "stride_width_m"}
+    none = scores.stride_rows(reference._replace(strides=strides([], [], [])), reference)
+    assert np.isnan(none["estimate"]).all() and len(none["estimate"]) == 5
+
+
+def test_no_length_of_a_stride_in_which_the_estimate_was_not_valid():
+    item = walk(2)
+    time = item.reference.time
+    estimate = item.reference._replace(strides=None, valid=~((time > 0.3) & (time < 0.4)))
+    rows = scores.stride_rows(estimate, item.reference)
+    assert np.isnan(rows["estimate"][0]) and np.isfinite(rows["estimate"][1:]).all()
+    rows = scores.stride_rows(estimate._replace(time=time + 0.6), item.reference)
+    assert np.isnan(rows["estimate"][0])
+
+
+def test_one_program_a_bucket():
+    TRACED.clear()
+    buckets.program.cache_clear()
+    evaluate.cohort(FAKE, [walk(i) for i in range(40)], batch=4)
+    wanted = {(buckets.padded_length(walk(i).reference.time.size), i % 7 == 0) for i in range(40)}
+    assert len(wanted) > 4
+    assert sorted(TRACED) == sorted(wanted)
+    evaluate.cohort(FAKE, [walk(i) for i in range(40, 60)], batch=4)
+    assert len(TRACED) == len(set(TRACED))
+
+
+def test_what_fails_is_named_and_costs_nobody_else():
+    def score(estimate, item):
+        if item.info["number"] == 5:
+            raise KeyError("thigh")
+        return scores.score(estimate, item)
+
+    bad = {2: "nan", 3: "blind", 4: "misplaced"}
+    mixed = evaluate.cohort(FAKE, range(15), read=lambda i: walk(i, bad[i]) if i in bad else read(i), score=score,
+                            batch=4)  # fmt: skip
+    reasons = mixed.failures.set_index("recording")["reason"]
+    assert sorted(reasons.index) == ["13", "2", "3", "4", "5"]
+    assert reasons["13"] == "OSError: no such file: 13"
+    assert reasons["2"].startswith("distance of the estimate is not finite at ")
+    assert reasons["3"] == "the estimate is valid at no sample"
+    assert reasons["4"] == "RecordingError: needs 'foot_right'; the recording has ['waist']"
+    assert reasons["5"] == "score: KeyError: 'thigh'"
+    assert dict(zip(mixed.failures["recording"], mixed.failures["subject"], strict=True))["3"] == "003"
+    well = evaluate.cohort(FAKE, [i for i in range(15) if i not in (2, 3, 4, 5, 13)], read=read, batch=4)
+    for name in ("recordings", "quantities", "strides"):
+        one, two = getattr(mixed, name), getattr(well, name)
+        pd.testing.assert_frame_equal(one, two, rtol=1e-12)
+    only = evaluate.cohort(FAKE, [13], read=read)
+    assert len(only.failures) == 1 and only.recordings.empty and only.strides.empty
+
+
+def test_a_missing_package_is_not_the_recordings_fault():
+    def needs(item):
+        raise ModuleNotFoundError("no module named ezc3d")
+
+    with pytest.raises(ModuleNotFoundError, match="ezc3d"):
+        evaluate.cohort(FAKE, [1, 2], read=needs)
+
+
+def test_people_have_their_own_parameters():
+    items = [walk(i) for i in range(6)]
+    each = evaluate.cohort(FAKE, items, lambda item: Params(1.0 + 0.1 * item.info["number"], 0.0), batch=4)
+    measured = evaluate.cohort(FAKE, items, own=lambda item: {"offset": item.reference.diagnostics["offset"]}, batch=4)
+    for i in range(6):
+        distance = each.quantities.query(f"recording == 'walk_{i:03d}' and quantity == 'distance_m'")
+        assert distance["rel_error"].iloc[0] == pytest.approx(0.1 * i, abs=1e-9)
+        hip = measured.quantities.query(f"recording == 'walk_{i:03d}' and quantity == 'hip_rmse_deg_right'")
+        assert hip["estimate"].iloc[0] == pytest.approx(np.degrees(1.0 if i == 0 else 0.5))
+    wrong = evaluate.cohort(FAKE, items, lambda item: Params(float(item.info["number"])), batch=4)
+    assert list(wrong.failures["recording"]) == ["walk_000"]
+    assert "'scale' must lie in (0, inf)" in wrong.failures["reason"][0]
+
+
+def test_only_a_few_batches_are_held():
+    alive: list[weakref.ref] = []
+    most = 0
+
+    class Tracked:
+        def __init__(self, number):
+            self.number = number
+
+        def __str__(self):
+            return str(self.number)
+
+    def make():
+        nonlocal most
+        for i in range(200):
+            item = Tracked(i)
+            alive.append(weakref.ref(item))
+            gc.collect(0)
+            most = max(most, sum(ref() is not None for ref in alive))
+            yield item
+
+    held: list[weakref.ref] = []
+    peak = 0
+
+    def load(item):
+        nonlocal peak
+        made = walk(item.number)
+        held.append(weakref.ref(made.reference.distance))
+        peak = max(peak, sum(ref() is not None for ref in held))
+        return made
+
+    result = evaluate.cohort(FAKE, make(), read=load, batch=8)
+    assert len(result.recordings) == 200
+    assert most <= 3
+    # Waiting for their buckets, in the queue, computing, and being scored.
+    assert peak <= (buckets.WAITING + 4) * 8
+
+
+class Killed(BaseException):
+    """As a signal: no handler for exceptions of a recording catches it."""
+
+
+@pytest.mark.parametrize("where", ["read", "score", "append"])
+def test_a_killed_run_goes_on_and_ends_the_same(tmp_path, monkeypatch, where):
+    whole = evaluate.cohort(FAKE, range(30), read=read, batch=4)
+    rng = np.random.default_rng(len(where))
+    state = {"fuse": 0, "reads": 0}
+
+    def burn(place):
+        if place == where:
+            state["fuse"] -= 1
+            if state["fuse"] == 0:
+                raise Killed
+
+    def load(item):
+        state["reads"] += 1
+        burn("read")
+        return read(item)
+
+    def judge(estimate, item):
+        burn("score")
+        return scores.score(estimate, item)
+
+    write = buckets.frame.__globals__["_write"]
+
+    def written(path, text):
+        if path.suffix == ".csv":
+            burn("append")
+            path.write_text(text[: len(text) // 2])
+        write(path, text)
+
+    monkeypatch.setattr("jgait.evaluate.store._write", written)
+    kills = 0
+    while True:
+        # A run killed before a batch is finished gets nowhere.
+        state["fuse"] = int(rng.integers(12, 32) if where == "read" else rng.integers(2, 14))
+        try:
+            result = evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4)
+            break
+        except Killed:
+            kills += 1
+            assert kills < 100
+    assert kills >= 2
+    same(result, whole)
+    state["reads"], state["fuse"] = 0, 0
+    same(evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4), whole)
+    assert state["reads"] == 0
+
+
+def test_results_on_disk_are_those_in_memory(tmp_path, twenty):
+    seen = []
+    items = [walk(i) for i in range(20)]
+    stored = evaluate.cohort(FAKE, items, out=tmp_path, batch=4, progress=lambda *n: seen.append(n))
+    same(stored, twenty)
+    assert seen[-1] == (20, 0) and len(seen) >= 5
+    # More of the same cohort, in other batches: only the new ones are run.
+    more = evaluate.cohort(FAKE, [*items, walk(20)], out=tmp_path, batch=2, progress=lambda *n: seen.append(n))
+    assert seen[-1] == (1, 0)
+    assert list(more.recordings["recording"])[:-1] == list(twenty.recordings["recording"])
+
+
+def test_names_that_look_like_something_else_survive(tmp_path):
+    item = walk(0)
+    names = ["NA", "", "007", 'a,"b"\nc', "1e5"]
+    items = [item._replace(recording=item.recording._replace(name=n, subject=n, notes=(n,))) for n in names]
+    stored = evaluate.cohort(FAKE, items, out=tmp_path)
+    same(stored, evaluate.cohort(FAKE, items))
+    assert sorted(stored.recordings["subject"]) == sorted(names)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    evaluate.cohort(FAKE, [walk(0)], out=tmp_path / "a")
+    assert json.loads((tmp_path / "a" / "cohort.json").read_text())["estimator"] == "fake"
+    with pytest.raises(ValueError, match=r"another evaluation \(params: Params\(scale=1.1.*scale=2.0"):
+        evaluate.cohort(FAKE, [walk(0)], Params(2.0), out=tmp_path / "a")
+    with pytest.raises(ValueError, match=r"another evaluation \(score: .*lambda"):
+        evaluate.cohort(FAKE, [walk(0)], score=lambda e, w: scores.score(e, w), out=tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "data.csv").write_text("mine")
+    with pytest.raises(ValueError, match=r"out must be empty or hold a cohort; .*b holds data.csv"):
+        evaluate.cohort(FAKE, [walk(0)], out=tmp_path / "b")
+    (tmp_path / "a" / ".0-part-0-000009").mkdir()
+    Folder(tmp_path / "a", json.loads((tmp_path / "a" / "cohort.json").read_text()))
+    assert not (tmp_path / "a" / ".0-part-0-000009").exists()
+
+
+def test_descriptions_tell_apart_what_gives_other_results():
+    default, paper = leg_ekf.estimator(), leg_ekf.estimator(leg_ekf.PAPER)
+    assert described(default.prepare) == described(leg_ekf.estimator().prepare)
+    assert described(default.prepare) != described(paper.prepare)
+    assert "rate_hz=50.0" in described(paper.prepare)
+    assert described(lambda x: x + 1) != described(lambda x: x + 2)
+    assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
+    assert " at 0x" not in described({"a": object(), "b": (object(),)})
+
+
+def test_tables_over_subjects_and_agreement(twenty):
+    table = twenty.by_subject()
+    mine = twenty.quantities.query("subject == '001' and quantity == 'distance_m'")
+    row = table.query("subject == '001' and quantity == 'distance_m'").iloc[0]
+    assert row["n"] == len(mine) == 5
+    np.testing.assert_allclose(row[ERRORS].astype(float), mine[ERRORS].mean(), rtol=1e-12)
+    assert set(table["quantity"]) == {"distance_m", "hip_rmse_deg_right", "knee_rmse_deg_right", "stride_length_m",
+                                      "x_rmse_cm_right", "y_rmse_cm_right"}  # fmt: skip
+    found = twenty.agreement(resamples=50)
+    assert found.loc["distance_m", "n"] == 20 and found.loc["stride_length_m", "n"] == len(twenty.strides)
+    assert found.loc["stride_length_m", "bias"] == pytest.approx(twenty.strides["error"].mean())
+    hips = twenty.quantities.query("quantity == 'hip_rmse_deg_right'")["estimate"]
+    assert found.loc["hip_rmse_deg_right", "bias"] == pytest.approx(hips.mean())
+
+
+def test_walks_without_a_reference_have_estimates_and_no_errors():
+    result = evaluate.cohort(FAKE, [walk(i)._replace(reference=None) for i in range(3)])
+    distance = result.quantities.query("quantity == 'distance_m'")
+    assert (distance["estimate"] > 2.0).all() and distance["error"].isna().all()
+    assert result.strides.empty and result.by_subject().empty
+
+
+def test_refusals_say_what_was_wrong():
+    with pytest.raises(ValueError, match="item 2 is a second 'walk_001'"):
+        evaluate.cohort(FAKE, [walk(1), walk(2), walk(1)])
+    with pytest.raises(TypeError, match="items must be walks, or come with read=; item 0 is str"):
+        evaluate.cohort(FAKE, ["a.csv"])
+    with pytest.raises(ValueError, match="batch must be at least 1"):
+        evaluate.cohort(FAKE, [], batch=0)
+    with pytest.raises(ValueError, match=r"'scale' must lie in \(0, inf\); got -1"):
+        evaluate.cohort(FAKE, [], Params(-1.0))
+    with pytest.raises(ValueError, match="one axis"):
+        spread.checked_mesh(jax.make_mesh((1, 1), ("a", "b"), axis_types=(jax.sharding.AxisType.Auto,) * 2))
+    assert evaluate.cohort(FAKE, []).recordings.empty
+    broken = FAKE._replace(run=lambda p, inputs, options: run(p, inputs.missing, options))
+    with pytest.raises(AttributeError, match="missing") as caught:
+        evaluate.cohort(broken, [walk(1)])
+    assert "in a batch of 1 recordings from 'walk_001'" in caught.value.__notes__
+
+
+def test_the_leg_estimator_on_simulated_walks_is_itself():
+    walked = protocols.bennett(jax.random.key(5), 3)
+    items = [Walk(one.recording, one.truth.estimate, {}) for one in walked]
+    spoiled = items[1].recording._replace(
+        name="one leg", sensors={"thigh_right": walked[1].recording.sensors["thigh_right"]}
+    )
+    estimator = leg_ekf.estimator(leg_ekf.PAPER)
+    lengths = ("thigh_length", "shank_length")
+    result = evaluate.cohort(estimator, [*items, items[1]._replace(recording=spoiled)],
+                             own=lambda item: {name: item.reference.diagnostics[name] for name in lengths})  # fmt: skip
+    assert list(result.failures["recording"]) == ["one leg"]
+    assert "leg_ekf needs 'shank_right'" in result.failures["reason"][0]
+    item = items[0]
+    params = estimator.own(estimator.params, {name: item.reference.diagnostics[name] for name in lengths})
+    one = leg_ekf.estimate(params, item.recording, leg_ekf.PAPER)
+    table = result.quantities[result.quantities["recording"] == item.recording.name].set_index("quantity")
+    error = evaluate.distance_error(one, item.reference)
+    assert table.loc["distance_m", "error"] == pytest.approx(error.error, abs=1e-9)
+    rms = evaluate.trajectory_errors(one, item.reference)
+    assert table.loc["knee_rmse_deg_left", "estimate"] == pytest.approx(rms.loc["left", "knee_deg"], abs=1e-9)
+    assert table.loc["nis_left", "estimate"] == pytest.approx(float(one.diagnostics["nis_left"]), rel=1e-9)
+    strides = result.strides[result.strides["recording"] == item.recording.name]
+    assert len(strides) == int(np.sum(item.reference.strides.valid))
+    # The paper's read-out counts how far the foot goes forward: strides come out near their length.
+    assert strides["rel_error"].abs().median() < 0.5
