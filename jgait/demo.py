@@ -145,7 +145,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     fit = tune.fit(
         # The start is within a few percent already: longer steps would go past the least loss and find nothing.
         _simulated_loss, start, freed(*names), data, optax.adam(0.01), steps=steps,
-        progress=lambda done, total, loss: report(f"tuning on {half} simulated people, loss {loss:.1f}", done, total),
+        progress=lambda p: report(f"tuning on {half} simulated people, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     judged = []
     for number in range(half, subjects):
@@ -234,7 +234,7 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     item = lesson(preparation.inputs, reference, out_walk, standing, start)
     fit = tune.fit(
         _simulated_loss, start, freed(*names), item, optax.adam(0.1), steps=steps, batched=False,
-        progress=lambda done, total, loss: report(f"tuning on the walk out, loss {loss:.1f}", done, total),
+        progress=lambda p: report(f"tuning on the walk out, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     report("judging on the walk back", 0, 1)
     paper = leg_ekf.estimate(start, walk.recording, leg_ekf.PAPER)

@@ -23,6 +23,7 @@ class Transform(NamedTuple):
         to_natural: free value → natural value; None when the parameter is fixed.
         low: lower end of the open range.
         high: upper end of the open range.
+        own: whether every subject has a value of their own, see `per_subject`.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Transform(NamedTuple):
     to_natural: Callable[[Any], Any] | None
     low: float = -math.inf
     high: float = math.inf
+    own: bool = False
 
 
 def _identity(value: Any) -> Any:
@@ -62,6 +64,48 @@ def interval(low: float, high: float) -> Transform:
         return low + (high - low) * jax.nn.sigmoid(free)
 
     return Transform(f"interval({low:g}, {high:g})", to_free, to_natural, low, high)
+
+
+def per_subject(transform: Transform) -> Transform:
+    """The same range, and a value for each subject; `per_subject(fixed)` is a known measure of each."""
+    return transform._replace(name=f"{transform.name}, per subject", own=True)
+
+
+class Prior(NamedTuple):
+    """What was known of a parameter before the data.
+
+    Attributes:
+        name: how it reads in tables, for example "normal(0.43, 0.02)".
+        penalty: natural value → minus the logarithm of its density, up to a constant [nat]; pure JAX.
+    """
+
+    name: str
+    penalty: Callable[[Any], Any]
+
+
+def normal(mean: float, stddev: float) -> Prior:
+    """A normal prior in natural units.
+
+    Raises:
+        ValueError: if `mean` is not finite or `stddev` not positive.
+    """
+    if not (math.isfinite(mean) and math.isfinite(stddev) and stddev > 0.0):
+        raise ValueError(f"normal(mean, stddev) needs a finite mean and a positive stddev; got {mean!r}, {stddev!r}")
+    return Prior(f"normal({mean:g}, {stddev:g})", lambda value: 0.5 * ((value - mean) / stddev) ** 2)
+
+
+def lognormal(median: float, factor: float) -> Prior:
+    """A prior normal in the logarithm: within `factor` of `median`, up or down, with a probability of 68 %.
+
+    Raises:
+        ValueError: if `median` is not positive or `factor` not above 1.
+    """
+    if not (math.isfinite(median) and math.isfinite(factor) and median > 0.0 and factor > 1.0):
+        raise ValueError(f"lognormal(median, factor) needs median > 0 and factor > 1; got {median!r}, {factor!r}")
+    spread = math.log(factor)
+    return Prior(
+        f"lognormal({median:g}, {factor:g})", lambda value: 0.5 * ((jnp.log(value) - math.log(median)) / spread) ** 2
+    )
 
 
 def _is_transform(node: Any) -> bool:

@@ -1,6 +1,25 @@
 """Parameters from data, by gradient: fit them, cross-validate the fit, and say what the data can determine."""
 
-from jgait.tune.fit import Fit, Progress, fit
+from jgait.tune.fit import Fit, Starts, fit
 from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
+from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
+from jgait.tune.lanes import Progress, Report
+from jgait.tune.profile import Profile, profile
+from jgait.tune.words import Direction
 
-__all__ = ["FORWARD_UP_TO", "GRADIENTS", "Fit", "Progress", "fit", "value_and_grad"]
+__all__ = [
+    "FORWARD_UP_TO",
+    "GRADIENTS",
+    "INFORMATION",
+    "Direction",
+    "Fit",
+    "Identifiability",
+    "Profile",
+    "Progress",
+    "Report",
+    "Starts",
+    "fit",
+    "identifiability",
+    "profile",
+    "value_and_grad",
+]

@@ -1,34 +1,66 @@
 """Fitting parameters by gradient: optax in a `lax.scan`, in coordinates where every value is allowed."""
 
-from collections.abc import Callable
-from functools import partial
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax.sharding import Mesh
 
-from jgait.params import check_params, constrain, unconstrain
-from jgait.tune.gradient import value_and_grad
+from jgait.params import constrain
+from jgait.tune import checkpoint
+from jgait.tune.descent import Settings
+from jgait.tune.gradient import check_mode
+from jgait.tune.lanes import Lanes, Report, descend
+from jgait.tune.problem import (
+    Context,
+    Items,
+    Problem,
+    check_data,
+    check_loss,
+    check_priors,
+    numbered,
+    place,
+    spread_out,
+    start,
+)
 
-Progress = Callable[[int, int, float], None]
-"""Called with steps done, steps in all, and the loss now."""
+
+class Starts[P](NamedTuple):
+    """What came of every start; leaves of `params` that were free have a leading axis (K,).
+
+    Attributes:
+        params: the best parameters of each.
+        scores: (K,) their loss, on the validation items where there are; infinite where a start led nowhere.
+    """
+
+    params: P
+    scores: np.ndarray
 
 
 class Fit[P](NamedTuple):
     """A finished fit.
 
     Attributes:
-        params: the best parameters seen (lowest loss), natural units; what was fixed is the very object given.
+        params: the best parameters seen, natural units; what was fixed is the very object given. Best is what has the
+            lowest loss: on the validation items where there are, else on the items.
         last: the parameters after the last step.
         free: the best in unconstrained coordinates; None where fixed.
-        losses: (steps,) loss at the start of each step; finite always.
+        losses: (steps,) loss at the start of each step, of a minibatch where there are; finite always.
         gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
         accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was taken back.
         rejected: how many were taken back.
-        best_loss: loss at `params`.
+        best_loss: what `params` was chosen by.
         last_loss: loss at `last`.
+        validation: (steps,) loss on the validation items after each step, or on all items where there are minibatches;
+            NaN where it was not looked at.
+        left_out: numbers of the items whose loss or gradient was not finite at the start, and which did not count.
+        subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
+        starts: what came of every start; this fit is the best of them.
     """
 
     params: P
@@ -40,89 +72,78 @@ class Fit[P](NamedTuple):
     rejected: int
     best_loss: float
     last_loss: float
+    validation: np.ndarray
+    left_out: tuple[int, ...]
+    subjects: tuple[Any, ...]
+    starts: Starts[P]
 
 
-class _Carry(NamedTuple):
-    """Between steps; `free` always has a finite loss and gradient."""
+def scattered(key: Any, free: Any, count: int, spread: float) -> Any:
+    """Starts around one: free coordinates with a leading axis (count,), the first as given, the others moved.
 
-    step: Any
-    free: Any
-    optimizer: Any
-    loss: Any
-    gradient: Any
-    scale: Any
-    best: Any
-    best_loss: Any
+    Args:
+        key: PRNG key; None where there is only one.
+        free: coordinates to start around.
+        count: how many.
+        spread: standard deviation of the others in free coordinates.
+    """
+    if count == 1:
+        return jax.tree.map(lambda leaf: leaf[None], free)
+    leaves, structure = jax.tree.flatten(free)
+    keys = jax.random.split(jax.random.fold_in(key, 1), len(leaves))
 
+    def around(one: Any, leaf: Any) -> Any:
+        moved = spread * jax.random.normal(one, (count, *leaf.shape), leaf.dtype)
+        return leaf[None] + moved.at[0].set(0.0)
 
-def _norm(tree: Any) -> Any:
-    return jnp.sqrt(jax.tree.reduce(jnp.add, [jnp.sum(leaf * leaf) for leaf in jax.tree.leaves(tree)]))
-
-
-def _finite(tree: Any) -> Any:
-    return jax.tree.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
-
-
-def _choose(condition: Any, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+    return jax.tree.unflatten(structure, [around(*pair) for pair in zip(keys, leaves, strict=True)])
 
 
-def _check_data(data: Any, batched: bool) -> None:
-    """Refuse data that is no pytree of arrays with one leading length."""
-    flat, _ = jax.tree_util.tree_flatten_with_path(data)
-    if not flat:
-        raise ValueError("data is empty: fit needs at least one array to compare with")
-    lengths: dict[str, int] = {}
-    for path, leaf in flat:
-        name = "data" + jax.tree_util.keystr(path)
-        if isinstance(leaf, str | bytes) or (not hasattr(leaf, "dtype") and not isinstance(leaf, int | float)):
-            raise TypeError(f"{name} must be an array or a number; got {type(leaf).__name__}")
-        if batched and np.ndim(leaf) == 0:
-            raise ValueError(
-                f"{name} is a single number; every leaf needs a leading axis of items (batched=False for one item)"
-            )
-        if batched:
-            lengths[name] = np.shape(leaf)[0]
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
-        raise ValueError(f"every leaf of data needs the same number of items; got {listed}")
-    if batched and next(iter(lengths.values())) == 0:
-        raise ValueError("data is empty: its leading axis has no items")
+def optimizer_mark(optimizer: Any, free: Any) -> Any:
+    """What the optimiser makes of a gradient of ones: tells one from another, learning rates included."""
+    slope = jax.tree.map(jnp.ones_like, free)
+
+    def bowl(at: Any) -> Any:
+        return optax.tree.norm(at, squared=True)
+
+    with jax.numpy_dtype_promotion("standard"):
+        return optimizer.update(slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl)
 
 
-def _start(params: Any, transforms: Any) -> Any:
-    """Free coordinates as arrays of one fixed type each, as a scan's carry must have."""
-    check_params(params, transforms)
-
-    def strong(leaf: Any) -> Any:
-        kind = leaf.dtype if jnp.issubdtype(leaf.dtype, jnp.floating) else jnp.result_type(float)
-        return jnp.asarray(leaf, kind)
-
-    free = jax.tree.map(strong, unconstrain(params, transforms))
-    if not jax.tree.leaves(free):
-        raise ValueError("every parameter is fixed: free at least one of them by its transform")
-    return free
+def _check_settings(steps: int, chunk: int | None, starts: int, key: Any, minibatch: int | None, n: int) -> None:
+    if steps < 1 or (chunk is not None and chunk < 1):
+        raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
+    if starts < 1:
+        raise ValueError(f"starts must be at least 1; got {starts}")
+    if minibatch is not None and not 1 <= minibatch <= n:
+        raise ValueError(f"minibatch must be between 1 and the {n} items to learn from; got {minibatch}")
+    if key is None and (starts > 1 or minibatch is not None):
+        raise ValueError("several starts and minibatches are drawn: give key=jax.random.key(…)")
 
 
-def _objective(loss: Callable[..., Any], transforms: Any, batched: bool) -> Callable[..., Any]:
-    """Mean loss over the items, as a function of free coordinates."""
+def _split(items: Items, validation: Any, n: int) -> tuple[Items, Items | None, np.ndarray]:
+    """Items to learn from, items to be judged by, and the numbers of the first."""
+    if validation is None:
+        return items, None, np.arange(n)
+    mask = np.asarray(validation)
+    if mask.dtype != np.bool_ or mask.shape != (n,) or mask.all() or not mask.any():
+        raise ValueError(
+            f"validation must be a bool for each of the {n} items, some True and some False; got {mask.dtype} of "
+            f"shape {mask.shape}, {int(mask.sum())} True"
+        )
+    learn, judge = np.flatnonzero(~mask), np.flatnonzero(mask)
+    parts = (jax.tree.map(lambda leaf, chosen=chosen: np.asarray(leaf)[chosen], items) for chosen in (learn, judge))
+    return next(parts), next(parts), learn
 
-    def objective(free: Any, params: Any, data: Any) -> Any:
-        natural = constrain(free, transforms, params)
-        if not batched:
-            return loss(natural, data)
-        return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(natural, data))
 
-    return objective
-
-
-def _check_loss(loss: Callable[..., Any], params: Any, data: Any, batched: bool) -> None:
-    item = jax.tree.map(lambda leaf: leaf[0], data) if batched else data
-    out = jax.eval_shape(loss, params, item)
-    leaves = jax.tree.leaves(out)
-    if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):
-        got = ", ".join(f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves) or repr(out)
-        raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")
+def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
+    """Items and their weights; on a mesh as many as its devices share evenly, the last repeated without weight."""
+    n = items.subject.shape[0]
+    more = 0 if mesh is None else -n % mesh.size
+    weights = np.concatenate([np.ones(n), np.zeros(more)])
+    if more:
+        items = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(np.asarray(leaf)[-1:], more, 0)]), items)
+    return items, weights
 
 
 def fit[P](
@@ -135,26 +156,53 @@ def fit[P](
     steps: int = 100,
     batched: bool = True,
     gradient: str = "auto",
-    progress: Progress | None = None,
+    subjects: Sequence[Any] | None = None,
+    priors: P | None = None,
+    starts: int = 1,
+    spread: float = 0.5,
+    minibatch: int | None = None,
+    validation: Any = None,
+    every: int | None = None,
+    patience: int | None = None,
+    key: Any = None,
+    checkpoint_file: str | Path | None = None,
+    mesh: Mesh | None = None,
+    progress: Report | None = None,
     chunk: int | None = None,
 ) -> Fit[P]:
     """Minimise the mean loss over the items of `data`.
 
     Every step moves free coordinates (see `jgait.params`) by what the optimizer says. A step that leads to a loss or
     gradient that is not finite is taken back, the optimizer's state with it, and the next one is tried at half the
-    length; each accepted step doubles the length again, up to the full one.
+    length; each accepted step doubles the length again, up to the full one. An item whose loss or gradient is not
+    finite at the start is left out, with a warning, and named in the result.
 
     Args:
         loss: (params, item) → scalar; pure JAX.
         params: NamedTuple in natural units, where to start.
-        transforms: the same type, holding a `Transform` for each.
-        data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
-        optimizer: from optax, for example `optax.adam(0.05)`.
-        steps: how many.
+        transforms: the same type, holding a `Transform` for each; `per_subject(…)` gives every subject a value.
+        data: pytree of arrays with a leading axis of n items; one item without that axis if not `batched`.
+        optimizer: from optax, for example `optax.adam(0.05)` or `optax.lbfgs()`.
+        steps: how many, at most.
         batched: whether `data` has an axis of items.
         gradient: how to differentiate, see `value_and_grad`.
+        subjects: (n,) whose each item is; needed for parameters per subject.
+        priors: the type of `params`, holding a `jgait.params.Prior` or None for each. Minus the logarithm of their
+            density is added, divided by n: with a loss in nats the result is the maximum of the posterior density.
+        starts: how many places to start from, side by side; the first is `params`.
+        spread: standard deviation of the other starts about it, in free coordinates.
+        minibatch: items that a step learns from; None for all. Every epoch takes them in a new order.
+        validation: (n,) bool, items to judge by and not to learn from.
+        every: steps between two looks at the validation items, or at all items where there are minibatches; None for
+            every step, or every epoch.
+        patience: looks without a better one after which to stop; None for never.
+        key: PRNG key of starts and minibatches.
+        checkpoint_file: where to save how far it is, some twenty times. Started again with the same file, a fit that
+            was killed goes on and ends with the same result; one that was finished gives it at once.
+        mesh: devices of one axis, over which the items are spread; in a run of several processes, each gives the
+            whole `data` and gets the whole result.
         progress: called on the host after every chunk; it changes nothing in the result.
-        chunk: steps between two calls of `progress`, 2 at least; None for about twenty calls.
+        chunk: steps between two calls of `progress` and two saves, 2 at least; None for a twentieth of all.
 
     Returns:
         The best parameters seen and the history.
@@ -162,73 +210,83 @@ def fit[P](
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
         ValueError: if there is nothing to fit or nothing to fit to, a starting value is outside its range, the loss
-            is not a scalar, or it is not finite at the start.
+            is not a scalar, it is finite for no item at the start, or the checkpoint is of another fit.
     """
-    if steps < 1 or (chunk is not None and chunk < 1):
-        raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
-    _check_data(data, batched)
-    free = _start(params, transforms)
-    data = jax.tree.map(jnp.asarray, data)
-    _check_loss(loss, params, data, batched)
-    objective = _objective(loss, transforms, batched)
+    check_data(data, batched)
+    data = data if batched else jax.tree.map(lambda leaf: np.asarray(leaf)[None], data)
+    n = np.shape(jax.tree.leaves(data)[0])[0]
+    labels, number = numbered(subjects, n)
+    check_mode(gradient)
+    check_priors(priors, transforms)
+    params = spread_out(params, transforms, len(labels))
+    free = start(params, transforms)
+    problem = Problem(loss, transforms, priors, gradient, mesh)
+    items = Items(jax.tree.map(np.asarray, data), number)
+    dtype = check_loss(problem, params, items)
+    learn, judge, numbers = _split(items, validation, n)
+    _check_settings(steps, chunk, starts, key, minibatch, numbers.size)
+    learn, weights = _filled(learn, mesh)
+    judge = None if judge is None else _whole(judge, mesh)
+    settings = Settings(steps, minibatch, every or _every(minibatch, weights.size), patience)
     optimizer = optax.with_extra_args_support(optimizer)
-    differentiate = partial(value_and_grad, gradient=gradient)
-    # The start is evaluated by the same program as every step, as step −1, so that only one is compiled.
-    total = steps + 1
-    # A scan of one step would be unrolled and round differently; two is the least.
-    size = min(total, max(2, steps // 20 if chunk is None else chunk) if progress is not None else total)
-    run = jax.jit(_runner(objective, differentiate, optimizer, size, steps))
-    unknown = jax.eval_shape(objective, free, params, data)
-    infinite = jnp.full((), jnp.inf, unknown.dtype)
-    flat_slope = jax.tree.map(jnp.zeros_like, free)
-    carry = _Carry(
-        jnp.full((), -1, jnp.int32), free, optimizer.init(free), infinite, flat_slope, jnp.ones_like(infinite), free,
-        infinite,
+    mark = {} if checkpoint_file is None else checkpoint.fingerprint(
+        data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
+        starts=(starts, spread), key=key, gradient=gradient, loss=_name(loss),
+        optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
-    history: list[Any] = []
-    for done in range(size, total + size, size):
-        carry, part = run(carry, params, data)
-        history.append(jax.tree.map(np.asarray, part))
-        if not np.isfinite(float(carry.best_loss)):
-            value = float(jax.jit(objective)(free, params, data))
-            raise ValueError(f"the loss or its gradient is not finite at the start (loss {value})")
-        if progress is not None and (done < steps or done >= total):
-            progress(min(done, steps), steps, float(carry.loss))
-    losses, norms, accepted = (np.concatenate(parts)[1:total] for parts in zip(*history, strict=True))
-    best, last = (constrain(f, transforms, params) for f in (carry.best, carry.free))
-    rejected = int(steps - accepted.sum())
-    return Fit(best, last, carry.best, losses, norms, accepted, rejected, float(carry.best_loss), float(carry.loss))
+    lanes = descend(
+        problem, optimizer, settings,
+        Context(params, place(problem, learn), None if judge is None else place(problem, judge), key),
+        scattered(key, free, starts, spread), np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
+        file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
+    )  # fmt: skip
+    return _result(problem, params, lanes, labels, numbers)
 
 
-def _runner(objective: Any, differentiate: Any, optimizer: Any, size: int, steps: int) -> Callable[..., Any]:
-    """`size` steps as one scan; steps past the last one do nothing, so that every chunk is the same program."""
+def _name(loss: Any) -> str:
+    return getattr(loss, "__qualname__", type(loss).__qualname__)
 
-    def run(carry: _Carry, params: Any, data: Any) -> tuple[_Carry, Any]:
-        def value(free: Any) -> Any:
-            return objective(free, params, data)
 
-        def move(c: _Carry) -> tuple[_Carry, Any]:
-            extra = {"value": c.loss, "grad": c.gradient, "value_fn": value}
-            # optax counts steps in integers, which a caller's strict promotion would refuse
-            with jax.numpy_dtype_promotion("standard"):
-                updates, state = optimizer.update(c.gradient, c.optimizer, c.free, **extra)
-            starting = c.step < 0
-            free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, updates)
-            state = _choose(starting, c.optimizer, state)
-            loss, gradient = differentiate(value)(free)
-            good = _finite((free, loss, gradient))
-            better = good & (loss < c.best_loss)
-            kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
-            best, best_loss = _choose(better, (free, loss), (c.best, c.best_loss))
-            scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale).astype(c.scale.dtype)
-            new = kept._replace(step=c.step + 1, scale=scale, best=best, best_loss=best_loss)
-            return new, (c.loss, _norm(c.gradient), good)
+def _every(minibatch: int | None, n: int) -> int:
+    return 1 if minibatch is None else -(-n // minibatch)
 
-        def body(c: _Carry, _: None) -> tuple[_Carry, Any]:
-            # Steps past the last one are computed and thrown away: cheaper to compile than a branch.
-            resting = (c, (c.loss, _norm(c.gradient), jnp.ones((), bool)))
-            return _choose(c.step < steps, move(c), resting)
 
-        return jax.lax.scan(body, carry, None, length=size)
+def _whole(items: Items, mesh: Mesh | None) -> Items:
+    """Items to be judged by, in a number that the devices share evenly."""
+    if mesh is not None and items.subject.shape[0] % mesh.size:
+        raise ValueError(
+            f"on {mesh.size} devices the number of validation items must be a multiple of it; "
+            f"got {items.subject.shape[0]}"
+        )
+    return items
 
-    return run
+
+def lane(tree: Any, number: int) -> Any:
+    """One of several fits."""
+    return jax.tree.map(lambda leaf: leaf[number], tree)
+
+
+def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Any, ...], numbers: np.ndarray) -> Fit[P]:
+    carry, trace = lanes
+    counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
+    # Starts that had to leave out more items cannot be compared by their loss.
+    eligible = (counted == counted.max()) & np.isfinite(carry.best_score)
+    if not eligible.any():
+        raise ValueError("the loss or its gradient is not finite at the start, for any item")
+    best = int(np.argmin(np.where(eligible, carry.best_score, np.inf)))
+    left_out = tuple(int(i) for i in numbers[carry.weights[best, : numbers.size] == 0.0])
+    if left_out:
+        shown = ", ".join(map(str, left_out[:10])) + (", …" if len(left_out) > 10 else "")
+        warnings.warn(
+            f"{len(left_out)} of {numbers.size} items were left out: their loss or gradient is not finite at the "
+            f"start (items {shown})",
+            stacklevel=3,
+        )
+    own = lane(carry, best)
+    losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
+    transforms = problem.transforms
+    return Fit(
+        constrain(own.best, transforms, params), constrain(own.free, transforms, params), own.best, losses, norms,
+        accepted, int(accepted.size - accepted.sum()), float(own.best_score), float(own.loss), scores, left_out, labels,
+        Starts(constrain(carry.best, transforms, params), carry.best_score),
+    )  # fmt: skip

@@ -33,8 +33,7 @@ def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Call
     Raises:
         ValueError: for another `gradient`.
     """
-    if gradient not in GRADIENTS:
-        raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")
+    check_mode(gradient)
     backward = jax.value_and_grad(function)
 
     def both(free: Any, *rest: Any) -> tuple[Any, Any]:
@@ -53,3 +52,13 @@ def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Call
         return values[0], unflatten(slopes)
 
     return both
+
+
+def check_mode(gradient: str) -> None:
+    """Refuse what is not one of `GRADIENTS`.
+
+    Raises:
+        ValueError: naming those there are.
+    """
+    if gradient not in GRADIENTS:
+        raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")

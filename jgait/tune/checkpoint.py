@@ -1,0 +1,92 @@
+"""Where a fit stands, on disk: written whole or not at all, and read back only by the fit that wrote it."""
+
+import hashlib
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+FORMAT = 1
+
+
+def fingerprint(**parts: Any) -> dict[str, str]:
+    """A digest of each part of a fit: numbers by their bytes, everything else by its name or text."""
+    return {name: _digest(part) for name, part in parts.items()}
+
+
+def _digest(part: Any) -> str:
+    found = hashlib.sha256()
+    leaves, structure = jax.tree.flatten(part)
+    found.update(_text(structure).encode())
+    for leaf in leaves:
+        if hasattr(leaf, "dtype") and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            leaf = jax.random.key_data(leaf)
+        if hasattr(leaf, "dtype") or isinstance(leaf, int | float | bool):
+            array = np.ascontiguousarray(leaf)
+            found.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+        else:
+            found.update(_text(leaf).encode())
+    return found.hexdigest()[:32]
+
+
+def _text(part: Any) -> str:
+    """How something prints, without the addresses that change from run to run."""
+    return re.sub(r"\b0x[0-9a-f]+", "", str(part))
+
+
+def save(path: Path, mark: dict[str, str], state: Any) -> None:
+    """Write a pytree of arrays; the file that was there stays whole until the new one is.
+
+    Args:
+        path: of the file.
+        mark: fingerprint of the fit.
+        state: pytree of arrays; its structure is not written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
+    meta = json.dumps({"format": FORMAT, "mark": mark, "leaves": len(leaves)})
+    new = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with new.open("wb") as file:
+            np.savez(file, meta=np.asarray(meta), **leaves)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def load(path: Path, mark: dict[str, str], like: Any) -> Any:
+    """Read what `save` wrote.
+
+    Args:
+        path: of the file.
+        mark: fingerprint of the fit that wants to go on.
+        like: pytree of the same structure.
+
+    Returns:
+        The pytree, its leaves NumPy arrays; None if there is no file.
+
+    Raises:
+        ValueError: if the file is no checkpoint, or one of another fit; the message says what differs.
+    """
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+            leaves = [file[f"leaf{i}"] for i in range(meta["leaves"])]
+    except Exception as error:
+        raise ValueError(f"{path} is no checkpoint of a fit ({type(error).__name__}: {error})") from error
+    if meta["format"] != FORMAT:
+        raise ValueError(f"{path} has checkpoint format {meta['format']}; this version of jgait reads {FORMAT}")
+    other = sorted(name for name in mark.keys() | meta["mark"].keys() if mark.get(name) != meta["mark"].get(name))
+    structure: Any = jax.tree.structure(like)
+    if other or structure.num_leaves != len(leaves):
+        what = ", ".join(other) or "optimizer"
+        raise ValueError(f"{path} belongs to another fit: {what} differ; delete it, or name another file")
+    return jax.tree.unflatten(structure, leaves)

@@ -1,0 +1,193 @@
+"""Steps of an optimiser as one `lax.scan`, for several fits side by side; a step into the void is taken back."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.tune.problem import Context, Items, Problem, item_losses, total, value, value_of
+
+
+class Settings(NamedTuple):
+    """How a fit goes; static.
+
+    Attributes:
+        steps: at most.
+        minibatch: items a step learns from; None for all.
+        every: steps between two looks at the items to be judged by.
+        patience: looks without a better value after which to stop; None for never.
+    """
+
+    steps: int
+    minibatch: int | None
+    every: int
+    patience: int | None
+
+
+class Carry(NamedTuple):
+    """Between steps, of one fit; `free` always has a finite loss and gradient.
+
+    Attributes:
+        free: where it stands.
+        optimizer: state of the optimiser.
+        weights: (n,) of the items; 0 for those that have no finite loss or gradient at the start.
+        loss: here, on the items that the next step learns from.
+        gradient: here, of the same.
+        scale: share of its length that the next step may take.
+        best: the best yet.
+        best_score: of it: the loss on all items, or on those to be judged by.
+        best_step: when it was found.
+        stopped: bool, patience is at its end.
+        taken: steps done.
+    """
+
+    free: Any
+    optimizer: Any
+    weights: Any
+    loss: Any
+    gradient: Any
+    scale: Any
+    best: Any
+    best_score: Any
+    best_step: Any
+    stopped: Any
+    taken: Any
+
+
+class Trace(NamedTuple):
+    """One step: what it started from, and what it led to.
+
+    Attributes:
+        loss: before the step.
+        norm: of the gradient before the step.
+        accepted: whether the step was kept.
+        score: on the items to be judged by, after the step; NaN where they were not looked at.
+    """
+
+    loss: Any
+    norm: Any
+    accepted: Any
+    score: Any
+
+
+def norm(tree: Any) -> Any:
+    """Euclidean norm over all leaves."""
+    return jnp.sqrt(jax.tree.reduce(jnp.add, [jnp.sum(leaf * leaf) for leaf in jax.tree.leaves(tree)]))
+
+
+def _finite(tree: Any) -> Any:
+    return jax.tree.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
+
+
+def _choose(condition: Any, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def first(free: Any, optimizer: Any, weights: Any, dtype: Any) -> Carry:
+    """Before the start is evaluated."""
+    infinite = jnp.full((), jnp.inf, dtype)
+    zero = jnp.zeros((), jnp.int32)
+    slope = jax.tree.map(jnp.zeros_like, free)
+    state = optimizer.init(free)
+    weights = jnp.asarray(weights, dtype)
+    stopped = jnp.zeros((), bool)
+    return Carry(free, state, weights, infinite, slope, jnp.ones((), dtype), free, infinite, zero, stopped, zero)
+
+
+def _batch(settings: Settings, context: Context, weights: Any, step: Any) -> tuple[Items, Any]:
+    """The items that a step learns from, and their weights: a stretch of a new order each epoch."""
+    if settings.minibatch is None:
+        return context.items, weights
+    n, size = weights.shape[0], settings.minibatch
+    epoch_steps = -(-n // size)
+    order = jax.random.permutation(jax.random.fold_in(context.key, step // epoch_steps), n)
+    chosen = order[((step % epoch_steps) * size + jnp.arange(size, dtype=jnp.int32)) % n]
+    return jax.tree.map(lambda leaf: leaf[chosen], context.items), weights[chosen]
+
+
+def _score(problem: Problem, settings: Settings, context: Context) -> Callable[[Any, Any], Any] | None:
+    """(free, weights) → what the best is chosen by, or None where that is the loss of the step itself."""
+    if context.checked is not None:
+        checked = context.checked
+
+        def judged(free: Any, weights: Any) -> Any:
+            losses = item_losses(problem, free, context.params, checked)
+            return value_of(losses, jnp.ones_like(losses))
+
+        return judged
+    if settings.minibatch is None:
+        return None
+    return lambda free, weights: value(problem, free, context.params, context.items, weights, jnp.sum(weights))
+
+
+def runner(problem: Problem, optimizer: Any, settings: Settings, size: int) -> Callable[..., Any]:
+    """(carry, number of the first step, context) → carry and trace after `size` steps; step −1 evaluates the start.
+
+    Steps past the last one do nothing, so that every stretch of a fit is the same program.
+    """
+
+    def run(carry: Carry, begin: Any, context: Context) -> tuple[Carry, Trace]:
+        look = _score(problem, settings, context)
+
+        def finite_items(free: Any) -> Any:
+            return jnp.isfinite(item_losses(problem, free, context.params, context.items))
+
+        def evaluate(free: Any, weights: Any, step: Any, forgiving: Any) -> tuple[Any, ...]:
+            items, own = _batch(settings, context, weights, step)
+            return total(problem, free, context.params, items, own, jnp.sum(weights), forgiving)
+
+        def updates(c: Carry, step: Any) -> tuple[Any, Any]:
+            items, own = _batch(settings, context, c.weights, jnp.maximum(step, 0))
+
+            def here(free: Any) -> Any:
+                return value(problem, free, context.params, items, own, jnp.sum(c.weights))
+
+            # optax counts steps in integers, which a caller's strict promotion would refuse
+            with jax.numpy_dtype_promotion("standard"):
+                return optimizer.update(c.gradient, c.optimizer, c.free, value=c.loss, grad=c.gradient, value_fn=here)
+
+        def move(c: Carry, step: Any) -> tuple[Carry, Trace]:
+            starting = step < 0
+            update, state = updates(c, step)
+            free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, update)
+            state = _choose(starting, c.optimizer, state)
+            loss, gradient, sound = evaluate(free, c.weights, step + 1, starting)
+            if settings.minibatch is not None:  # what counts is decided on all items, not on those of a step
+                sound = jax.lax.cond(starting, finite_items, lambda _: c.weights > -1.0, free)
+            c = c._replace(weights=jnp.where(starting & ~sound, jnp.zeros_like(c.weights), c.weights))
+            good = _finite((free, loss, gradient)) & (jnp.sum(c.weights) > 0.0)
+            kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
+            return _keep_best(c, kept, good, step, look, settings)
+
+        def body(c: Carry, step: Any) -> tuple[Carry, Trace]:
+            unknown = jnp.full_like(c.loss, jnp.nan)
+            resting = (c, Trace(c.loss, norm(c.gradient), jnp.ones((), bool), unknown))
+            return _choose((step < settings.steps) & ~c.stopped, move(c, step), resting)
+
+        return jax.lax.scan(body, carry, begin + jnp.arange(size, dtype=jnp.int32))
+
+    return run
+
+
+def _keep_best(
+    c: Carry, kept: Carry, good: Any, step: Any, look: Callable[[Any, Any], Any] | None, settings: Settings
+) -> tuple[Carry, Trace]:
+    """The carry after a step, with the best yet and whether patience is at its end."""
+    unknown = jnp.full_like(c.loss, jnp.nan)
+    if look is None:
+        due, score = jnp.ones((), bool), kept.loss
+    else:
+        due = ((step + 1) % settings.every == 0) | (step + 1 == settings.steps)
+        score = jax.lax.cond(due, lambda k: look(k.free, k.weights), lambda k: unknown, kept)
+    better = good & due & (score < c.best_score)
+    best, best_score = _choose(better, (kept.free, score), (c.best, c.best_score))
+    best_step = jnp.where(better, step + 1, c.best_step)
+    stopped = c.stopped
+    if settings.patience is not None:
+        stopped = due & (step + 1 - best_step >= settings.patience * settings.every)
+    scale = jnp.where(good, jnp.minimum(2.0 * c.scale, 1.0), 0.5 * c.scale).astype(c.scale.dtype)
+    new = kept._replace(
+        scale=scale, best=best, best_score=best_score, best_step=best_step, stopped=stopped, taken=step + 1
+    )
+    return new, Trace(c.loss, norm(c.gradient), good, unknown if look is None else score)

@@ -1,0 +1,277 @@
+"""Fits with what labs have: several people, several starts, a validation part, priors, bad recordings, power cuts."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from jgait import tune
+from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real
+
+
+class Leg(NamedTuple):
+    length: Any
+    noise: Any
+    offset: Any
+
+
+def likelihood(p, item):
+    """Minus the log-likelihood of readings (m,) of `length + offset` with variance `noise`, over m."""
+    error = item - p.length - p.offset
+    return 0.5 * jnp.mean(error**2 / p.noise + jnp.log(p.noise))
+
+
+PEOPLE = ["ann", "bob", "ann", "cy", "bob", "cy"]
+TRUE = {"ann": 0.4, "bob": 0.45, "cy": 0.5}
+READINGS = np.random.default_rng(0).normal(0.0, 0.1, (6, 40)) + np.array([TRUE[name] for name in PEOPLE])[:, None]
+OWN = Leg(per_subject(positive), positive, fixed)
+START = Leg(0.3, 1.0, 0.0)
+OWN_MEANS = [READINGS[[i for i, one in enumerate(PEOPLE) if one == name]].mean() for name in ("ann", "bob", "cy")]
+
+
+def test_shared_noise_and_own_lengths_in_one_fit():
+    fit = tune.fit(likelihood, START, OWN, READINGS, optax.lbfgs(), steps=30, subjects=PEOPLE)
+    assert fit.subjects == ("ann", "bob", "cy")
+    np.testing.assert_allclose(fit.params.length, OWN_MEANS, rtol=1e-6)
+    residual = READINGS - np.array([dict(zip(fit.subjects, OWN_MEANS, strict=True))[name] for name in PEOPLE])[:, None]
+    assert float(fit.params.noise) == pytest.approx(np.mean(residual**2), rel=1e-5)
+
+
+def test_own_values_may_be_known_and_different():
+    known = Leg(np.array([0.4, 0.45, 0.5]), 1.0, 0.0)
+    free = Leg(per_subject(fixed), positive, real)
+    fit = tune.fit(likelihood, known, free, READINGS, optax.lbfgs(), steps=30, subjects=PEOPLE)
+    true = np.array([TRUE[name] for name in PEOPLE])[:, None]
+    assert float(fit.params.offset) == pytest.approx(np.mean(READINGS - true), abs=1e-6)
+    assert np.array_equal(fit.params.length, known.length)
+
+
+def test_priors_weigh_like_one_more_reading():
+    """With a normal prior and known variance the optimum is the precision-weighted mean."""
+    variance, mean, stddev = 0.01, 0.6, 0.02
+    free = Leg(per_subject(real), fixed, fixed)
+
+    def nats(p, item):
+        return 0.5 * jnp.sum((item - p.length) ** 2) / variance
+
+    fit = tune.fit(
+        nats, START, free, READINGS, optax.lbfgs(), steps=30, subjects=PEOPLE,
+        priors=Leg(normal(mean, stddev), None, None),
+    )  # fmt: skip
+    precision, prior = 80 / variance, 1.0 / stddev**2
+    expected = [(precision * m + prior * mean) / (precision + prior) for m in OWN_MEANS]
+    np.testing.assert_allclose(fit.params.length, expected, rtol=1e-6)
+
+
+def test_lognormal_prior_is_normal_in_the_logarithm():
+    prior = lognormal(2.0, 1.5)
+    assert float(prior.penalty(3.0)) == pytest.approx(0.5)
+    assert float(prior.penalty(2.0)) == 0.0
+
+
+class Spot(NamedTuple):
+    x: Any
+
+
+def wells(p, item):
+    """Two minima, the deeper at 2."""
+    return item * ((p.x**2 - 4.0) ** 2 / 8.0 - 0.5 * p.x)
+
+
+def test_several_starts_find_the_deeper_well():
+    alone = tune.fit(wells, Spot(-2.0), Spot(real), np.ones(2), optax.adam(0.05), steps=200)
+    several = tune.fit(
+        wells, Spot(-2.0), Spot(real), np.ones(2), optax.adam(0.05), steps=200, starts=8, spread=3.0,
+        key=jax.random.key(1),
+    )  # fmt: skip
+    assert float(alone.params.x) < 0.0
+    assert float(several.params.x) > 1.9
+    assert several.starts.scores.shape == several.starts.params.x.shape == (8,)
+    assert several.best_loss == several.starts.scores.min()
+    assert float(several.starts.params.x[0]) == pytest.approx(float(alone.params.x), rel=1e-12)  # the first is as given
+
+
+def bowl(p, item):
+    return (p.x - item) ** 2
+
+
+def test_validation_chooses_the_best_and_patience_stops():
+    data = np.array([4.0, 4.0, 1.0, 1.0])  # learning goes to 4 and passes what is judged by at 1
+    hold = np.array([False, False, True, True])
+    fit = tune.fit(
+        bowl, Spot(0.0), Spot(real), data, optax.sgd(0.02), steps=200, validation=hold, patience=5,
+    )  # fmt: skip
+    assert float(fit.params.x) == pytest.approx(1.0, abs=0.08)
+    assert fit.losses.size == int(np.argmin(fit.validation)) + 1 + 5
+    assert fit.best_loss == np.min(fit.validation)
+    assert float(fit.last.x) > float(fit.params.x)
+
+
+def test_minibatches_go_through_every_item_in_every_epoch_and_find_the_mean():
+    data = np.arange(10.0)
+    fit = tune.fit(
+        bowl, Spot(0.0), Spot(real), data, optax.sgd(optax.exponential_decay(0.2, 50, 0.5)), steps=600, minibatch=3,
+        key=jax.random.key(0),
+    )  # fmt: skip
+    assert float(fit.params.x) == pytest.approx(4.5, abs=0.05)
+    looks = np.flatnonzero(np.isfinite(fit.validation))
+    assert np.array_equal(looks[:3], [3, 7, 11])  # once an epoch of 4 steps
+    assert fit.best_loss == pytest.approx(np.mean((data - float(fit.params.x)) ** 2), rel=1e-12)
+    whole = tune.fit(bowl, Spot(0.0), Spot(real), data, optax.sgd(0.1), steps=5, minibatch=10, key=jax.random.key(0))
+    full = tune.fit(bowl, Spot(0.0), Spot(real), data, optax.sgd(0.1), steps=5)
+    np.testing.assert_allclose(whole.losses, full.losses, rtol=1e-12)
+
+
+@pytest.mark.parametrize("minibatch", [None, 2])
+def test_an_item_that_cannot_be_computed_is_left_out_and_named(minibatch):
+    data = np.array([1.0, np.nan, 2.0, 3.0])
+    options = {"minibatch": minibatch, "key": jax.random.key(0)}
+    with pytest.warns(UserWarning, match=r"1 of 4 items were left out.*\(items 1\)"):
+        fit = tune.fit(bowl, Spot(0.0), Spot(real), data, optax.sgd(0.05), steps=200, **options)
+    clean = tune.fit(bowl, Spot(0.0), Spot(real), data[[0, 2, 3]], optax.sgd(0.05), steps=200, **options)
+    assert fit.left_out == (1,)
+    assert float(fit.params.x) == pytest.approx(float(clean.params.x), abs=0.0 if minibatch is None else 0.2)
+
+
+def test_line_searches_use_the_gradient_that_was_asked_for():
+    """A loss that refuses reverse mode is still minimised by L-BFGS, forward."""
+
+    def loop(p, item):  # reverse mode through a while loop is impossible
+        return jax.lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] + (p.x - item) ** 2), (0, 0.0 * p.x))[1]
+
+    fit = tune.fit(loop, Spot(0.0), Spot(real), np.array([2.0, 4.0]), optax.lbfgs(), steps=10, gradient="forward")
+    assert float(fit.params.x) == pytest.approx(3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"starts": 3}, "give key="),
+        ({"minibatch": 2}, "give key="),
+        ({"minibatch": 9, "key": 0}, "minibatch must be between 1 and the 3 items"),
+        ({"starts": 0}, "starts must be at least 1"),
+        ({"subjects": ["a", "b"]}, "one label for each of the 3 items; got 2"),
+        ({"transforms": Spot(per_subject(real))}, "parameters per subject need subjects"),
+        ({"validation": np.ones(3, bool)}, "some True and some False; got bool of shape .3,., 3 True"),
+        ({"priors": Spot("narrow")}, "must hold a jgait.params.Prior"),
+        (
+            {"transforms": Spot(per_subject(real)), "subjects": ["a", "b", "b"], "params": Spot(np.zeros(3))},
+            "one for each of 2; got 3",
+        ),
+    ],
+)
+def test_misuse_is_refused(change, message):
+    call = {"params": Spot(0.0), "transforms": Spot(real), "data": np.ones(3), "optimizer": optax.sgd(0.1), "steps": 2}
+    with pytest.raises((ValueError, TypeError), match=message):
+        tune.fit(bowl, **(call | change))
+
+
+def test_priors_are_refused_where_they_mean_nothing():
+    for bad in (lambda: normal(0.0, 0.0), lambda: lognormal(-1.0, 2.0), lambda: lognormal(1.0, 1.0)):
+        with pytest.raises(ValueError, match="needs"):
+            bad()
+
+
+# --- power cuts ---
+
+
+class Cut(Exception):
+    pass
+
+
+def _fit(file=None, report=None, steps=60, rate=0.1, data=READINGS):
+    return tune.fit(
+        likelihood, START, Leg(per_subject(interval(0.1, 1.0)), positive, fixed), data, optax.adam(rate), steps=steps,
+        subjects=PEOPLE, starts=2, minibatch=4, key=jax.random.key(3), checkpoint_file=file, progress=report, chunk=5,
+    )  # fmt: skip
+
+
+def equal(a, b):
+    a, b = np.asarray(a), np.asarray(b)
+    return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def same(a, b):
+    return all(equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def test_stopped_at_any_stretch_and_started_again_it_ends_with_the_same_bits(tmp_path):
+    whole = _fit()
+    file = tmp_path / "fit.npz"
+    draw = np.random.default_rng(0)
+    cuts = 0
+    while True:
+        left = int(draw.integers(1, 5))
+
+        def report(_):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise Cut
+
+        try:
+            found = _fit(file, report)
+            break
+        except Cut:
+            cuts += 1
+    assert cuts >= 4
+    assert same(found, whole)
+    assert same(_fit(file), whole)  # finished: read, not run
+    assert [path.name for path in tmp_path.iterdir()] == ["fit.npz"]
+
+
+SCRIPT = """
+import sys, jax, numpy as np
+jax.config.update("jax_enable_x64", True)
+sys.path.insert(0, {folder!r})
+from test_fit_people import _fit
+fit = _fit({file!r}, lambda now: print(now.done, flush=True), steps=4000)
+np.savez({out!r}, *[np.asarray(leaf) for leaf in jax.tree.leaves(fit)])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills a process by signal")
+def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
+    """The process is killed after every few lines that it prints, wherever it then is."""
+    file, out = tmp_path / "fit.npz", tmp_path / "out.npz"
+    script = textwrap.dedent(SCRIPT).format(folder=os.path.dirname(__file__), file=str(file), out=str(out))
+    draw, kills = np.random.default_rng(1), 0
+    while not out.exists():
+        with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+            left = int(draw.integers(50, 250)) if kills < 3 else 10**9
+            for _ in process.stdout:
+                left -= 1
+                if left == 0:
+                    process.send_signal(signal.SIGKILL)
+                    kills += 1
+                    break
+        assert process.returncode in (0, -signal.SIGKILL)
+    assert kills == 3
+    whole = _fit(steps=4000)
+    with np.load(out) as found:
+        for name, leaf in zip(found.files, jax.tree.leaves(whole), strict=True):
+            assert equal(found[name], leaf)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [({"rate": 0.2}, "optimizer"), ({"data": READINGS + 0.1}, "data"), ({"steps": 70}, "settings")],
+)
+def test_a_checkpoint_of_another_fit_is_refused(tmp_path, change, what):
+    _fit(tmp_path / "fit.npz")
+    with pytest.raises(ValueError, match=f"belongs to another fit: {what} differ"):
+        _fit(tmp_path / "fit.npz", **change)
+
+
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
+    (tmp_path / "fit.npz").write_text("a shopping list")
+    with pytest.raises(ValueError, match="is no checkpoint of a fit"):
+        _fit(tmp_path / "fit.npz")
