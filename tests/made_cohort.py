@@ -1,5 +1,6 @@
 """A cohort that costs nothing: walks of a few numbers, and an estimator that adds them up, for tests in any process."""
 
+import contextlib
 import os
 import signal
 from pathlib import Path
@@ -95,8 +96,12 @@ def read(number: Any) -> Walk:
 
 
 def read_or_die(item: str) -> Walk:
-    """A walk by 'number:folder'; the first that finds a file `die` there takes it and kills its process, 7 always."""
+    """A walk by "number:folder"; the process that 20 finds with a file `die` in the folder dies, with 7 always."""
     number, folder = item.split(":", 1)
     if number == "7":
         os.kill(os.getpid(), signal.SIGKILL)
-    return walk(int(number)) if not folder or Path(folder).exists() else walk(int(number))
+    if number == "20":
+        with contextlib.suppress(FileNotFoundError):
+            (Path(folder) / "die").unlink()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return walk(int(number))

@@ -242,7 +242,7 @@ def test_a_killed_run_goes_on_and_ends_the_same(tmp_path, monkeypatch, where):
     kills = 0
     while True:
         # A run killed before a batch is finished gets nowhere.
-        state["fuse"] = int(rng.integers(12, 32) if where == "read" else rng.integers(2, 14))
+        state["fuse"] = int(rng.integers(12, 20) if where == "read" else rng.integers(2, 14))
         try:
             result = evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4)
             break
