@@ -3,19 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jgait.sensors import IDEAL, ImuErrors
-from jgait.simulate.check import check_person, check_sensors
+from jgait.simulate.check import check_person, check_sensors, check_slack
 from jgait.simulate.person import Person
-from jgait.simulate.population import fitted, person_of, population, room
+from jgait.simulate.population import fitted, person_of, population
 from jgait.simulate.routes import Route, straight
-from jgait.simulate.walker import Slack, plan, slack
-from jgait.simulate.worn import SEVEN, Truth, duration, trimmed, walk
+from jgait.simulate.worn import SEVEN, Truth, limits, room, samples_in, trimmed, walk
 from jgait.types import Recording
 
 
@@ -31,17 +30,6 @@ def _walks(
 ) -> Any:
     def one(key: Any, person: Person, way: Route) -> Any:
         return walk(key, person, way, time, errors, capacity=capacity, placements=placements)
-
-    return jax.vmap(one)(keys, people, along)
-
-
-@partial(jax.jit, static_argnames=("capacity",))
-def _lasts(keys: Any, people: Person, along: Route, capacity: int) -> tuple[Any, Slack]:
-    """How long each walks [s], and how far the legs are from their limits."""
-
-    def one(key: Any, person: Person, way: Route) -> tuple[Any, Slack]:
-        laid = plan(jax.random.split(key)[0], person, way, capacity)
-        return duration(laid, person), slack(person, laid)
 
     return jax.vmap(one)(keys, people, along)
 
@@ -66,7 +54,8 @@ def walks(
         The recording, and the truth at the same times, in NumPy arrays.
 
     Raises:
-        TypeError, ValueError: as `recording`, before anything is simulated.
+        TypeError, ValueError: as `recording`, before anything is simulated; the message names the recording of whom the
+            route asks more than the legs can do.
     """
     if not (len(keys) == len(people) == len(along) > 0):
         raise ValueError(f"walks needs a key and a route for each person; got {len(keys)}, {len(along)}, {len(people)}")
@@ -74,55 +63,33 @@ def walks(
     for person, way in zip(people, along, strict=True):
         check_person(_fastest(person, way))
     names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
-    capacity = room(max(round(float(person.gait.steps)) for person in people))
-    batches = list(_batches(keys, people, along, min(batch, len(people))))
-    lasts = _durations(batches, len(people), capacity)
-    return _one_by_one(batches, lasts, errors, rate, tuple(placements), names, capacity)
-
-
-class _Batch(NamedTuple):
-    """Some people who walk at once.
-
-    Attributes:
-        members: their numbers.
-        inputs: keys, people and routes, stacked; a batch that is not full is filled up with its last person.
-    """
-
-    members: range
-    inputs: tuple[Any, Person, Route]
-
-
-def _batches(keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], size: int) -> Iterator[_Batch]:
-    for start in range(0, len(people), size):
-        chosen = [min(i, len(people) - 1) for i in range(start, start + size)]
-        members = ([items[i] for i in chosen] for items in (people, along))
-        who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
-        inputs = jnp.stack([keys[i] for i in chosen]), who, where
-        yield _Batch(range(start, min(start + size, len(people))), inputs)
-
-
-def _durations(batches: Sequence[_Batch], people: int, capacity: int) -> np.ndarray:
-    """How long each walks [s]."""
-    lasts = np.zeros(people)
-    for batch in batches:
-        last, _ = jax.tree.map(np.asarray, _lasts(*batch.inputs, capacity))
-        for place, i in enumerate(batch.members):
-            lasts[i] = last[place]
-    return lasts
+    lasts = []
+    for key, person, way, name in zip(keys, people, along, names, strict=True):
+        last, left = limits(key, person, way)
+        check_slack(person, left, f"on the route of {name}")
+        lasts.append(last)
+    return _one_by_one(keys, people, along, lasts, errors, rate, tuple(placements), names, batch)
 
 
 def _one_by_one(
-    batches: Sequence[_Batch], lasts: np.ndarray, errors: ImuErrors, rate: float, placements: tuple[str, ...],
-    names: Sequence[str], capacity: int,
+    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], lasts: Sequence[float], errors: ImuErrors,
+    rate: float, placements: tuple[str, ...], names: Sequence[str], batch: int,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
-    samples = np.floor(lasts * rate + 1e-6).astype(int) + 1
-    unit = 512 if samples.max() <= 1024 else 1024
-    time = jnp.asarray(np.arange(unit * math.ceil(int(samples.max()) / unit)) / rate)
-    for batch in batches:
-        read, true = jax.tree.map(np.asarray, _walks(*batch.inputs, time, errors, capacity, placements))
-        for place, i in enumerate(batch.members):
-            own = jax.tree.map(lambda leaf, k=place: leaf[k], (read, true))
-            worn, known = trimmed(own[0], own[1], int(samples[i]))
+    capacity = room(max(round(float(person.gait.steps)) for person in people))
+    batch = min(batch, len(people))
+    samples = [samples_in(last, rate) for last in lasts]
+    unit = 512 if max(samples) <= 1024 else 1024
+    time = jnp.asarray(np.arange(unit * math.ceil(max(samples) / unit)) / rate)
+    for start in range(0, len(people), batch):
+        # The last batch is filled up with its last person.
+        chosen = [min(i, len(people) - 1) for i in range(start, start + batch)]
+        members = ([items[i] for i in chosen] for items in (people, along))
+        who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
+        together = _walks(jnp.stack([keys[i] for i in chosen]), who, where, time, errors, capacity, placements)
+        read, true = jax.tree.map(np.asarray, together)
+        for i in range(start, min(start + batch, len(people))):
+            own = jax.tree.map(lambda leaf, k=i - start: leaf[k], (read, true))
+            worn, known = trimmed(own[0], own[1], samples[i])
             yield Recording({name: worn[name] for name in placements}, rate, names[i], names[i]), known
 
 

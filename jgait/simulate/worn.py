@@ -268,8 +268,9 @@ def recording(
     check_sensors(errors, rate, placements)
     steps = round(float(person.gait.steps))
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
-    capacity = 16 * math.ceil(steps / 16)
-    samples = _samples(key, person, along, capacity, rate)
+    last, left = limits(key, person, along)
+    check_slack(person, left, "on this route")
+    samples, capacity = samples_in(last, rate), 16 * math.ceil(steps / 16)
     # Some more than asked for, so that other walks find the function compiled.
     time = jnp.asarray(np.arange(256 * math.ceil(samples / 256)) / rate)
     read, true = _walk(
@@ -280,19 +281,29 @@ def recording(
     return Recording(read, rate, name, subject), true
 
 
+_plan = jax.jit(plan, static_argnames=("capacity",))
+
+
 @jax.jit
 def _ends(laid: Plan, person: Person) -> tuple[Any, Slack]:
     return duration(laid, person), slack(person, laid)
 
 
-_plan = jax.jit(plan, static_argnames=("capacity",))
+def limits(key: Any, person: Person, along: Route) -> tuple[float, Slack]:
+    """How long a walk lasts [s], and how far the legs are from their limits; on the host, in floats."""
+    laid = _plan(jax.random.split(key)[0], person, along, room(round(float(person.gait.steps))))
+    last, left = _ends(laid, person)
+    return float(last), Slack(*map(float, left))
 
 
-def _samples(key: Any, person: Person, along: Route, capacity: int, rate: float) -> int:
-    laid = _plan(jax.random.split(key)[0], person, along, capacity)
-    lasts, left = _ends(laid, person)
-    check_slack(person, left, "on this route")
-    return math.floor(float(lasts) * rate + 1e-6) + 1
+def room(steps: int) -> int:
+    """Steps that arrays hold, some more than asked for, so that other walks find the functions compiled."""
+    return 32 * math.ceil(steps / 32)
+
+
+def samples_in(seconds: float, rate: float) -> int:
+    """How many samples a walk has, the first and the last included."""
+    return math.floor(seconds * rate + 1e-6) + 1
 
 
 def trimmed(read: Any, true: Any, samples: int) -> Any:

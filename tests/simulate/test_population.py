@@ -7,6 +7,7 @@ import pytest
 
 from jgait import simulate
 from jgait.simulate import Person
+from jgait.simulate.worn import limits
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +158,28 @@ def test_who_else_walks_changes_nothing(cohort):
             np.testing.assert_allclose(a, b, atol=1e-9)
         for name, imu in one[0].sensors.items():
             np.testing.assert_allclose(imu.acc, cohort[2][0].sensors[name].acc, atol=1e-6)
+
+
+def test_knees_bend_more_for_a_long_step_and_only_then(people):
+    key, person, along = jax.random.key(5), simulate.person_of(people, 3), simulate.straight(7.0)
+    found = simulate.fitted(key, person, along)
+    assert found.gait.knee_stance == person.gait.knee_stance
+    straight = person._replace(gait=person.gait._replace(knee_stance=np.deg2rad(1.0)))
+    eased = simulate.fitted(key, straight, along)
+    assert np.deg2rad(1.5) < eased.gait.knee_stance < np.deg2rad(5.0)
+    as_asked = eased._replace(gait=eased.gait._replace(knee_stance=straight.gait.knee_stance))
+    before, after = (limits(key, who, along)[1].stretched for who in (as_asked, eased))
+    assert before < 0.0 < after < 3e-4  # no more than it takes
+
+
+def test_a_route_that_overstretches_a_leg_is_refused_by_the_name_of_who_walks():
+    keys = [jax.random.key(0)] * 2
+    wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
+    level = simulate.route({"length": 1.0}, {"length": 4.0}, {"length": 1.0})
+    assert simulate.fitted(keys[0], Person(), wall).gait.knee_stance == Person().gait.knee_stance  # too much to mend
+    words = r"a leg of 0\.859 m would be overstretched by .* mm on the route of second; raise knee_stance"
+    with pytest.raises(ValueError, match=words):
+        simulate.walks(keys, [Person()] * 2, [level, wall], names=["first", "second"])
 
 
 def test_bad_cohorts_are_refused():
