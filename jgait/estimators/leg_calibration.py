@@ -103,7 +103,7 @@ def _median(values: np.ndarray, size: int) -> np.ndarray:
     """
     half = size // 2
     if size < 1 or size % 2 == 0:
-        raise ValueError(f"median must be an odd number of samples; got {size}")
+        raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
     if len(values) <= half:
         raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
     padded = np.pad(np.asarray(values, np.float64), [(half, half), (0, 0)], mode="reflect")

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from made_cohort import FAKE, TRACED, Params, read, run, walk
 
-from jgait import evaluate, protocols
-from jgait.estimators import leg_ekf
+from jgait import evaluate, protocols, signal
+from jgait.estimators import leg_calibration, leg_ekf
 from jgait.evaluate import buckets, scores, spread
 from jgait.evaluate.store import Folder, described
 from jgait.types import Estimate, Legs, Strides, Walk
@@ -341,6 +341,12 @@ def test_refusals_say_what_was_wrong():
     with pytest.raises(AttributeError, match="missing") as caught:
         evaluate.cohort(broken, [walk(1)])
     assert "in a batch of 1 recordings from 'walk_001'" in caught.value.__notes__
+
+
+@pytest.mark.parametrize("size", [1, 3, 5, 9])
+def test_the_leg_estimator_s_median_on_the_host_is_that_of_the_library(size):
+    values = np.random.default_rng(size).normal(size=(200, 3))
+    np.testing.assert_array_equal(leg_calibration._median(values, size), signal.median_filter(values, size))
 
 
 def test_the_leg_estimator_on_simulated_walks_is_itself():
