@@ -20,6 +20,7 @@ import jax.numpy as jnp
 
 from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
+from jgait.filtering.execution import Execution
 
 
 class Vector(NamedTuple):
@@ -176,6 +177,7 @@ def run(
     *,
     smooth: bool = True,
     standing: bool = True,
+    execution: Execution = "auto",
 ) -> Inclination:
     """Filter (and smooth) one segment's inclination over a recording.
 
@@ -190,6 +192,7 @@ def run(
         start_variance: of the direction at the first sample [rad²].
         smooth: Rauch–Tung–Striebel smoothing after the filter.
         standing: use the still samples to fix direction and bias.
+        execution: see `jgait.filtering`.
 
     Returns:
         The inclination at every sample.
@@ -206,6 +209,7 @@ def run(
         dt=dt,
         mask=mask,
         initial=prior(bias, start_variance),
+        execution=execution,
     )
     return read_out(belief.mean, belief.cov, gyr)
 

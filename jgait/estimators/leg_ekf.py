@@ -28,6 +28,7 @@ Deviations from the paper, their effect measured on the straight part of `neura_
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -95,7 +96,17 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
         inputs.start_variance,
         smooth=options.smooth,
         standing=options.standing,
+        execution=options.execution,
     )
+
+
+def _each(function: Callable[..., Any], options: LegOptions, stacked: Any) -> Any:
+    """Map over legs or segments: side by side, or in turn where filters run over components.
+
+    There, recordings fill the vectors of the processor; an axis of two inside would take their place.
+    """
+    mapped = jax.vmap(function) if options.execution != "fast" else lambda one: jax.lax.map(function, one)
+    return mapped(stacked)
 
 
 def observe(
@@ -140,9 +151,23 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOpt
     )
 
 
-def model_of(options: LegOptions) -> Model:
-    """The model: corrected, or as printed."""
-    return leg_model.LITERAL if options.literal else leg_model.MODEL
+def told(
+    p: LegParams,
+    leg: LegSignals,
+    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
+    inputs: LegInputs,
+    options: LegOptions,
+) -> tuple[Model, Any, LegControl, Any]:
+    """The model, corrected or as printed, and what it is told: observation, control and mask.
+
+    Where the options leave nothing to observe but rates, the model observes nothing else, and computes sooner.
+    """
+    model = leg_model.LITERAL if options.literal else leg_model.MODEL
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    if options.gravity or options.closure or options.standing:
+        return model, observations, controls, mask
+    rates = (leg_model.LegRates(*both[:2]) for both in (observations, mask))
+    return leg_model.only_rates(model), next(rates), controls, next(rates)
 
 
 def _leg(
@@ -152,20 +177,21 @@ def _leg(
     inclinations = None
     if options.gravity:
         segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
+        pair = _each(lambda segment: _incline(p, segment, inputs, options), options, segments)
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
-    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    model, observations, controls, mask = told(p, leg, inclinations, inputs, options)
     settings = {
         "controls": controls,
         "dt": inputs.dt,
         "mask": mask,
         "method": options.method,
         "initial": prior_of(p, leg, inputs.start_variance, options),
+        "execution": options.execution,
     }
     if options.smooth:
-        smoothed = filtering.kalman_smoother(model_of(options), model_params(p, leg), observations, **settings)
+        smoothed = filtering.kalman_smoother(model, model_params(p, leg), observations, **settings)
         return smoothed.mean, smoothed.cov, smoothed.filtered
-    posterior = filtering.kalman_filter(model_of(options), model_params(p, leg), observations, **settings)
+    posterior = filtering.kalman_filter(model, model_params(p, leg), observations, **settings)
     return posterior.mean, posterior.cov, posterior
 
 
@@ -214,7 +240,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estim
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
     signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
-    results = jax.vmap(lambda q, leg: _one_leg(q, leg, inputs, options))(own, signals)
+    results = _each(lambda one: _one_leg(one, inputs, options), options, (own, signals))
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}
@@ -238,7 +264,8 @@ class _LegResult(NamedTuple):
     valid: Any
 
 
-def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions) -> _LegResult:
+def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions) -> _LegResult:
+    p, leg = worn
     mean, cov, posterior = _leg(p, leg, inputs, options)
     return _LegResult(
         trajectory_of(mean),

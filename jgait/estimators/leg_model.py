@@ -58,6 +58,18 @@ class LegObservation(NamedTuple):
     shin_inclination: Any
 
 
+class LegRates(NamedTuple):
+    """What the paper's leg filter is told: the first two of `LegObservation`.
+
+    Attributes:
+        thigh_gyro: sagittal rate of the thigh [rad/s].
+        shin_gyro: sagittal rate of the shin [rad/s].
+    """
+
+    thigh_gyro: Any
+    shin_gyro: Any
+
+
 class LegModelParams(NamedTuple):
     """Parameters of one leg's model.
 
@@ -176,6 +188,18 @@ def observation_noise(params: LegModelParams, state: LegState, control: LegContr
     )
 
 
+def observation_of_rates(params: LegModelParams, state: LegState, control: LegControl) -> LegRates:
+    """Equation 9 alone."""
+    every = observation(params, state, control)
+    return LegRates(every.thigh_gyro, every.shin_gyro)
+
+
+def noise_of_rates(params: LegModelParams, state: LegState, control: LegControl) -> LegRates:
+    """R of the gyroscopes alone."""
+    del state, control
+    return LegRates(params.gyro_variance_thigh, params.gyro_variance_shin)
+
+
 def initial(params: LegModelParams) -> Belief:
     """Standing straight: θ₁ = −π/2, all else 0, the ankle where the forward kinematics puts it."""
     return standing_belief(params, STANDING, 0.0, 0.0, 0.0, 1e-4)
@@ -209,3 +233,8 @@ MODEL = Model(initial, transition, transition_noise, observation, observation_no
 
 LITERAL = Model(initial, transition_literal, transition_noise_literal, observation, observation_noise)
 """The paper as printed: element C of equation 6 and the powers of σ_θ in Q."""
+
+
+def only_rates(model: Model) -> Model:
+    """The same leg, told its rates and nothing else: a third of the work where nothing else is known."""
+    return model._replace(observation=observation_of_rates, observation_noise=noise_of_rates)

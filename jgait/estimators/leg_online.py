@@ -94,9 +94,9 @@ def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs
         thigh, upper = _incline(p, state.thigh, state.rates[0], sample.thigh, inputs, options)
         shank, lower = _incline(p, state.shank, state.rates[1], sample.shank, inputs, options)
         inclinations = (upper, lower)
-    observation, control, mask = leg_ekf.observe(p, sample, inclinations, inputs, options)
+    model, observation, control, mask = leg_ekf.told(p, sample, inclinations, inputs, options)
     result = filtering.step(
-        leg_ekf.model_of(options), leg_ekf.model_params(p, sample), state.leg, observation,
+        model, leg_ekf.model_params(p, sample), state.leg, observation,
         control=control, dt=inputs.dt, mask=mask, method=options.method,
     )  # fmt: skip
     belief = result.belief

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from jgait import filtering, params
 from jgait.estimators.inclination import InclinationNoise
+from jgait.filtering.execution import Execution
 
 
 class BySide(NamedTuple):
@@ -86,6 +87,8 @@ class LegOptions(NamedTuple):
         rate_hz: resample to this rate first [Hz]; None keeps the recording's.
         median: width of a median filter on the gyroscopes in samples; 1 is none.
         method: how the filter linearises, see `jgait.filtering`.
+        execution: how the filters compute, see `jgait.filtering`. "fast" is more than ten times faster than "auto" on
+            a hundred recordings at once, with equal results, and takes half a minute longer to compile.
     """
 
     perpendicular_axis: bool = True
@@ -98,6 +101,7 @@ class LegOptions(NamedTuple):
     rate_hz: float | None = None
     median: int = 1
     method: Any = filtering.EKF()
+    execution: Execution = "auto"
 
 
 DEFAULT = LegOptions()

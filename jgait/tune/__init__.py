@@ -1,5 +1,6 @@
 """Parameters from data, by gradient: fit them, cross-validate the fit, and say what the data can determine."""
 
+from jgait.tune.cross_validate import CrossValidation, check_split, cross_validate
 from jgait.tune.fit import Fit, Starts, fit
 from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
 from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
@@ -11,6 +12,7 @@ __all__ = [
     "FORWARD_UP_TO",
     "GRADIENTS",
     "INFORMATION",
+    "CrossValidation",
     "Direction",
     "Fit",
     "Identifiability",
@@ -18,6 +20,8 @@ __all__ = [
     "Progress",
     "Report",
     "Starts",
+    "check_split",
+    "cross_validate",
     "fit",
     "identifiability",
     "profile",

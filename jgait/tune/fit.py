@@ -110,7 +110,12 @@ def optimizer_mark(optimizer: Any, free: Any) -> Any:
         return optimizer.update(slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl)
 
 
-def _check_settings(steps: int, chunk: int | None, starts: int, key: Any, minibatch: int | None, n: int) -> None:
+def check_settings(steps: int, chunk: int | None, starts: int, key: Any, minibatch: int | None, n: int) -> None:
+    """Refuse settings that cannot be.
+
+    Raises:
+        ValueError: naming the one that is wrong.
+    """
     if steps < 1 or (chunk is not None and chunk < 1):
         raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
     if starts < 1:
@@ -224,14 +229,14 @@ def fit[P](
     items = Items(jax.tree.map(np.asarray, data), number)
     dtype = check_loss(problem, params, items)
     learn, judge, numbers = _split(items, validation, n)
-    _check_settings(steps, chunk, starts, key, minibatch, numbers.size)
+    check_settings(steps, chunk, starts, key, minibatch, numbers.size)
     learn, weights = _filled(learn, mesh)
     judge = None if judge is None else _whole(judge, mesh)
     settings = Settings(steps, minibatch, every or _every(minibatch, weights.size), patience)
     optimizer = optax.with_extra_args_support(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, gradient=gradient, loss=_name(loss),
+        starts=(starts, spread), key=key, gradient=gradient, loss=name_of(loss),
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
     lanes = descend(
@@ -243,7 +248,8 @@ def fit[P](
     return _result(problem, params, lanes, labels, numbers)
 
 
-def _name(loss: Any) -> str:
+def name_of(loss: Any) -> str:
+    """What a checkpoint knows a loss by."""
     return getattr(loss, "__qualname__", type(loss).__qualname__)
 
 

@@ -1,6 +1,8 @@
 """Several fits side by side as one program, in stretches between which the host reports, saves and may stop."""
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,7 +77,7 @@ def descend(
     chunk = max(2, settings.steps // 20) if chunk is None and (report or file) else chunk
     # A scan of one step would be unrolled and round differently; two is the least.
     size = total if chunk is None else min(total, max(2, chunk))
-    run = _program(problem, optimizer, settings, size)
+    run = _in_groups(_program(problem, optimizer, settings, size), _group(settings, weights), problem.mesh is None)
     carry = jax.vmap(lambda f, w: first(f, optimizer, w, dtype))(free, jnp.asarray(weights, dtype))
     begin, history = 0, [_empty(carry)]
     saved = None if file is None else checkpoint.load(file, mark, (0, carry, history[0]))
@@ -98,6 +100,43 @@ def _program(problem: Problem, optimizer: Any, settings: Settings, size: int) ->
     run = jax.vmap(runner(problem, optimizer, settings, size), in_axes=(0, None, None))
     everywhere = None if problem.mesh is None else NamedSharding(problem.mesh, PartitionSpec())
     return jax.jit(run, out_shardings=everywhere, compiler_options=wide_vectors() or None)
+
+
+AT_ONCE = 512
+"""Items times fits that one program works on: as many numbers as the processor's nearest memory takes."""
+
+
+def _group(settings: Settings, weights: Any) -> int:
+    """How many fits run side by side in one program."""
+    return max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
+
+
+def _in_groups(run: Callable[..., Any], group: int, threads: bool) -> Callable[..., Any]:
+    """The same for any number of fits: groups of one size, so that one program is compiled, a thread for each core.
+
+    Fits know nothing of each other, and a program over recordings keeps no more than one core busy. Where devices
+    share the items, groups run in turn: devices must agree on what they do together.
+    """
+
+    def every(carry: Carry, begin: Any, context: Context) -> tuple[Carry, Trace]:
+        lanes = np.shape(carry.loss)[0]
+        if lanes <= group:
+            return run(carry, begin, context)
+        starts = range(0, lanes, group)
+        pieces = [
+            jax.tree.map(lambda v, at=at: np.asarray(v)[np.minimum(np.arange(at, at + group), lanes - 1)], carry)
+            for at in starts
+        ]
+
+        def one(piece: Carry) -> Any:
+            return jax.tree.map(np.asarray, run(piece, begin, context))
+
+        done = [one(pieces[0])]
+        with ThreadPoolExecutor(max(1, os.cpu_count() or 1) if threads else 1) as pool:
+            done += pool.map(one, pieces[1:])
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:lanes], *done)
+
+    return every
 
 
 def _empty(carry: Carry) -> Trace:

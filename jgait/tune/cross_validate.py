@@ -1,0 +1,251 @@
+"""Does what was learned hold for people who were not learned from? Every fold's fit at once, and an honest table."""
+
+import hashlib
+import warnings
+from collections.abc import Callable, Hashable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+import optax
+
+from jgait.filtering.compile import wide_vectors
+from jgait.params import constrain
+from jgait.tune import checkpoint
+from jgait.tune.descent import Settings
+from jgait.tune.fit import check_settings, name_of, optimizer_mark, scattered
+from jgait.tune.gradient import check_mode
+from jgait.tune.lanes import Report, descend
+from jgait.tune.problem import (
+    Context,
+    Items,
+    Problem,
+    check_data,
+    check_loss,
+    check_priors,
+    numbered,
+    of_subject,
+    place,
+    spread_out,
+    start,
+    transforms_of,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class CrossValidation[P](NamedTuple):
+    """What came of a cross-validation.
+
+    Attributes:
+        table: one row for each subject (index `subject`), judged by the fit that never saw them: `fold`, `n` (items),
+            `error_before` and `error_after` (means over the subject's items), `change` (after − before).
+        items: one row for each item: `item subject fold error_before error_after`.
+        params: the parameters of each fold, natural units; what was free has a leading axis (F,).
+        losses: (F, starts) training loss of every fit; the best start of a fold was chosen by it.
+        left_out: (F,) how many items of a fold's training part did not count, see `tune.fit`.
+    """
+
+    table: "pd.DataFrame"
+    items: "pd.DataFrame"
+    params: P
+    losses: np.ndarray
+    left_out: np.ndarray
+
+
+def check_split(subjects: Sequence[Hashable], folds: Sequence[Any]) -> None:
+    """Refuse folds that cut through a subject: what was learned from a person proves nothing about that person.
+
+    Args:
+        subjects: (n,) whose each item is.
+        folds: (n,) the fold in which each item is held out.
+
+    Raises:
+        ValueError: naming the subjects that are in several folds, or if there are fewer than two folds.
+    """
+    if len(subjects) != len(folds):
+        raise ValueError(f"every item needs a subject and a fold; got {len(subjects)} subjects and {len(folds)} folds")
+    of: dict[Any, set[Any]] = {}
+    for subject, fold in zip(subjects, folds, strict=True):
+        of.setdefault(subject, set()).add(fold)
+    torn = {subject: sorted(map(str, found)) for subject, found in of.items() if len(found) > 1}
+    if torn:
+        shown = "; ".join(f"{subject} is in folds {', '.join(found)}" for subject, found in list(torn.items())[:5])
+        raise ValueError(f"the split leaks {len(torn)} of {len(of)} subjects: {shown}")
+    if len(set(folds)) < 2:
+        raise ValueError("cross-validation needs at least two folds; got one")
+
+
+def _check_twins(data: Any, subjects: Sequence[Any]) -> None:
+    """Refuse one recording under the names of two subjects."""
+    leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data)]
+    seen: dict[bytes, int] = {}
+    for item, subject in enumerate(subjects):
+        digest = hashlib.sha256()
+        for leaf in leaves:
+            digest.update(leaf[item].tobytes())
+        other = seen.setdefault(digest.digest(), item)
+        if subjects[other] != subject:
+            raise ValueError(
+                f"the split leaks: items {other} and {item} are the same recording, of subjects {subjects[other]} and "
+                f"{subject}"
+            )
+
+
+def _folds(subjects: list[Any], folds: Any, key: Any) -> list[Any]:
+    """The fold of each item."""
+    people = list(dict.fromkeys(subjects))
+    if folds is None:
+        return [people.index(subject) for subject in subjects]
+    if isinstance(folds, int | np.integer):
+        if not 2 <= folds <= len(people):
+            raise ValueError(f"folds must be between 2 and the {len(people)} subjects; got {folds}")
+        if key is None:
+            raise ValueError("which subjects share a fold is drawn: give key=jax.random.key(…)")
+        order = np.asarray(jax.random.permutation(jax.random.fold_in(key, 2), len(people)))
+        of = {people[person]: place % int(folds) for place, person in enumerate(order)}
+        return [of[subject] for subject in subjects]
+    return list(np.asarray(folds).tolist())
+
+
+def cross_validate[P](
+    loss: Callable[[P, Any], Any],
+    params: P,
+    transforms: P,
+    data: Any,
+    optimizer: optax.GradientTransformation,
+    *,
+    subjects: Sequence[Hashable],
+    folds: int | Sequence[Hashable] | None = None,
+    error: Callable[[P, Any], Any] | None = None,
+    steps: int = 100,
+    gradient: str = "auto",
+    priors: P | None = None,
+    starts: int = 1,
+    spread: float = 0.5,
+    minibatch: int | None = None,
+    key: Any = None,
+    checkpoint_file: str | Path | None = None,
+    mesh: Any = None,
+    progress: Report | None = None,
+    chunk: int | None = None,
+) -> CrossValidation[P]:
+    """Fit on all subjects but some, judge on those, for every fold; all folds and starts side by side in one program.
+
+    Everything but the folds is as of `tune.fit`. Of several starts a fold takes the one with the lowest loss on the
+    items that it learns from; those held out choose nothing.
+
+    Args:
+        loss: (params, item) → scalar; pure JAX.
+        params: where to start; also what `error_before` is judged with.
+        transforms: of `params`; known values per subject (`per_subject(fixed)`) are welcome, free ones are refused.
+        data: pytree of arrays with a leading axis of n items.
+        optimizer: from optax.
+        subjects: (n,) whose each item is.
+        folds: None leaves one subject out at a time; a number k deals the subjects to k folds; or (n,) the fold of
+            each item, which must not cut through a subject.
+        error: (params, item) → scalar by which the table judges, for example a distance error; None for the loss.
+        steps: of each fit.
+        gradient: see `value_and_grad`.
+        priors: see `tune.fit`.
+        starts: of each fit.
+        spread: of the starts.
+        minibatch: items a step learns from; None for all.
+        key: PRNG key of folds, starts and minibatches.
+        checkpoint_file: see `tune.fit`.
+        mesh: see `tune.fit`.
+        progress: told of the fit that stands best.
+        chunk: see `tune.fit`.
+
+    Returns:
+        Tables, and the parameters of every fold.
+
+    Raises:
+        TypeError, ValueError: as `tune.fit`; or if the split leaks a subject, or one recording stands under two names.
+    """
+    check_data(data, True)
+    n = np.shape(jax.tree.leaves(data)[0])[0]
+    labels, number = numbered(subjects, n)
+    named = [labels[i] for i in number]
+    fold_of = _folds(named, folds, key)
+    check_split(named, fold_of)
+    data = jax.tree.map(np.asarray, data)
+    _check_twins(data, named)
+    if any(t.own and t.to_natural is not None for t in transforms_of(transforms)):
+        raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
+    check_mode(gradient)
+    check_priors(priors, transforms)
+    check_settings(steps, chunk, starts, key, minibatch, n)
+    params = spread_out(params, transforms, len(labels))
+    problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
+    free, dtype = start(params, transforms), check_loss(problem, params, items)
+    if mesh is not None and n % mesh.size:
+        raise ValueError(f"on {mesh.size} devices the number of items must be a multiple of it; got {n}")
+    kinds = list(dict.fromkeys(fold_of))
+    inside = np.asarray([[of != fold for of in fold_of] for fold in kinds])
+    lanes = jax.tree.map(
+        lambda leaf: np.tile(np.asarray(leaf), (len(kinds),) + (1,) * (np.ndim(leaf) - 1)),
+        scattered(key, free, starts, spread),
+    )
+    optimizer = optax.with_extra_args_support(optimizer)
+    settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
+    mark = {} if checkpoint_file is None else checkpoint.fingerprint(
+        data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=inside, key=key,
+        starts=(starts, spread), gradient=gradient, loss=name_of(loss), optimizer=optimizer_mark(optimizer, free),
+    )  # fmt: skip
+    carry, _ = descend(
+        problem, optimizer, settings, Context(params, place(problem, items), None, key), lanes,
+        np.repeat(inside, starts, axis=0).astype(float), dtype, chunk=chunk, report=progress,
+        file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
+    )  # fmt: skip
+    losses = carry.best_score.reshape(len(kinds), starts)
+    counted = np.count_nonzero(carry.weights, axis=1).reshape(len(kinds), starts)
+    # Starts that had to leave out more items cannot be compared by their loss.
+    eligible = (counted == counted.max(axis=1, keepdims=True)) & np.isfinite(losses)
+    if not eligible.any(axis=1).all():
+        raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
+    chosen = np.argmin(np.where(eligible, losses, np.inf), axis=1) + starts * np.arange(len(kinds))
+    best = jax.tree.map(lambda leaf: leaf[chosen], carry.best)
+    left_out = inside.sum(axis=1) - np.count_nonzero(carry.weights[chosen], axis=1)
+    if left_out.any():
+        warnings.warn(
+            f"items were left out, since their loss or gradient is not finite at the start: up to {left_out.max()} of "
+            f"{n} in a fold",
+            stacklevel=2,
+        )
+    judged = _judged(problem._replace(loss=loss if error is None else error), params, free, best, items, kinds, fold_of)
+    return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
+
+
+def _judged(
+    problem: Problem, params: Any, free: Any, best: Any, items: Items, kinds: list[Any], fold_of: list[Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) error of every item before, and after the fit that never saw it."""
+    where = np.asarray([kinds.index(fold) for fold in fold_of])
+    after = jax.tree.map(lambda leaf: leaf[where], best)
+
+    def one(at: Any, item: Items) -> Any:
+        known = of_subject(params, problem.transforms, item.subject)
+        mine = of_subject(at, problem.transforms, item.subject)
+        return problem.loss(constrain(mine, problem.transforms, known), item.data)
+
+    program = jax.jit(jax.vmap(one), compiler_options=wide_vectors() or None)
+    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], where.size, axis=0), free)
+    return tuple(np.asarray(program(at, items)) for at in (before, after))  # type: ignore[return-value]
+
+
+def _tables(subjects: list[Any], fold_of: list[Any], before: np.ndarray, after: np.ndarray) -> tuple[Any, Any]:
+    import pandas as pd
+
+    items = pd.DataFrame(
+        {"item": range(len(subjects)), "subject": subjects, "fold": fold_of, "error_before": before,
+         "error_after": after}
+    )  # fmt: skip
+    by = items.groupby("subject", sort=False)
+    table = by.agg(
+        fold=("fold", "first"), n=("item", "size"), error_before=("error_before", "mean"),
+        error_after=("error_after", "mean"),
+    )  # fmt: skip
+    return table.assign(change=table["error_after"] - table["error_before"]), items
