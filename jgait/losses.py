@@ -176,6 +176,47 @@ def distance(estimate: Estimate, reference: Estimate) -> Any:
     return ((ours - theirs) / theirs) ** 2
 
 
+def stride_length(estimate: Estimate, reference: Estimate) -> Any:
+    """Mean squared error of the strides' lengths, read off the walked distance.
+
+    (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference
+
+    Args:
+        estimate: with `distance` (T,) [m] at the times `time` (T,) [s].
+        reference: with `strides`; their ends are times [s] and carry no gradient.
+
+    Returns:
+        A scalar [m²]; 0 if no stride is valid.
+
+    Raises:
+        ValueError: if the estimate says nothing of distance, or the reference nothing of strides.
+    """
+    if estimate.distance is None or reference.strides is None:
+        raise ValueError("stride_length needs an estimate with distance and a reference with strides")
+    rows = reference.strides
+    at = [jnp.interp(jax.lax.stop_gradient(ends), estimate.time, estimate.distance) for ends in (rows.start, rows.end)]
+    return mean_squared(at[1] - at[0], rows.length, rows.valid)
+
+
+def event_time(estimate: Any, reference: Any, valid: Any = None) -> Any:
+    """Mean squared difference of the times of events that have been matched.
+
+    An estimator's event times are differentiable where they are found between samples, for example by a soft argmax.
+
+    Args:
+        estimate: (n,) [s].
+        reference: (n,) [s], of the same events.
+        valid: (n,) bool, or None for all.
+
+    Returns:
+        A scalar [s²]; 0 if nothing is valid.
+
+    Raises:
+        ValueError: if the shapes differ.
+    """
+    return mean_squared(estimate, reference, valid)
+
+
 def negative_log_likelihood(posterior: Any, valid: Any = None) -> Any:
     """Mean negative log-likelihood of what was measured, by the filter's own innovations.
 

@@ -9,7 +9,7 @@ import pytest
 
 from jgait import losses
 from jgait.losses import TrajectoryWeights
-from jgait.types import Estimate, Legs, LegTrajectory
+from jgait.types import Estimate, Legs, LegTrajectory, Strides
 
 DEGREE = np.pi / 180.0
 T = 6
@@ -154,3 +154,26 @@ def test_misuse_is_refused_by_name():
         losses.negative_log_likelihood(Kept(jnp.ones(2), None, jnp.ones(2, bool)))
     with pytest.raises(ValueError, match=r"same names; got \['a'\] and \['b'\]"):
         losses.weighted_sum({"a": 1.0}, {"b": 1.0})
+
+
+def rows(start, end, length, valid):
+    n = len(start)
+    nothing = np.zeros(n)
+    return Strides(np.zeros(n, int), np.array(start), nothing, np.array(end), np.array(length), nothing, nothing, valid)
+
+
+def test_stride_lengths_are_read_off_the_distance_between_the_strides_ends():
+    walked = estimate(distance=jnp.asarray(0.1 * np.arange(T)))  # 5 m/s
+    true = estimate()._replace(
+        strides=rows([0.0, 0.03, 9.0], [0.05, 0.09, 9.9], [0.2, 0.31, 5.0], np.array([True, True, False]))
+    )
+    assert float(losses.stride_length(walked, true)) == pytest.approx((0.05**2 + 0.01**2) / 2)
+    slope = jax.grad(lambda k: losses.stride_length(walked._replace(distance=k * walked.distance), true))(1.0)
+    assert float(slope) == pytest.approx(0.05 * 0.25 - 0.01 * 0.30)
+    with pytest.raises(ValueError, match="needs an estimate with distance and a reference with strides"):
+        losses.stride_length(walked, walked)
+
+
+def test_event_times_differ_by_their_mean_square():
+    found, true, matched = (jnp.asarray(v) for v in ([1.0, 2.0, 7.0], [1.1, 1.8, 0.0], [True, True, False]))
+    assert float(losses.event_time(found, true, matched)) == pytest.approx((0.01 + 0.04) / 2)

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import optax
 
 from jgait.filtering.compile import wide_vectors
 from jgait.params import constrain
 from jgait.tune import checkpoint
-from jgait.tune.descent import Settings
+from jgait.tune.descent import Carry, Settings
 from jgait.tune.fit import check_settings, name_of, optimizer_mark, scattered
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
@@ -166,74 +167,73 @@ def cross_validate[P](
         TypeError, ValueError: as `tune.fit`; or if the split leaks a subject, or one recording stands under two names.
     """
     check_data(data, True)
-    n = np.shape(jax.tree.leaves(data)[0])[0]
+    data = jax.tree.map(np.asarray, data)
+    n = jax.tree.leaves(data)[0].shape[0]
     labels, number = numbered(subjects, n)
     named = [labels[i] for i in number]
     fold_of = _folds(named, folds, key)
     check_split(named, fold_of)
-    data = jax.tree.map(np.asarray, data)
     _check_twins(data, named)
     if any(t.own and t.to_natural is not None for t in transforms_of(transforms)):
         raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
     check_mode(gradient)
     check_priors(priors, transforms)
     check_settings(steps, chunk, starts, key, minibatch, n)
+    if mesh is not None and n % mesh.size:
+        raise ValueError(f"on {mesh.size} devices the number of items must be a multiple of it; got {n}")
     params = spread_out(params, transforms, len(labels))
     problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
     free, dtype = start(params, transforms), check_loss(problem, params, items)
-    if mesh is not None and n % mesh.size:
-        raise ValueError(f"on {mesh.size} devices the number of items must be a multiple of it; got {n}")
     kinds = list(dict.fromkeys(fold_of))
-    inside = np.asarray([[of != fold for of in fold_of] for fold in kinds])
-    lanes = jax.tree.map(
-        lambda leaf: np.tile(np.asarray(leaf), (len(kinds),) + (1,) * (np.ndim(leaf) - 1)),
-        scattered(key, free, starts, spread),
-    )
+    learned = np.asarray([[of != fold for of in fold_of] for fold in kinds])
     optimizer = optax.with_extra_args_support(optimizer)
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
-        data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=inside, key=key,
+        data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
         starts=(starts, spread), gradient=gradient, loss=name_of(loss), optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
+    around = scattered(key, free, starts, spread)
     carry, _ = descend(
-        problem, optimizer, settings, Context(params, place(problem, items), None, key), lanes,
-        np.repeat(inside, starts, axis=0).astype(float), dtype, chunk=chunk, report=progress,
-        file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
+        problem, optimizer, settings, Context(params, place(problem, items), None, key),
+        jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(kinds)), around), np.repeat(learned, starts, axis=0),
+        dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
-    losses = carry.best_score.reshape(len(kinds), starts)
-    counted = np.count_nonzero(carry.weights, axis=1).reshape(len(kinds), starts)
+    best, losses, left_out = _chosen(carry, learned, starts)
+    problem = problem._replace(loss=loss if error is None else error)
+    judged = _judged(problem, params, free, best, items, np.asarray([kinds.index(fold) for fold in fold_of]))
+    return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
+
+
+def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Free coordinates of each fold's best start, (F, starts) losses, and (F,) how many items did not count."""
+    shape = (learned.shape[0], starts)
+    losses, counted = carry.best_score.reshape(shape), np.count_nonzero(carry.weights, axis=1).reshape(shape)
     # Starts that had to leave out more items cannot be compared by their loss.
     eligible = (counted == counted.max(axis=1, keepdims=True)) & np.isfinite(losses)
     if not eligible.any(axis=1).all():
         raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
-    chosen = np.argmin(np.where(eligible, losses, np.inf), axis=1) + starts * np.arange(len(kinds))
-    best = jax.tree.map(lambda leaf: leaf[chosen], carry.best)
-    left_out = inside.sum(axis=1) - np.count_nonzero(carry.weights[chosen], axis=1)
+    number = np.argmin(np.where(eligible, losses, np.inf), axis=1)
+    left_out = learned.sum(axis=1) - counted[np.arange(shape[0]), number]
     if left_out.any():
         warnings.warn(
-            f"items were left out, since their loss or gradient is not finite at the start: up to {left_out.max()} of "
-            f"{n} in a fold",
-            stacklevel=2,
+            f"up to {left_out.max()} of {learned.shape[1]} items were left out of a fold: their loss or gradient is "
+            "not finite at the start",
+            stacklevel=3,
         )
-    judged = _judged(problem._replace(loss=loss if error is None else error), params, free, best, items, kinds, fold_of)
-    return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
+    return jax.tree.map(lambda leaf: leaf[starts * np.arange(shape[0]) + number], carry.best), losses, left_out
 
 
-def _judged(
-    problem: Problem, params: Any, free: Any, best: Any, items: Items, kinds: list[Any], fold_of: list[Any]
-) -> tuple[np.ndarray, np.ndarray]:
+def _judged(problem: Problem, params: Any, free: Any, best: Any, items: Items, fold: np.ndarray) -> tuple[Any, Any]:
     """(n,) error of every item before, and after the fit that never saw it."""
-    where = np.asarray([kinds.index(fold) for fold in fold_of])
-    after = jax.tree.map(lambda leaf: leaf[where], best)
 
     def one(at: Any, item: Items) -> Any:
-        known = of_subject(params, problem.transforms, item.subject)
-        mine = of_subject(at, problem.transforms, item.subject)
+        known, mine = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
         return problem.loss(constrain(mine, problem.transforms, known), item.data)
 
     program = jax.jit(jax.vmap(one), compiler_options=wide_vectors() or None)
-    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], where.size, axis=0), free)
-    return tuple(np.asarray(program(at, items)) for at in (before, after))  # type: ignore[return-value]
+    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
+    after = jax.tree.map(lambda leaf: leaf[fold], best)
+    return np.asarray(program(before, items)), np.asarray(program(after, items))
 
 
 def _tables(subjects: list[Any], fold_of: list[Any], before: np.ndarray, after: np.ndarray) -> tuple[Any, Any]:

@@ -1,10 +1,10 @@
 """Fits with what labs have: several people, several starts, a validation part, priors, bad recordings, power cuts."""
 
-import os
 import signal
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -12,28 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from made_people import OWN, PEOPLE, READINGS, START, TRUE, Leg, likelihood
 
 from jgait import tune
 from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real
 
-
-class Leg(NamedTuple):
-    length: Any
-    noise: Any
-    offset: Any
-
-
-def likelihood(p, item):
-    """Minus the log-likelihood of readings (m,) of `length + offset` with variance `noise`, over m."""
-    error = item - p.length - p.offset
-    return 0.5 * jnp.mean(error**2 / p.noise + jnp.log(p.noise))
-
-
-PEOPLE = ["ann", "bob", "ann", "cy", "bob", "cy"]
-TRUE = {"ann": 0.4, "bob": 0.45, "cy": 0.5}
-READINGS = np.random.default_rng(0).normal(0.0, 0.1, (6, 40)) + np.array([TRUE[name] for name in PEOPLE])[:, None]
-OWN = Leg(per_subject(positive), positive, fixed)
-START = Leg(0.3, 1.0, 0.0)
 OWN_MEANS = [READINGS[[i for i, one in enumerate(PEOPLE) if one == name]].mean() for name in ("ann", "bob", "cy")]
 
 
@@ -231,8 +214,12 @@ def test_stopped_at_any_stretch_and_started_again_it_ends_with_the_same_bits(tmp
 SCRIPT = """
 import sys, jax, numpy as np
 jax.config.update("jax_enable_x64", True)
+import importlib.util
 sys.path.insert(0, {folder!r})
-from test_fit_people import _fit
+spec = importlib.util.spec_from_file_location('people', {test!r})
+people = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(people)
+_fit = people._fit
 fit = _fit({file!r}, lambda now: print(now.done, flush=True), steps=4000)
 np.savez({out!r}, *[np.asarray(leaf) for leaf in jax.tree.leaves(fit)])
 """
@@ -242,7 +229,9 @@ np.savez({out!r}, *[np.asarray(leaf) for leaf in jax.tree.leaves(fit)])
 def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
     """The process is killed after every few lines that it prints, wherever it then is."""
     file, out = tmp_path / "fit.npz", tmp_path / "out.npz"
-    script = textwrap.dedent(SCRIPT).format(folder=os.path.dirname(__file__), file=str(file), out=str(out))
+    script = textwrap.dedent(SCRIPT).format(
+        folder=str(Path(__file__).parents[1]), test=__file__, file=str(file), out=str(out)
+    )
     draw, kills = np.random.default_rng(1), 0
     while not out.exists():
         with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
