@@ -6,6 +6,7 @@ recording, `step` online over one sample; how they linearise is an argument (`KF
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
+from jgait.filtering.draw import draw
 from jgait.filtering.kalman import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
 from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
@@ -28,6 +29,7 @@ __all__ = [
     "Step",
     "Updated",
     "compiled",
+    "draw",
     "kalman_filter",
     "kalman_smoother",
     "names_of",

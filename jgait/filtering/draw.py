@@ -1,0 +1,60 @@
+"""Drawing from a model what it says could happen: states, and what the sensors would read."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.filtering import checks
+from jgait.filtering.model import Model
+from jgait.filtering.vectors import pack, unpack, vector_model
+
+
+def _root(cov: Any) -> Any:
+    """A matrix whose square is a covariance (n, n), singular or not."""
+    values, vectors = jnp.linalg.eigh(cov)
+    return vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]
+
+
+def draw(key: Any, model: Model, params: Any, samples: int, *, controls: Any = None, dt: Any = 1.0) -> tuple[Any, Any]:
+    """Draw one recording from a model: the truth for tests, power studies, and tuners that should find it again.
+
+        x₀ ~ N(m₀, P₀),  x_k = f(x_{k−1}) ⊕ N(0, Q),  y_k = h(x_k) + N(0, R)
+
+    Args:
+        key: PRNG key.
+        model: state-space model.
+        params: any pytree, passed on to the model's functions.
+        samples: T, how many.
+        controls: control tuple of (T,) arrays, or None.
+        dt: interval [s], scalar or (T,), as of `kalman_filter`.
+
+    Returns:
+        States and observations in their own types, time axis in front. Pure, for `jax.vmap` over keys.
+
+    Raises:
+        ValueError: if the model's functions do not fit together.
+    """
+    belief = model.initial(params)
+    first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
+    dtype = checks.common_dtype(params, belief.mean, controls)
+    reading = model.observation(params, belief.mean, first)
+    vm = vector_model(model, params, belief.mean, reading, dtype)
+    begin, process, sensing = jax.random.split(key, 3)
+    size = vm.error.num_leaves
+    start = pack(belief.mean, vm.state, dtype, "mean")
+    spread = _root(jnp.asarray(belief.cov.dense(), dtype))
+    start = vm.retract(start, spread @ jax.random.normal(begin, (size,), dtype))
+    shocks = jax.random.normal(process, (samples, size), dtype)
+    errors = jax.random.normal(sensing, (samples, vm.observed.num_leaves), dtype)
+    interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
+
+    def body(x: Any, sample: Any) -> tuple[Any, Any]:
+        shock, error, control, step = sample
+        noise = _root(vm.transition_noise(x, control, step))
+        x = vm.retract(vm.transition(x, control, step), noise @ shock)
+        return x, (x, vm.observation(x, control) + _root(vm.observation_noise(x, control)) @ error)
+
+    _, (states, observations) = lax.scan(body, start, (shocks, errors, controls, interval))
+    return unpack(states, vm.state), unpack(observations, vm.observed)

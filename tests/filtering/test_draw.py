@@ -1,0 +1,94 @@
+"""What is drawn from a model has the moments that the model states, and its own filter finds it consistent."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.estimators import inclination
+from jgait.estimators.inclination import InclinationControl, InclinationNoise, Vector
+from jgait.filtering import Belief, Covariance, Model, draw, kalman_filter
+
+
+class Cart(NamedTuple):
+    position: Any
+    speed: Any
+
+
+class Seen(NamedTuple):
+    position: Any
+
+
+class Noise(NamedTuple):
+    process: Any
+    sensor: Any
+
+
+def _initial(p):
+    return Belief(Cart(1.0, -1.0), Covariance.from_variances(Cart(0.25, 0.04)))
+
+
+def _transition(p, state, control, dt):
+    return Cart(state.position + dt * state.speed, 0.9 * state.speed)
+
+
+def _transition_noise(p, state, control, dt):  # singular: the position has none of its own
+    return Covariance.from_variances(Cart(dt**2 * p.process, p.process)).with_entries(
+        {("position", "speed"): dt * p.process}
+    )
+
+
+def _observation(p, state, control):
+    return Seen(state.position)
+
+
+def _observation_noise(p, state, control):
+    return Seen(p.sensor)
+
+
+CART = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
+P = Noise(0.3, 0.5)
+KEYS = jax.random.split(jax.random.key(0), 20_000)
+
+
+def test_moments_are_those_of_the_model():
+    states, seen = jax.vmap(lambda key: draw(key, CART, P, 3, dt=0.5))(KEYS)
+    mean, cov = np.array([1.0, -1.0]), np.diag([0.25, 0.04])
+    matrix, noise = np.array([[1.0, 0.5], [0.0, 0.9]]), 0.3 * np.array([[0.25, 0.5], [0.5, 1.0]])
+    for k in range(3):
+        mean, cov = matrix @ mean, matrix @ cov @ matrix.T + noise
+        drawn = np.stack([states.position[:, k], states.speed[:, k]], axis=1)
+        error = np.sqrt(np.diag(cov) / len(KEYS))
+        assert np.all(np.abs(drawn.mean(axis=0) - mean) < 6.0 * error)
+        spread = np.sqrt((cov**2 + np.outer(np.diag(cov), np.diag(cov))) / len(KEYS))
+        assert np.all(np.abs(np.cov(drawn.T) - cov) < 6.0 * spread)
+        sensed = np.asarray(seen.position[:, k] - states.position[:, k])
+        assert abs(sensed.var() - 0.5) < 6.0 * 0.5 * np.sqrt(2.0 / len(KEYS))
+
+
+def test_the_filter_of_the_same_model_is_consistent_with_it_and_another_is_not():
+    _, seen = jax.vmap(lambda key: draw(key, CART, P, 100, dt=0.5))(KEYS[:200])
+
+    def nis(p):
+        found = jax.vmap(lambda y: kalman_filter(CART, p, y, dt=0.5, keep=("nis",)).nis)(seen)
+        return float(jnp.mean(found))
+
+    limit = 6.0 * np.sqrt(2.0 / (200 * 100))
+    assert abs(nis(P) - 1.0) < limit
+    assert abs(nis(Noise(0.3, 1.0)) - 1.0) > limit
+
+
+def test_models_with_controls_and_nested_states_are_drawn_too():
+
+    def initial(p):
+        return inclination.prior(Vector(*(jnp.zeros(()),) * 3), 1e-4)
+
+    model = inclination.MODEL._replace(initial=initial)
+    still = jnp.ones(50, bool)
+    zero = jnp.zeros(50)
+    controls = InclinationControl(Vector(zero, zero, zero), still, still)
+    states, seen = draw(jax.random.key(1), model, InclinationNoise(), 50, controls=controls, dt=0.01)
+    assert states.up.forward.shape == seen[0].up.shape == (50,)
+    again, _ = draw(jax.random.key(1), model, InclinationNoise(), 50, controls=controls, dt=0.01)
+    np.testing.assert_array_equal(states.up.forward, again.up.forward)
