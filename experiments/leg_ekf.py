@@ -11,10 +11,10 @@ import numpy as np
 import optax
 from common import Row, main, show
 
-from jgait import datasets, demo, protocols, tune
+from jgait import datasets, demo, params, protocols, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
-from jgait.judge import FIELDS, Judged, judge, leg_loss, lesson
+from jgait.judge import FIELDS, Judged, judge, leg_loss
 from jgait.types import SIDES, Recording, RecordingError, as_float
 
 IMPROVEMENTS: dict[str, dict[str, Any]] = {
@@ -34,11 +34,7 @@ def errors_of(judged: Judged) -> list[float]:
 
 def person(walk: datasets.Walk) -> LegParams:
     """Default parameters with the person's own leg lengths."""
-    lengths = walk.info["lengths"]
-    return LegParams(
-        thigh_length=BySide(*(lengths[side][0] for side in SIDES)),
-        shank_length=BySide(*(lengths[side][1] for side in SIDES)),
-    )
+    return leg_ekf.with_body(LegParams(), datasets.body(walk))
 
 
 def known_pose(p: LegParams, walk: datasets.Walk) -> LegParams:
@@ -121,20 +117,19 @@ def improvements(judged: Any, p: LegParams) -> None:
 def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     """Tune on the walk out (S1), judge on the walk back (S2)."""
     options = demo.OPTIONS
-    windows = {name: (a // 2, b // 2) for name, (a, b) in walk.info["windows"].items()}
-    reference = jax.tree.map(lambda v: np.asarray(v)[::2], walk.reference._replace(diagnostics={}))
-    inputs = leg_ekf.prepared(walk.recording, options).inputs
-    item = lesson(inputs, reference, windows["straight_1"], windows["standing"], p)
+    item, unseen = (
+        tune.lessons(leg_ekf.estimator(options), [walk], own=datasets.body, windows=tune.named_windows(look)).one(0)
+        for look in ("straight_1", "straight_2")
+    )
     fit = tune.fit(
         lambda q, one: leg_loss(q, one, options), p,
-        demo.freed("standing_hip", "standing_knee", "thigh_gain", "distance_scale"),
+        params.freed(leg_ekf.TRANSFORMS, "standing_hip", "standing_knee", "thigh_gain", "distance_scale"),
         item, optax.adam(0.03), steps=80, batched=False,
     )  # fmt: skip
+    inputs = jax.tree.map(jax.numpy.asarray, unseen.inputs)
     before, after = (
-        judge(leg_ekf.run(q, jax.tree.map(jax.numpy.asarray, inputs), options), reference, windows["straight_2"],
-              windows["standing"])
-        for q in (p, fit.params)
-    )  # fmt: skip
+        judge(leg_ekf.run(q, inputs, options), unseen.reference, *demo.spans(unseen)) for q in (p, fit.params)
+    )
     distance = [abs(j.distance_error_pct or 0.0) for j in (before, after)]
     pairs = list(zip([*errors_of(before), distance[0]], [*errors_of(after), distance[1]], strict=True))
     names = [f"{side} {column}" for side in SIDES for column in FIELDS] + ["distance_pct"]

@@ -1,5 +1,6 @@
 """The demonstration: estimate, compare with a reference, tune by gradient, judge on what the tuning never saw."""
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
@@ -11,11 +12,10 @@ import numpy as np
 import optax
 
 from jgait import datasets, params, plot, protocols, tune
-from jgait.estimators import leg_ekf
+from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
-from jgait.estimators.leg_inputs import pad
-from jgait.judge import FIELDS, Judged, Lesson, judge, leg_loss, lesson, with_lengths
-from jgait.types import SIDES, Estimate
+from jgait.judge import FIELDS, Judged, judge, leg_loss
+from jgait.types import SIDES, Estimate, Walk
 
 RATE_HZ = 50.0
 _DRAWING = Lock()  # matplotlib draws one figure at a time
@@ -65,19 +65,13 @@ class Demo(NamedTuple):
     losses: list[float]
 
 
-def freed(*names: str) -> LegParams:
-    """Transforms that let only the named parameters move."""
-    held = jax.tree.map(
-        lambda _: params.fixed, leg_ekf.TRANSFORMS, is_leaf=lambda node: isinstance(node, params.Transform)
-    )
-    return held._replace(**{name: getattr(leg_ekf.TRANSFORMS, name) for name in names})
+def _estimate(p: LegParams, item: tune.Lesson) -> Estimate:
+    return _run(p, jax.tree.map(jnp.asarray, item), OPTIONS)
 
 
-def _estimate(p: LegParams, item: Lesson, options: LegOptions = OPTIONS) -> Estimate:
-    return _run(p, jax.tree.map(jnp.asarray, item.inputs), options)
-
-
-_run = jax.jit(leg_ekf.run, static_argnames=("options",))
+@functools.partial(jax.jit, static_argnames=("options",))
+def _run(p: LegParams, item: tune.Lesson, options: LegOptions) -> Estimate:
+    return leg_ekf.run(leg_ekf.with_body(p, item.own), item.inputs, options)
 
 
 def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
@@ -124,68 +118,47 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     """
     report("simulating people", 0, 1)
     drawn = protocols.bennett(jax.random.key(seed), subjects, rate=RATE_HZ)
-    walks = [(walked.recording, walked.truth.estimate) for walked in drawn]
+    walks = [Walk(walked.recording, walked.truth.estimate, walked.extra) for walked in drawn]
+    made = tune.lessons(leg_ekf.estimator(OPTIONS), walks, own=datasets.body, windows=_walking)
     start = leg_ekf.LegParams()
     names = ("standing_hip", "standing_knee", "distance_scale")
-    lessons: list[Lesson] = []
-    longest = max(reference.time.size for _, reference in walks)
-    for recording, reference in walks:
-        preparation = leg_ekf.prepared(recording, OPTIONS)
-        own = reference.diagnostics
-        p = start._replace(
-            thigh_length=BySide(*(float(own["thigh_length"]),) * 2),
-            shank_length=BySide(*(float(own["shank_length"]),) * 2),
-        )
-        moving = np.flatnonzero(~preparation.inputs.still)
-        window = (int(moving[0]), int(moving[-1]) + 1)
-        one = lesson(preparation.inputs, reference, window, preparation.standing, p)
-        lessons.append(_padded(one, longest))
     half = subjects // 2
-    data = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *lessons[:half])
+    data = jax.tree.map(lambda leaf: leaf[:half], made.data)
     fit = tune.fit(
         # The start is within a few percent already: longer steps would go past the least loss and find nothing.
-        _simulated_loss, start, freed(*names), data, optax.adam(0.01), steps=steps,
+        _loss, start, params.freed(leg_ekf.TRANSFORMS, *names), data, optax.adam(0.01), steps=steps,
         progress=lambda p: report(f"tuning on {half} simulated people, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     judged = []
     for number in range(half, subjects):
-        _, reference = walks[number]
-        item = lessons[number]
-        window = (int(np.argmax(item.look)), int(item.last) + 1)
-        standing = (int(np.argmax(item.standing)), int(np.sum(item.standing)))
+        item = made.one(number)
         pair = []
         for p in (start, fit.params):
-            estimate = _estimate(with_lengths(p, item.lengths), item)
-            pair.append((judge(estimate, reference, window, standing), estimate))
-        judged.append((pair, reference, window))
-    lines = _medians(
-        [_lines(f"median of {subjects - half} people", False, None, a[0], b[0]) for (a, b), _, _ in judged]
-    )
-    (_, (_, estimate)), reference, _ = judged[0]
+            estimate = _estimate(p, item)
+            pair.append((judge(estimate, item.reference, *spans(item)), estimate))
+        judged.append((pair, drawn[number].truth.estimate))
+    lines = _medians([_lines(f"median of {subjects - half} people", False, None, a[0], b[0]) for (a, b), _ in judged])
+    (_, (_, estimate)), reference = judged[0]
     figures = _figures(out, "simulated", estimate, reference, "a simulated walk the tuning never saw", None, None)
     tuned = _compare(_values(start, names), _values(fit.params, names))
     return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
 
 
-def _simulated_loss(p: LegParams, item: Lesson) -> Any:
+def _loss(p: LegParams, item: tune.Lesson) -> Any:
     return leg_loss(p, item, OPTIONS)
 
 
-def _padded(item: Lesson, samples: int) -> Lesson:
-    """A lesson with invalid samples behind it."""
-    more = samples - item.inputs.time.size
+def _walking(walk: Walk, prepared: Prepared[Any]) -> tune.Windows:
+    """From the first movement to the last."""
+    del walk
+    moving = np.flatnonzero(~prepared.inputs.still)
+    return tune.Windows((int(moving[0]), int(moving[-1]) + 1), prepared.standing)
 
-    def longer(values: Any) -> np.ndarray:
-        values = np.asarray(values)
-        return values if values.ndim == 0 else np.pad(values, (0, more), mode="edge")
 
-    reference = jax.tree.map(longer, item.reference)._replace(valid=np.pad(np.asarray(item.reference.valid), (0, more)))
-    return item._replace(
-        inputs=pad(item.inputs, samples),
-        reference=reference,
-        look=np.pad(item.look, (0, more)),
-        standing=np.pad(item.standing, (0, more)),
-    )
+def spans(item: tune.Lesson) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The windows of a lesson, in samples."""
+    look, standing = (np.flatnonzero(mask) for mask in (item.look, item.standing))
+    return (int(look[0]), int(look[-1]) + 1), (int(standing[0]), int(standing[-1]) + 1)
 
 
 def _medians(tables: list[list[Line]]) -> list[Line]:
@@ -217,33 +190,26 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     """
     report("reading neura_sparse", 0, 1)
     walk = datasets.load("neura_sparse")[0]
-    windows = {name: (span[0], span[1]) for name, span in walk.info["windows"].items()}
-    lengths = walk.info["lengths"]
-    start = leg_ekf.LegParams(
-        thigh_length=BySide(*(lengths[side][0] for side in SIDES)),
-        shank_length=BySide(*(lengths[side][1] for side in SIDES)),
-    )
-    names = ("standing_hip", "standing_knee", "thigh_gain", "distance_scale")
     if walk.reference is None:
         raise datasets.DatasetUnavailable("the recording of neura_sparse lacks its reference")
-    preparation = leg_ekf.prepared(walk.recording, OPTIONS)
-    every = round(walk.recording.sampling_rate_hz / RATE_HZ)
-    reference = jax.tree.map(lambda v: np.asarray(v)[::every], walk.reference._replace(diagnostics={}))
-    windows = {name: (a // every, b // every) for name, (a, b) in windows.items()}
-    out_walk, back, standing = windows["straight_1"], windows["straight_2"], windows["standing"]
-    item = lesson(preparation.inputs, reference, out_walk, standing, start)
+    start = leg_ekf.with_body(leg_ekf.LegParams(), datasets.body(walk))
+    names = ("standing_hip", "standing_knee", "thigh_gain", "distance_scale")
+    item, unseen = (
+        tune.lessons(leg_ekf.estimator(OPTIONS), [walk], own=datasets.body, windows=tune.named_windows(look)).one(0)
+        for look in ("straight_1", "straight_2")
+    )
+    reference = item.reference
     fit = tune.fit(
-        _simulated_loss, start, freed(*names), item, optax.adam(0.1), steps=steps, batched=False,
+        _loss, start, params.freed(leg_ekf.TRANSFORMS, *names), item, optax.adam(0.1), steps=steps, batched=False,
         progress=lambda p: report(f"tuning on the walk out, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     report("judging on the walk back", 0, 1)
     paper = leg_ekf.estimate(start, walk.recording, leg_ekf.PAPER)
     before, after = _estimate(start, item), _estimate(fit.params, item)
     lines = []
-    for name, seen, window in (("out", True, out_walk), ("back", False, back)):
-        lines += _lines(name, seen, *(judge(one, reference, window, standing) for one in (paper, before, after)))
-    time = np.asarray(reference.time)
-    seconds = (float(time[back[0]]), float(time[min(back[1], time.size - 1)]))
+    for name, seen, part in (("out", True, item), ("back", False, unseen)):
+        lines += _lines(name, seen, *(judge(one, reference, *spans(part)) for one in (paper, before, after)))
+    seconds = (float(reference.time[unseen.first]), float(reference.time[unseen.last]))
     figures = _figures(
         out, "neura_sparse", after, reference, "walk back, never seen by the tuning", seconds,
         {"default parameters": before, "paper's pipeline": paper},

@@ -2,17 +2,15 @@
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from jgait import losses
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import LegOptions, LegParams
-from jgait.estimators.leg_inputs import LegInputs
 from jgait.evaluate import FIELDS, distance_error, trajectory_errors
+from jgait.tune import Lesson, Objective
 from jgait.types import SIDES, Estimate, as_float
 
-__all__ = ["FIELDS", "Judged", "Lesson", "judge", "leg_loss", "lesson", "with_lengths"]
+__all__ = ["FIELDS", "Judged", "judge", "leg_loss"]
 
 
 class Judged(NamedTuple):
@@ -78,57 +76,16 @@ def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, sti
     return float(np.mean(np.concatenate(inside)))
 
 
-class Lesson(NamedTuple):
-    """One walk to tune on; every leaf is an array, so lessons stack.
-
-    Attributes:
-        inputs: from `leg_ekf.prepared`.
-        reference: at the same times.
-        look: (T,) bool, where the trajectory is judged.
-        standing: (T,) bool, the stretch that errors are relative to.
-        first: first sample of the part whose distance is judged.
-        last: last sample of that part.
-        lengths: thigh right, left, shank right, left [m]; NaN-free.
-    """
-
-    inputs: LegInputs
-    reference: Estimate
-    look: Any
-    standing: Any
-    first: Any
-    last: Any
-    lengths: Any
-
-
-def lesson(
-    inputs: LegInputs, reference: Estimate, window: tuple[int, int], standing: tuple[int, int], p: LegParams
-) -> Lesson:
-    """A walk to tune on: look at `window`, relative to `standing`, with the leg lengths of `p`."""
-    lengths = np.asarray([*p.thigh_length, *p.shank_length], float)
-    bare = reference._replace(stddev=None, diagnostics={}, strides=None)
-    look, still = _within(window, bare), _within(standing, bare)
-    return Lesson(inputs, bare, look, still, np.asarray(window[0]), np.asarray(window[1] - 1), lengths)
-
-
-def with_lengths(p: LegParams, lengths: Any) -> LegParams:
-    """The parameters with a person's own leg lengths: thigh right, left, shank right, left [m]."""
-    side = leg_ekf.BySide
-    return p._replace(thigh_length=side(lengths[0], lengths[1]), shank_length=side(lengths[2], lengths[3]))
-
-
 def leg_loss(p: LegParams, item: Lesson, options: LegOptions = leg_ekf.DEFAULT) -> Any:
     """Trajectory error in squared degrees and centimetres, plus the squared percent error of the distance.
 
     Args:
-        p: parameters; the leg lengths are taken from the lesson.
+        p: parameters; leg lengths are the person's own where the lesson knows them.
         item: the walk.
         options: as of `leg_ekf.run`.
 
     Returns:
         A scalar [1].
     """
-    estimate = leg_ekf.run(with_lengths(p, item.lengths), item.inputs, options)
-    error = losses.trajectory(estimate, item.reference, window=item.look, relative_to=item.standing)
-    true = jnp.asarray(item.reference.distance)
-    walked, reference = (d[item.last] - d[item.first] for d in (estimate.distance, true))
-    return error + (100.0 * (walked / reference - 1.0)) ** 2
+    terms = (("trajectory", 1.0), ("distance", 1.0))
+    return Objective(leg_ekf.run, leg_ekf.with_body, options, terms)(p, item)

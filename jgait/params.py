@@ -130,6 +130,32 @@ def _pairs(params: Any, transforms: Any) -> tuple[list[str], list[Any], list[Tra
     return [jax.tree_util.keystr(path).lstrip(".") for path, _ in paths], values, flat, treedef
 
 
+def names(transforms: Any) -> tuple[str, ...]:
+    """Names of all parameters as `freed` takes them, such as "angle_noise" and "thigh_length.right"."""
+    paths, _ = jax.tree_util.tree_flatten_with_path(transforms, is_leaf=_is_transform)
+    return tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in paths)
+
+
+def freed[P](transforms: P, *free: str) -> P:
+    """The same transforms, everything fixed but what is named.
+
+    Args:
+        transforms: a tuple of transforms.
+        free: names as of `names`, or the beginning of some: "thigh_length" for both legs.
+
+    Raises:
+        ValueError: if there is no parameter of a name; the message lists those there are.
+    """
+    every = names(transforms)
+    wanted = {name: {one for one in every if one == name or one.startswith(f"{name}.")} for name in free}
+    unknown = [name for name, found in wanted.items() if not found]
+    if unknown:
+        raise ValueError(f"there is no parameter {unknown[0]!r}; there are {', '.join(every)}")
+    chosen = set[str]().union(*wanted.values())
+    flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
+    return jax.tree.unflatten(treedef, [t if n in chosen else fixed for n, t in zip(every, flat, strict=True)])
+
+
 def check_params(params: Any, transforms: Any) -> None:
     """Refuse concrete values outside their range, naming the parameter.
 

@@ -19,7 +19,7 @@ from jgait.datasets.registry import (
     path,
     unavailable_reason,
 )
-from jgait.datasets.walks import Failure, Walks, load_each
+from jgait.datasets.walks import Failure, Walks, body, load_each
 from jgait.types import Walk
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "Walk",
     "Walks",
     "available",
+    "body",
     "fetch",
     "file",
     "info",

@@ -1,9 +1,9 @@
 """Reading a data set walk by walk: a failure is kept with its reason, and the others are not lost."""
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from jgait.types import Walk
+from jgait.types import SIDES, Walk
 
 
 class Failure(NamedTuple):
@@ -39,3 +39,21 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
         except Exception as error:  # whatever is wrong with one file, the others are still wanted
             failures.append(Failure(name, f"{type(error).__name__}: {error}"))
     return Walks(walks, failures)
+
+
+def body(walk: Walk) -> dict[str, Any]:
+    """Body measures of the person, as far as the walk tells them, for `evaluate.cohort` and `tune.lessons`.
+
+    Args:
+        walk: with lengths in `info["lengths"]`, as those of the public sets, or with `thigh_length` and `shank_length`
+            among the diagnostics of its reference, as simulated ones.
+
+    Returns:
+        "thigh_length" and "shank_length" [m], each (right, left); what is not known is left out.
+    """
+    lengths = walk.info.get("lengths")
+    if lengths is not None:
+        names = ("thigh_length", "shank_length")
+        return {name: tuple(float(lengths[side][i]) for side in SIDES) for i, name in enumerate(names)}
+    known = {} if walk.reference is None else walk.reference.diagnostics
+    return {name: (float(known[name]),) * 2 for name in ("thigh_length", "shank_length") if name in known}

@@ -13,11 +13,13 @@ class Prepared[I](NamedTuple):
         inputs: pytree of NumPy arrays, one of them `time` (T,); recordings of one T and one structure stack.
         options: what the recording decides at compile time; recordings that share it share a program.
         notes: in words, what was decided or noticed on the way.
+        standing: half-open range of samples of quiet standing; None where none was looked for.
     """
 
     inputs: I
     options: Hashable
     notes: tuple[str, ...]
+    standing: tuple[int, int] | None = None
 
 
 class Estimator[P, I](NamedTuple):
@@ -31,7 +33,7 @@ class Estimator[P, I](NamedTuple):
         pad: (inputs, samples) → inputs with invalid samples behind, the estimate before them unchanged.
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
         own: (params, body) → parameters with a person's own measures put in; `body` maps a name as of the
-            diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left).
+            diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left); pure, arrays welcome.
     """
 
     name: str

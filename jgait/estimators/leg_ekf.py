@@ -290,8 +290,12 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation
 
 def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
     """The parameters with a person's own thigh and shank lengths [m], as far as `body` has them."""
-    known = {name: body[name] for name in ("thigh_length", "shank_length") if name in body}
-    return p._replace(**{name: BySide(*(float(v) for v in np.broadcast_to(value, 2))) for name, value in known.items()})
+
+    def both(value: Any) -> BySide:
+        right, left = value if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
+        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in (right, left)))
+
+    return p._replace(**{name: both(body[name]) for name in ("thigh_length", "shank_length") if name in body})
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
@@ -300,7 +304,7 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
     def ready(recording: Recording) -> Prepared[LegInputs]:
         preparation = prepared(recording, options)
         gravity = options.gravity and has_gravity(preparation.inputs)
-        return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes)
+        return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes, preparation.standing)
 
     return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body)
 

@@ -5,6 +5,8 @@ from jgait.tune.fit import Fit, Starts, fit
 from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
 from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
+from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
+from jgait.tune.objective import TERMS, Objective, objective
 from jgait.tune.profile import Profile, profile
 from jgait.tune.words import Direction
 
@@ -12,18 +14,26 @@ __all__ = [
     "FORWARD_UP_TO",
     "GRADIENTS",
     "INFORMATION",
+    "TERMS",
     "CrossValidation",
     "Direction",
     "Fit",
     "Identifiability",
+    "Lesson",
+    "Lessons",
+    "Objective",
     "Profile",
     "Progress",
     "Report",
     "Starts",
+    "Windows",
     "check_split",
     "cross_validate",
     "fit",
     "identifiability",
+    "lessons",
+    "named_windows",
+    "objective",
     "profile",
     "value_and_grad",
 ]

@@ -1,0 +1,279 @@
+"""From walks to what `tune.fit` takes: prepared, with the reference at the same times, of one length, stacked."""
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.estimators.interface import Estimator, Prepared
+from jgait.types import Estimate, Legs, LegTrajectory, RecordingError, Strides, Walk, as_float
+
+
+class Windows(NamedTuple):
+    """Where a walk is looked at, in samples of the prepared inputs, half-open.
+
+    Attributes:
+        look: what counts; None for all of it.
+        standing: quiet standing, which trajectories are relative to; None for none: they are absolute then.
+    """
+
+    look: tuple[int, int] | None = None
+    standing: tuple[int, int] | None = None
+
+
+class Lesson(NamedTuple):
+    """A walk to learn from; every leaf is an array, so lessons stack and map.
+
+    Attributes:
+        inputs: of the estimator.
+        reference: at the times of the inputs; None where there is none.
+        look: (T,) bool, where the walk is judged.
+        standing: (T,) bool, the stretch that trajectories are relative to; nowhere True where there is none.
+        first: first sample of the part whose distance is judged.
+        last: last sample of that part.
+        own: the person's own measures, for `Estimator.own`; empty where there are none.
+    """
+
+    inputs: Any
+    reference: Any
+    look: Any
+    standing: Any
+    first: Any
+    last: Any
+    own: dict[str, Any]
+
+
+class Lessons(NamedTuple):
+    """What came of walks.
+
+    Attributes:
+        data: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
+        options: of the estimator, the same for all.
+        subjects: (n,) who walked.
+        names: (n,) of the recordings.
+        failures: (name, reason) of every walk that could not be used.
+    """
+
+    data: Lesson
+    options: Any
+    subjects: tuple[str, ...]
+    names: tuple[str, ...]
+    failures: tuple[tuple[str, str], ...]
+
+    def one(self, number: int) -> Lesson:
+        """A single lesson."""
+        return jax.tree.map(lambda leaf: leaf[number], self.data)
+
+
+def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prepared], Windows]:
+    """Windows by their names in `walk.info["windows"]`, there in samples of the walk's reference.
+
+    Where a walk has none for standing, the standing that the estimator found.
+    """
+
+    def windows(walk: Walk, prepared: Prepared) -> Windows:
+        known = walk.info.get("windows") or {}
+        if look not in known or walk.reference is None:
+            raise RecordingError(f"the walk has no window {look!r}; it has {', '.join(known) or 'none'}")
+        steps = (float(np.median(np.diff(as_float(time)))) for time in (prepared.inputs.time, walk.reference.time))
+        every = round(next(steps) / next(steps))
+        spans = {name: (start // every, end // every) for name, (start, end) in known.items()}
+        return Windows(spans[look], spans.get(standing, prepared.standing))
+
+    return windows
+
+
+class _Item(NamedTuple):
+    """A lesson of its own length, and what decides whether it stacks with others."""
+
+    name: str
+    subject: str
+    options: Hashable
+    lesson: Lesson
+
+
+def resampled(estimate: Estimate, time: Any) -> Estimate:
+    """An estimate at other times, linear between its samples.
+
+    Args:
+        estimate: of any source.
+        time: (T,) [s].
+
+    Returns:
+        Angles, path and distance at `time`; valid where it lies between valid samples. Of the diagnostics only single
+        numbers remain; strides stay as they are.
+    """
+    theirs, ours = as_float(estimate.time), as_float(time)
+    # Clocks that agree but for rounding share their ends.
+    inside = np.clip(ours, theirs[0], theirs[-1])
+    at = np.where(np.abs(ours - inside) < 1e-6, inside, ours)
+    valid = np.interp(at, theirs, as_float(estimate.valid), left=0.0, right=0.0) > 1.0 - 1e-6
+
+    def here(values: Any) -> np.ndarray:
+        return np.interp(at, theirs, as_float(values))
+
+    legs = Legs(*(None if leg is None else LegTrajectory(*(here(field) for field in leg)) for leg in estimate.legs))
+    numbers = {name: as_float(v) for name, v in estimate.diagnostics.items() if _is_number(v)}
+    way = None if estimate.distance is None else here(estimate.distance)
+    return Estimate(ours, legs, None, way, valid, numbers, estimate.strides)
+
+
+def _is_number(value: Any) -> bool:
+    return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
+
+
+def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.ndarray:
+    index = np.arange(samples)
+    return np.full(samples, otherwise) if span is None else (index >= span[0]) & (index < span[1])
+
+
+def _item(
+    estimator: Estimator,
+    walk: Walk,
+    own: Callable[[Walk], dict[str, Any]] | None,
+    windows: Callable[[Walk, Prepared], Windows] | None,
+    reference: bool,
+) -> _Item:
+    """A lesson of one walk.
+
+    Raises:
+        RecordingError: if the walk cannot be used.
+    """
+    if reference and walk.reference is None:
+        raise RecordingError("there is no reference to learn from")
+    made = estimator.prepare(walk.recording)
+    where = Windows(None, made.standing) if windows is None else windows(walk, made)
+    truth = resampled(walk.reference, made.inputs.time) if reference and walk.reference is not None else None
+    samples = np.shape(made.inputs.time)[0]
+    look = _mask(where.look, samples, True)
+    judged = np.flatnonzero(look if truth is None else look & truth.valid)
+    if not judged.size:
+        raise RecordingError("the reference says nothing where the walk is looked at")
+    body = {} if own is None else {name: as_float(value) for name, value in own(walk).items()}
+    standing = _mask(where.standing, samples, False)
+    first, last = np.asarray(judged[0]), np.asarray(judged[-1])
+    lesson = Lesson(made.inputs, truth, look, standing, first, last, body)
+    return _Item(walk.recording.name, walk.recording.subject, made.options, lesson)
+
+
+def _without_counts(lesson: Lesson) -> Lesson:
+    """The lesson without what may differ between walks that stack."""
+    if lesson.reference is None:
+        return lesson
+    return lesson._replace(reference=lesson.reference._replace(diagnostics={}, strides=None))
+
+
+def _kind(item: _Item) -> Hashable:
+    """What can be stacked has the same."""
+    leaves, structure = jax.tree.flatten(_without_counts(item.lesson))
+    body = tuple(np.shape(leaf) for leaf in jax.tree.leaves(item.lesson.own))
+    return item.options, structure, tuple(np.ndim(leaf) for leaf in leaves), body
+
+
+def _odd(item: _Item, usual: _Item) -> str:
+    """Why a walk does not go with the others."""
+    mine, theirs = item.options, usual.options
+    if mine != theirs:
+        fields = getattr(mine, "_fields", ()) if type(mine) is type(theirs) else ()
+        differ = [(n, getattr(mine, n), getattr(theirs, n)) for n in fields if getattr(mine, n) != getattr(theirs, n)]
+        told = "; ".join(f"{name} is {a} here, {b} there" for name, a, b in differ) or f"{mine} here, {theirs} there"
+        return f"it would need another program than most of the walks ({told})"
+
+    def parts(one: _Item) -> set[str]:
+        paths, _ = jax.tree_util.tree_flatten_with_path(_without_counts(one.lesson))
+        return {jax.tree_util.keystr(path[:3]).lstrip(".") for path, _ in paths}
+
+    lacks, more = sorted(parts(usual) - parts(item)), sorted(parts(item) - parts(usual))
+    told = "; ".join(
+        f"{verb} {', '.join(names)}" for verb, names in (("it lacks", lacks), ("it alone has", more)) if names
+    )
+    return f"it cannot be stacked with most of the walks ({told or 'shapes differ'})"
+
+
+def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: int | None, known: set[str]) -> Lesson:
+    """A lesson with invalid samples behind it, rows that are no strides, and the diagnostics that all have."""
+    more = samples - lesson.look.size
+    inputs = estimator.pad(lesson.inputs, samples)
+    truth = lesson.reference
+    if truth is not None:
+        rows = None if strides is None else _strides(truth.strides, strides)
+        numbers = {name: truth.diagnostics[name] for name in sorted(known)}
+        bare = truth._replace(time=None, valid=None, diagnostics=None, strides=None)
+        longer = jax.tree.map(lambda values: np.pad(values, (0, more), mode="edge"), bare)
+        truth = longer._replace(
+            time=as_float(inputs.time), valid=np.pad(truth.valid, (0, more)), diagnostics=numbers, strides=rows
+        )
+    look, standing = (np.pad(mask, (0, more)) for mask in (lesson.look, lesson.standing))
+    return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
+
+
+def _strides(strides: Strides | None, count: int) -> Strides:
+    """Strides with rows that are none behind them."""
+    if strides is None:
+        none = np.zeros(0)
+        strides = Strides(none.astype(int), none, none, none, none, none, none, none.astype(bool))
+    return Strides(*(np.pad(np.asarray(column), (0, count - np.size(column))) for column in strides))
+
+
+def lessons(
+    estimator: Estimator,
+    walks: Iterable[Walk],
+    *,
+    own: Callable[[Walk], dict[str, Any]] | None = None,
+    windows: Callable[[Walk, Prepared], Windows] | None = None,
+    reference: bool = True,
+    samples: int | None = None,
+) -> Lessons:
+    """Prepare walks to be learned from; one that cannot be used costs no other.
+
+    What does not stack with most of the walks (another leg, no accelerometer, a reference without angles) is a failure
+    too: those are lessons of another fit.
+
+    Args:
+        estimator: from `jgait.estimators`.
+        walks: taken one by one.
+        own: walk → body measures of the person, put into the parameters by `Estimator.own` wherever they are used,
+            whatever is being fitted; None for none.
+        windows: (walk, prepared) → `Windows`; None looks at all of a walk, relative to the standing that was found.
+        reference: whether a reference is needed; without, none is kept, for losses that need none.
+        samples: length that all are padded to; None for that of the longest.
+
+    Returns:
+        The lessons, stacked; strides of the reference padded to the most that one has, and of its diagnostics the
+        single numbers that all have.
+
+    Raises:
+        ValueError: if no walk can be used; the message says why.
+    """
+    items: list[_Item] = []
+    failures: list[tuple[str, str]] = []
+    for walk in walks:
+        try:
+            item = _item(estimator, walk, own, windows, reference)
+            have = item.lesson.look.size
+            if samples is not None and have > samples:
+                raise RecordingError(f"it has {have} samples, more than the {samples} asked for")
+            items.append(item)
+        except ImportError:
+            raise
+        except Exception as error:  # whatever is wrong with one walk, the others are still wanted
+            failures.append((walk.recording.name, " ".join(f"{type(error).__name__}: {error}".split())))
+    if not items:
+        told = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"
+        raise ValueError(f"no walk to learn from: {told}")
+    kinds = [_kind(item) for item in items]
+    usual = kinds.index(Counter(kinds).most_common(1)[0][0])
+    kept = [item for item, kind in zip(items, kinds, strict=True) if kind == kinds[usual]]
+    failures += [
+        (item.name, _odd(item, items[usual])) for item, kind in zip(items, kinds, strict=True) if kind != kinds[usual]
+    ]
+    longest = samples or max(item.lesson.look.size for item in kept)
+    truths = [item.lesson.reference for item in kept if item.lesson.reference is not None]
+    rows = [np.size(truth.strides.valid) for truth in truths if truth.strides is not None]
+    known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
+    padded = [_padded(estimator, item.lesson, longest, max(rows, default=None), known) for item in kept]
+    data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
+    names, subjects = (tuple(getattr(item, field) for item in kept) for field in ("name", "subject"))
+    return Lessons(data, kept[0].options, subjects, names, tuple(failures))

@@ -1,0 +1,109 @@
+"""What is minimised over lessons: terms of one estimate, weighted and summed."""
+
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait import losses
+from jgait.estimators.interface import Estimator
+from jgait.tune.lessons import Lesson
+from jgait.types import Estimate
+
+Term = Callable[[Estimate, Lesson], Any]
+"""(estimate, lesson) → scalar; pure JAX."""
+
+
+def _percent(estimate: Estimate, lesson: Lesson) -> Any:
+    """Signed error of the distance walked over the judged part [%]."""
+    if estimate.distance is None or lesson.reference is None or lesson.reference.distance is None:
+        raise ValueError("a distance error needs a distance of the estimator and of the reference")
+    ours, theirs = (jnp.asarray(one.distance) for one in (estimate, lesson.reference))
+    walked, true = (way[lesson.last] - way[lesson.first] for way in (ours, theirs))
+    return 100.0 * (walked / true - 1.0)
+
+
+def distance(estimate: Estimate, lesson: Lesson) -> Any:
+    """Squared error of the distance walked between the first and the last judged sample [%²]."""
+    return _percent(estimate, lesson) ** 2
+
+
+def distance_percent(estimate: Estimate, lesson: Lesson) -> Any:
+    """Size of the error of the distance walked [%], to judge by."""
+    return jnp.abs(_percent(estimate, lesson))
+
+
+def trajectory(estimate: Estimate, lesson: Lesson) -> Any:
+    """Squared error of angles and foot path where the lesson looks, relative to standing; see `losses.trajectory`."""
+    if lesson.reference is None:
+        raise ValueError("a trajectory error needs a reference")
+    return losses.trajectory(estimate, lesson.reference, window=lesson.look, relative_to=lesson.standing)
+
+
+def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Any:
+    """Root mean square error over hip and knee [°] and foot path [cm], one counted as the other, to judge by."""
+    return jnp.sqrt(trajectory(estimate, lesson) / len(losses.TrajectoryWeights._fields))
+
+
+def likelihood(estimate: Estimate, lesson: Lesson) -> Any:
+    """Negative log-likelihood of all that was measured, summed over the legs [nat]; needs no reference."""
+    del lesson
+    found = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
+    if not found:
+        raise ValueError(f"the estimator tells no log-likelihood; its diagnostics are {sorted(estimate.diagnostics)}")
+    return -jax.tree.reduce(jnp.add, [jnp.sum(value) for value in found])
+
+
+TERMS: dict[str, Term] = {
+    "distance": distance,
+    "distance_percent": distance_percent,
+    "likelihood": likelihood,
+    "trajectory": trajectory,
+    "trajectory_rms": trajectory_rms,
+}
+"""Terms by name."""
+
+
+class Objective(NamedTuple):
+    """(params, lesson) → scalar, for `tune.fit`, `tune.cross_validate` and `tune.identifiability`.
+
+    Two of the same fields are equal and share compiled programs.
+
+    Attributes:
+        run: of the estimator.
+        own: of the estimator.
+        options: of the estimator.
+        terms: (name or function, weight) of each term.
+    """
+
+    run: Callable[..., Estimate]
+    own: Callable[..., Any]
+    options: Hashable
+    terms: tuple[tuple[str | Term, float], ...]
+
+    def __call__(self, params: Any, lesson: Lesson) -> Any:
+        """The weighted sum of the terms, the person's own measures in the parameters."""
+        estimate = self.run(self.own(params, lesson.own), lesson.inputs, self.options)
+        parts = [
+            weight * (TERMS[term] if isinstance(term, str) else term)(estimate, lesson) for term, weight in self.terms
+        ]
+        return jax.tree.reduce(jnp.add, parts)
+
+
+def objective(estimator: Estimator, options: Any, terms: str | Mapping[str | Term, float]) -> Objective:
+    """A loss over lessons.
+
+    Args:
+        estimator: from `jgait.estimators`.
+        options: of the lessons.
+        terms: name of one (see `TERMS`), or name or `Term` → weight.
+
+    Raises:
+        ValueError: if a name is not known, or there is no term.
+    """
+    weights: dict[Any, float] = {terms: 1.0} if isinstance(terms, str) else dict(terms)
+    unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
+    if unknown or not weights:
+        raise ValueError(f"terms must be among {', '.join(TERMS)}, or functions; got {unknown or 'none'}")
+    return Objective(estimator.run, estimator.own, options, tuple((n, float(w)) for n, w in weights.items()))
