@@ -36,12 +36,23 @@ def _slack(person: Person) -> Slack:
 
 
 def check_person(person: Person) -> None:
-    """Refuse a person who cannot walk as asked.
+    """Refuse a person who cannot walk as asked, on level ground and with even steps.
 
     Raises:
         TypeError: if a field is not a number.
         ValueError: if a field lies outside its range, the times of a stride contradict each other, or the legs are
             too short for the stride; the message names the limit.
+    """
+    check_values(person)
+    check_slack(person, _slack(jax.tree.map(float, person)), "on level ground")
+
+
+def check_values(person: Person) -> None:
+    """Refuse values that no walk can have; whether the legs suffice depends on the way, see `check_slack`.
+
+    Raises:
+        TypeError: if a field is not a number.
+        ValueError: if a field lies outside its range, or the times of a stride contradict each other.
     """
     if not (isinstance(person, Person) and isinstance(person.body, Body) and isinstance(person.gait, Gait)):
         raise TypeError(f"a person is Person(body=Body(…), gait=Gait(…)); got {person!r}")
@@ -61,7 +72,6 @@ def check_person(person: Person) -> None:
             "a foot lies flat, lifts its heel and leaves in this order: Gait.foot_flat < heel_off < stance_fraction − "
             f"0.05; got {float(gait.foot_flat):g}, {float(gait.heel_off):g}, {float(gait.stance_fraction):g}"
         )
-    check_slack(person, _slack(jax.tree.map(float, person)), "on level ground")
 
 
 def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, kept, segment_of, subtract
 from jgait.sensors import IDEAL, Clock, ImuErrors, measure, true_times
-from jgait.simulate.check import check_person, check_sensors, check_slack
+from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
@@ -264,7 +264,7 @@ def recording(
             is not known; the message names the limit.
     """
     person = Person() if person is None else person
-    check_person(person)
+    check_values(person)
     check_sensors(errors, rate, placements)
     steps = round(float(person.gait.steps))
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
