@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from jgait.params import Transform, check_params, constrain, unconstrain
+from jgait.params import Transform, check_params, constrain
+from jgait.tune.checks import is_transform, start, transforms_of
 
 
 class Coordinates(NamedTuple):
@@ -27,14 +28,6 @@ class Coordinates(NamedTuple):
     vector: Any
 
 
-def _is_transform(node: Any) -> bool:
-    return isinstance(node, Transform)
-
-
-def _strong(leaf: Any) -> Any:
-    return jnp.asarray(leaf, leaf.dtype if jnp.issubdtype(leaf.dtype, jnp.floating) else jnp.result_type(float))
-
-
 def coordinates(params: Any, transforms: Any) -> Coordinates:
     """Name and line up what is free.
 
@@ -50,15 +43,13 @@ def coordinates(params: Any, transforms: Any) -> Coordinates:
         ValueError: if a value is outside its range, everything is fixed, or a parameter is each subject's own.
     """
     check_params(params, transforms)
-    if any(getattr(t, "own", False) for t in jax.tree.leaves(transforms, is_leaf=_is_transform)):
+    if any(t.own for t in transforms_of(transforms)):
         raise ValueError("parameters per subject: give the parameters and the items of one subject, and fix the shared")
-    tree = jax.tree.map(_strong, unconstrain(params, transforms))
+    tree = start(params, transforms)
     leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
-    if not any(leaf.size for _, leaf in leaves):
-        raise ValueError("every parameter is fixed: free at least one of them by its transform")
     by_path = {
         jax.tree_util.keystr(path): transform
-        for path, transform in jax.tree_util.tree_flatten_with_path(transforms, is_leaf=_is_transform)[0]
+        for path, transform in jax.tree_util.tree_flatten_with_path(transforms, is_leaf=is_transform)[0]
     }
     names: list[str] = []
     each: list[Transform] = []
@@ -89,39 +80,3 @@ def natural_numbers(at: Coordinates, vector: Any) -> tuple[np.ndarray, np.ndarra
         part = vector[np.flatnonzero(assigned)]
         values[assigned], slopes[assigned] = jax.jvp(to_natural, (part,), (jnp.ones_like(part),))
     return values, slopes
-
-
-def check_items(data: Any, batched: bool) -> tuple[Any, int]:
-    """Data with a leading axis of items, and how many there are.
-
-    Raises:
-        TypeError: if a leaf is no array or number.
-        ValueError: if there is no data, or its leaves differ in the number of items.
-    """
-    flat, _ = jax.tree_util.tree_flatten_with_path(data)
-    for path, leaf in flat:
-        if not hasattr(leaf, "dtype") and not isinstance(leaf, int | float):
-            name = "data" + jax.tree_util.keystr(path)
-            raise TypeError(f"{name} must be an array or a number; got {type(leaf).__name__}")
-    data = jax.tree.map(lambda leaf: jnp.asarray(leaf) if batched else jnp.asarray(leaf)[None], data)
-    shapes = {"data" + jax.tree_util.keystr(path): np.shape(leaf) for path, leaf in flat}
-    lengths = {leaf.shape[0] if leaf.ndim else 0 for leaf in jax.tree.leaves(data)}
-    if len(lengths) != 1 or 0 in lengths:
-        listed = ", ".join(f"{name}: {shape}" for name, shape in shapes.items()) or "nothing"
-        raise ValueError(
-            f"every leaf of data needs the same leading axis of items (batched=False for one item); got {listed}"
-        )
-    return data, lengths.pop()
-
-
-def check_loss(loss: Callable[..., Any], params: Any, data: Any) -> None:
-    """Refuse a loss that gives anything but one float for one item.
-
-    Raises:
-        ValueError: if it does.
-    """
-    out = jax.eval_shape(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
-    leaves = jax.tree.leaves(out)
-    if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):
-        got = ", ".join(f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves) or repr(out)
-        raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")

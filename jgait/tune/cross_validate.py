@@ -14,24 +14,12 @@ import optax
 from jgait.filtering.compile import wide_vectors
 from jgait.params import constrain
 from jgait.tune import checkpoint
+from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Carry, Settings
-from jgait.tune.fit import check_settings, name_of, optimizer_mark, scattered
+from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
-from jgait.tune.problem import (
-    Context,
-    Items,
-    Problem,
-    check_data,
-    check_loss,
-    check_priors,
-    numbered,
-    of_subject,
-    place,
-    spread_out,
-    start,
-    transforms_of,
-)
+from jgait.tune.problem import Context, Items, Problem, of_subject, place
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,9 +154,7 @@ def cross_validate[P](
     Raises:
         TypeError, ValueError: as `tune.fit`; or if the split leaks a subject, or one recording stands under two names.
     """
-    check_data(data, True)
-    data = jax.tree.map(np.asarray, data)
-    n = jax.tree.leaves(data)[0].shape[0]
+    data, n = check_data(data, True)
     labels, number = numbered(subjects, n)
     named = [labels[i] for i in number]
     fold_of = _folds(named, folds, key)
@@ -183,7 +169,7 @@ def cross_validate[P](
         raise ValueError(f"on {mesh.size} devices the number of items must be a multiple of it; got {n}")
     params = spread_out(params, transforms, len(labels))
     problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
-    free, dtype = start(params, transforms), check_loss(problem, params, items)
+    free, dtype = start(params, transforms), loss_type(problem, params, items)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([[of != fold for of in fold_of] for fold in kinds])
     optimizer = optax.with_extra_args_support(optimizer)

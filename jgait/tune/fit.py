@@ -13,21 +13,18 @@ from jax.sharding import Mesh
 
 from jgait.params import constrain
 from jgait.tune import checkpoint
-from jgait.tune.descent import Settings
-from jgait.tune.gradient import check_mode
-from jgait.tune.lanes import Lanes, Report, descend
-from jgait.tune.problem import (
-    Context,
-    Items,
-    Problem,
+from jgait.tune.checks import (
     check_data,
     check_loss,
     check_priors,
     numbered,
-    place,
     spread_out,
     start,
 )
+from jgait.tune.descent import Settings
+from jgait.tune.gradient import check_mode
+from jgait.tune.lanes import Lanes, Report, descend
+from jgait.tune.problem import Context, Items, Problem, of_subject, place
 
 
 class Starts[P](NamedTuple):
@@ -151,6 +148,12 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
     return items, weights
 
 
+def loss_type(problem: Problem, params: Any, items: Items) -> Any:
+    """The type of the loss of one item, by its own subject's parameters; refusals as of `check_loss`."""
+    data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
+    return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
+
+
 def fit[P](
     loss: Callable[[P, Any], Any],
     params: P,
@@ -217,17 +220,15 @@ def fit[P](
         ValueError: if there is nothing to fit or nothing to fit to, a starting value is outside its range, the loss
             is not a scalar, it is finite for no item at the start, or the checkpoint is of another fit.
     """
-    check_data(data, batched)
-    data = data if batched else jax.tree.map(lambda leaf: np.asarray(leaf)[None], data)
-    n = np.shape(jax.tree.leaves(data)[0])[0]
+    data, n = check_data(data, batched)
     labels, number = numbered(subjects, n)
     check_mode(gradient)
     check_priors(priors, transforms)
     params = spread_out(params, transforms, len(labels))
     free = start(params, transforms)
     problem = Problem(loss, transforms, priors, gradient, mesh)
-    items = Items(jax.tree.map(np.asarray, data), number)
-    dtype = check_loss(problem, params, items)
+    items = Items(data, number)
+    dtype = loss_type(problem, params, items)
     learn, judge, numbers = _split(items, validation, n)
     check_settings(steps, chunk, starts, key, minibatch, numbers.size)
     learn, weights = _filled(learn, mesh)

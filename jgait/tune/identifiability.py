@@ -13,7 +13,8 @@ import jax
 import numpy as np
 
 from jgait.params import Transform
-from jgait.tune.coordinates import Coordinates, check_items, check_loss, coordinates, natural_numbers
+from jgait.tune.checks import check_data, check_loss
+from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
 from jgait.tune.curvature import Curvature, program
 from jgait.tune.words import Direction, direction, sentences
 
@@ -259,8 +260,8 @@ def identifiability(
     if not (0.0 < level < 1.0 and 0.0 < limit < math.inf):
         raise ValueError(f"level must lie in (0, 1) and limit be positive; got level={level}, limit={limit}")
     at = coordinates(params, transforms)
-    data, count = check_items(data, batched)
-    check_loss(loss, params, data)
+    data, count = check_data(data, batched)
+    check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
     run = program(loss, *_beside(transforms, priors), gradient, information != "scores")
     found = run(at.tree, params, data)
     total = float(np.sum(np.asarray(found.losses, float))) + float(found.prior[0])

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jgait.params import Prior, Transform, check_params, constrain, unconstrain
+from jgait.params import Prior, Transform, constrain
+from jgait.tune.checks import over_transforms
 from jgait.tune.gradient import value_and_grad
 
 
@@ -64,23 +65,6 @@ class Context(NamedTuple):
     key: Any
 
 
-def _is_transform(node: Any) -> bool:
-    return isinstance(node, Transform)
-
-
-def transforms_of(transforms: Any) -> list[Transform]:
-    """The transforms in the order of the parameters."""
-    return jax.tree.leaves(transforms, is_leaf=_is_transform)
-
-
-def over_transforms(function: Callable[..., Any], transforms: Any, *trees: Any) -> Any:
-    """Map over parameters with the transform of each; a subtree is whatever stands where the transform does."""
-    treedef: Any
-    flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
-    columns = [treedef.flatten_up_to(tree) for tree in trees]
-    return jax.tree.unflatten(treedef, [function(t, *values) for t, *values in zip(flat, *columns, strict=True)])
-
-
 def of_subject(tree: Any, transforms: Any, subject: Any) -> Any:
     """Parameters, or free coordinates, as they are for one subject."""
 
@@ -88,122 +72,6 @@ def of_subject(tree: Any, transforms: Any, subject: Any) -> Any:
         return jnp.asarray(value)[subject] if transform.own and value is not None else value
 
     return over_transforms(pick, transforms, tree)
-
-
-def check_data(data: Any, batched: bool) -> None:
-    """Refuse data that is no pytree of arrays with one leading length.
-
-    Raises:
-        TypeError: for anything but numbers.
-        ValueError: if it is empty, or the lengths differ.
-    """
-    flat, _ = jax.tree_util.tree_flatten_with_path(data)
-    if not flat:
-        raise ValueError("data is empty: fit needs at least one array to compare with")
-    lengths: dict[str, int] = {}
-    for path, leaf in flat:
-        name = "data" + jax.tree_util.keystr(path)
-        if isinstance(leaf, str | bytes) or (not hasattr(leaf, "dtype") and not isinstance(leaf, int | float)):
-            raise TypeError(f"{name} must be an array or a number; got {type(leaf).__name__}")
-        if batched and np.ndim(leaf) == 0:
-            raise ValueError(
-                f"{name} is a single number; every leaf needs a leading axis of items (batched=False for one item)"
-            )
-        if batched:
-            lengths[name] = np.shape(leaf)[0]
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
-        raise ValueError(f"every leaf of data needs the same number of items; got {listed}")
-    if batched and next(iter(lengths.values())) == 0:
-        raise ValueError("data is empty: its leading axis has no items")
-
-
-def numbered(subjects: Any, n: int) -> tuple[tuple[Any, ...], np.ndarray]:
-    """Subjects in the order in which they appear, and the number of each item's (n,); None: one subject.
-
-    Raises:
-        ValueError: if there is not one for each item.
-    """
-    if subjects is None:
-        return (), np.zeros(n, np.int32)
-    listed = list(np.asarray(subjects).tolist())
-    if len(listed) != n:
-        raise ValueError(f"subjects needs one label for each of the {n} items; got {len(listed)}")
-    order = {label: number for number, label in enumerate(dict.fromkeys(listed))}
-    return tuple(order), np.asarray([order[label] for label in listed], np.int32)
-
-
-def spread_out(params: Any, transforms: Any, subjects: int) -> Any:
-    """Give a value for each subject to every parameter that is each subject's own.
-
-    Raises:
-        TypeError, ValueError: see `check_params`; or if there are own parameters and no subjects, or the values given
-            are not one for each.
-    """
-    check_params(params, transforms)
-
-    def widen(transform: Transform, value: Any) -> Any:
-        if not transform.own:
-            return value
-        if subjects == 0:
-            raise ValueError("parameters per subject need subjects=…, a label for each item")
-        have = np.shape(value)
-        if have and have[0] != subjects:
-            raise ValueError(f"a parameter per subject needs one value, or one for each of {subjects}; got {have[0]}")
-        return value if have else np.full(subjects, value)
-
-    return over_transforms(widen, transforms, params)
-
-
-def check_priors(priors: Any, transforms: Any) -> None:
-    """Refuse priors that do not stand beside the parameters.
-
-    Raises:
-        TypeError: if the structures differ, or one is no `Prior`.
-    """
-    if priors is None:
-        return
-
-    def check(_: Transform, prior: Any) -> None:
-        if prior is not None and not isinstance(prior, Prior):
-            raise TypeError(f"priors must hold a jgait.params.Prior or None for every parameter; got {prior!r}")
-
-    try:
-        over_transforms(check, transforms, priors)
-    except ValueError as error:
-        raise TypeError(f"priors and transforms must have the same structure: {error}") from error
-
-
-def start(params: Any, transforms: Any) -> Any:
-    """Free coordinates as arrays of one fixed type each, as a scan's carry must have.
-
-    Raises:
-        ValueError: if every parameter is fixed.
-    """
-
-    def strong(leaf: Any) -> Any:
-        kind = leaf.dtype if jnp.issubdtype(leaf.dtype, jnp.floating) else jnp.result_type(float)
-        return jnp.asarray(leaf, kind)
-
-    free = jax.tree.map(strong, unconstrain(params, transforms))
-    if not jax.tree.leaves(free):
-        raise ValueError("every parameter is fixed: free at least one of them by its transform")
-    return free
-
-
-def check_loss(problem: Problem, params: Any, items: Items) -> Any:
-    """The loss's type, for an item of these.
-
-    Raises:
-        ValueError: if the loss does not give one floating-point number.
-    """
-    data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
-    out = jax.eval_shape(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
-    leaves = jax.tree.leaves(out)
-    if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):
-        got = ", ".join(f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves) or repr(out)
-        raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")
-    return leaves[0].dtype
 
 
 def _one(problem: Problem, free: Any, params: Any, item: Any) -> Any:

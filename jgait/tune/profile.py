@@ -11,7 +11,8 @@ import numpy as np
 import optax
 
 from jgait.params import Transform
-from jgait.tune.coordinates import Coordinates, check_items, check_loss, coordinates, natural
+from jgait.tune.checks import check_data, check_loss
+from jgait.tune.coordinates import Coordinates, coordinates, natural
 from jgait.tune.gradient import value_and_grad
 
 
@@ -259,8 +260,8 @@ def profile(
         raise ValueError(f"steps must be at least 1; got {steps}")
     at = coordinates(params, transforms)
     place, held = _values(at, name, values)
-    data, count = check_items(data, batched)
-    check_loss(loss, params, data)
+    data, count = check_data(data, batched)
+    check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
     run = _runner(loss, transforms, at, place, optax.with_extra_args_support(optimizer), steps, gradient)
     free = jnp.asarray(_free(at.transforms[place], held), at.vector.dtype)
     vectors, means, slopes = jax.jit(run)(at.vector, free, params, data)

@@ -59,8 +59,8 @@ def unknown(name: str, transform: Transform, stderr: float, low: float, high: fl
     if is_interval(transform):
         return said + f"its {100 * level:g} % interval is {low:.3g} to {high:.3g} of {transform.name}"
     if is_positive(transform):
-        factor = f"{math.exp(stderr):.3g}" if stderr < 14.0 else f"10^{stderr / math.log(10.0):.0f}"
-        return said + f"its standard error is a factor of {factor}"
+        factor = f"a factor of {math.exp(stderr):.3g}" if stderr < 14.0 else "more than a factor of a million"
+        return said + f"its standard error is {factor}"
     return said + f"its standard error is {stderr:.3g}"
 
 

@@ -225,7 +225,7 @@ class Other(NamedTuple):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"data": ()}, ValueError, "data is empty: fit needs at least one array"),
+        ({"data": ()}, ValueError, "data is empty: there must be at least one array"),
         ({"data": jnp.zeros((0, 3))}, ValueError, "data is empty: its leading axis has no items"),
         (
             {"data": {"a": jnp.ones((2, 3)), "b": jnp.ones(3)}},
