@@ -7,9 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from common import Row, show
-try:
-    from leg_ekf import held_out, person
-except ImportError: pass
+from leg_ekf import held_out, person
 
 from jgait import datasets, evaluate, params, tune
 from jgait.estimators import leg_distance, leg_ekf
