@@ -20,7 +20,7 @@ import jgait
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-HEAVY = ("matplotlib", "pandas", "pooch", "python_calamine", "rich", "scipy", "typer")
+HEAVY = ("dask", "distributed", "matplotlib", "pandas", "pooch", "python_calamine", "rich", "scipy", "typer")
 
 
 def tracked() -> list[Path]:
@@ -55,7 +55,7 @@ settings, environment, filters = dict(jax.config.values), dict(os.environ), list
 import jgait
 first = [name for name in {HEAVY} if name in sys.modules]
 for module in pkgutil.walk_packages(jgait.__path__, "jgait."):
-    if module.name not in ("jgait.cli", "jgait.demo"):
+    if not module.name.startswith(("jgait.cli", "jgait.commands.", "jgait.demo")):
         __import__(module.name)
 then = [name for name in {HEAVY} if name in sys.modules]
 changed = [name for name, value in jax.config.values.items() if settings.get(name, value) != value]

@@ -41,8 +41,19 @@ class DistanceError(NamedTuple):
     rmse: float
 
 
-def _common(estimate: Estimate, reference: Estimate) -> np.ndarray:
-    """Which samples of the reference are valid and lie between valid samples of the estimate."""
+def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
+    """Which samples of the reference are valid and lie between valid samples of the estimate.
+
+    Args:
+        estimate: at its own times.
+        reference: (T,) times.
+
+    Returns:
+        (T,) bool, True somewhere.
+
+    Raises:
+        ValueError: if a time does not increase, or they share none that is valid.
+    """
     ours, theirs = as_float(estimate.time), as_float(reference.time)
     valid = np.asarray(estimate.valid, bool)
     for name, time in (("estimate", ours), ("reference", theirs)):
@@ -98,7 +109,7 @@ def trajectory_errors(
     """
     import pandas as pd
 
-    common = _common(estimate, reference)
+    common = common_samples(estimate, reference)
     look = common & _samples(reference, window, "window")
     still = None if relative_to is None else common & _samples(reference, relative_to, "relative_to")
     for name, mask in (("window", look), ("relative_to", still)):
@@ -135,7 +146,7 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
     for name, one in (("estimate", estimate), ("reference", reference)):
         if one.distance is None:
             raise ValueError(f"the {name} has no distance to compare")
-    common = _common(estimate, reference) & _samples(reference, window, "window")
+    common = common_samples(estimate, reference) & _samples(reference, window, "window")
     if not common.any():
         raise ValueError("window holds no sample where estimate and reference are both valid")
     theirs = as_float(reference.distance)[common]

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.evaluate.errors import FIELDS, _common
+from jgait.evaluate.errors import FIELDS, common_samples
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
 STRIDE_QUANTITIES: dict[str, Callable[[Strides], np.ndarray]] = {
@@ -30,6 +30,9 @@ class Scores(NamedTuple):
 
 
 NAN = float("nan")
+
+AS_FAR = 0.1
+"""By how much the way over a stride may differ from the stride, for one to be told by the other [1]."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
@@ -57,7 +60,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     quantities: dict[str, tuple[float, float]] = {}
     strides: dict[str, Any] = {}
     if reference is not None:
-        common = _common(estimate, reference)
+        common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         strides = stride_rows(estimate, reference)
     elif estimate.distance is not None:
@@ -111,7 +114,10 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     Where the estimate has strides, a stride of the reference goes with that of the same foot whose middle is nearest,
     if each is the other's nearest and they are less than half a stride apart; length, duration and width are compared.
     Where it has none, its length is what `distance` gains between the stride's start and end, the estimate valid all
-    the while; on a straight way the hip goes as far as the foot. NaN for a stride that the estimate does not have.
+    the while: from one contact to the next on a straight way, the hip goes as far as the foot. It does not in the
+    first stride from standing, in the last that closes up, and in tight turns: where the reference's own distance
+    gains another length than the foot's by a tenth and more, there is no comparison. NaN for a stride that the
+    estimate does not have or cannot be compared in.
 
     Returns:
         Columns as of `Scores.strides`; `s_id` counts the strides of the reference in the order in which they start.
@@ -129,7 +135,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
             if np.isfinite(values).any() or name == "stride_length_m":
                 own[name] = values
     elif estimate.distance is not None:
-        own["stride_length_m"] = _gained(estimate, theirs)
+        own["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
     count = len(theirs.start)
     fixed = {
         "s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": theirs.start, "end": theirs.end,
@@ -162,6 +168,14 @@ def matched(ours: Strides, theirs: Strides) -> np.ndarray:
     rows = np.arange(theirs.start.size)
     good = (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (theirs.end - theirs.start))
     return np.where(good, nearest, none)
+
+
+def _as_far(reference: Estimate, strides: Strides) -> np.ndarray:
+    """Over which strides the reference says that the way walked was as long as the stride; all, if it says none."""
+    if reference.distance is None:
+        return np.ones(strides.start.size, bool)
+    with np.errstate(invalid="ignore"):
+        return ~(np.abs(_gained(reference, strides) - strides.length) > AS_FAR * strides.length)
 
 
 def _gained(estimate: Estimate, strides: Strides) -> np.ndarray:

@@ -100,6 +100,21 @@ def test_strides_of_an_estimate_go_with_those_of_the_same_foot_and_time():
     assert np.isnan(none["estimate"]).all() and len(none["estimate"]) == 5
 
 
+def test_no_length_of_a_stride_whose_way_is_not_as_long():
+    # A hip goes less far than the foot in the first stride, and farther in the last, which closes up.
+    zero, ones = np.zeros(4), np.ones(4, bool)
+    starts = np.array([0.5, 1.0, 2.0, 3.0])
+    known = Strides(np.array([0, 0, 1, 0]), starts, starts + 0.5, starts + 1.0, np.array([2.0, 1.05, 0.98, 0.6]), zero,
+                    zero, ones)  # fmt: skip
+    time = np.arange(0.0, 6.0, 0.01)
+    reference = Estimate(time, Legs(None, None), None, 1.0 * time, time >= 0.0, {}, known)
+    estimate = reference._replace(strides=None, distance=1.3 * time)
+    rows = scores.stride_rows(estimate, reference)
+    np.testing.assert_allclose(rows["estimate"], [np.nan, 1.3, 1.3, np.nan], rtol=1e-12)
+    # Nothing is known of the way.
+    assert np.isfinite(scores.stride_rows(estimate, reference._replace(distance=None))["estimate"]).all()
+
+
 def test_no_length_of_a_stride_in_which_the_estimate_was_not_valid():
     item = walk(2)
     time = item.reference.time
