@@ -5,16 +5,20 @@ structure, its clock or its units make useless raises `RecordingError`; what is 
 """
 
 from jgait.io.checks import quality_notes, validate
+from jgait.io.params import read_params, units, write_params
 from jgait.io.read import read_csv, recording_from_arrays, recording_from_dataframe
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv
 
 __all__ = [
     "quality_notes",
     "read_csv",
+    "read_params",
     "recording_from_arrays",
     "recording_from_dataframe",
     "recording_to_dataframe",
     "to_dataframe",
+    "units",
     "validate",
     "write_csv",
+    "write_params",
 ]

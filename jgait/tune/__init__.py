@@ -6,7 +6,7 @@ from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
 from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
-from jgait.tune.objective import TERMS, Objective, objective
+from jgait.tune.objective import TERMS, Objective, by_subject, objective
 from jgait.tune.profile import Profile, profile
 from jgait.tune.words import Direction
 
@@ -27,6 +27,7 @@ __all__ = [
     "Report",
     "Starts",
     "Windows",
+    "by_subject",
     "check_split",
     "cross_validate",
     "fit",

@@ -1,10 +1,12 @@
 """What is minimised over lessons: terms of one estimate, weighted and summed."""
 
-from collections.abc import Callable, Hashable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jgait import losses
 from jgait.estimators.interface import Estimator
@@ -65,7 +67,8 @@ TERMS: dict[str, Term] = {
 """Terms by name."""
 
 
-class Objective(NamedTuple):
+@dataclass(frozen=True)
+class Objective:
     """(params, lesson) → scalar, for `tune.fit`, `tune.cross_validate` and `tune.identifiability`.
 
     Two of the same fields are equal and share compiled programs.
@@ -107,3 +110,44 @@ def objective(estimator: Estimator, options: Any, terms: str | Mapping[str | Ter
     if unknown or not weights:
         raise ValueError(f"terms must be among {', '.join(TERMS)}, or functions; got {unknown or 'none'}")
     return Objective(estimator.run, estimator.own, options, tuple((n, float(w)) for n, w in weights.items()))
+
+
+@dataclass(frozen=True)
+class _OfSubject:
+    """(params, (items, counts)) → the sum of a loss over a subject's items that count."""
+
+    loss: Callable[[Any, Any], Any]
+
+    def __call__(self, params: Any, own: tuple[Any, Any]) -> Any:
+        items, counts = own
+        each: Any = jax.vmap(lambda item: self.loss(params, item))(items)
+        return jnp.sum(jnp.where(counts, each, jnp.zeros_like(each)))
+
+
+def by_subject(
+    loss: Callable[[Any, Any], Any], data: Any, subjects: Sequence[Hashable]
+) -> tuple[Callable[[Any, Any], Any], Any]:
+    """The same sum with a subject an item, for `tune.identifiability`: walks of one person are no independent evidence.
+
+    Args:
+        loss: (params, item) → scalar.
+        data: pytree of arrays with a leading axis of n items.
+        subjects: (n,) whose each item is.
+
+    Returns:
+        (params, subject's items) → scalar, and the data with a leading axis of subjects, in order of appearance.
+
+    Raises:
+        ValueError: if there is not a subject for each item.
+    """
+    n = np.shape(jax.tree.leaves(data)[0])[0]
+    if len(subjects) != n:
+        raise ValueError(f"subjects needs one label for each of the {n} items; got {len(subjects)}")
+    rows: dict[Hashable, list[int]] = {}
+    for item, subject in enumerate(subjects):
+        rows.setdefault(subject, []).append(item)
+    most = max(map(len, rows.values()))
+    index = np.asarray([own + own[:1] * (most - len(own)) for own in rows.values()])
+    counts = np.asarray([[i < len(own) for i in range(most)] for own in rows.values()])
+    whole: Any = _OfSubject(loss)
+    return whole, (jax.tree.map(lambda leaf: np.asarray(leaf)[index], data), counts)

@@ -1,0 +1,247 @@
+"""Where a cohort comes from: a table of a user's files, a public data set, or simulated people."""
+
+import csv
+import difflib
+import math
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import jax
+import numpy as np
+import typer
+
+from jgait.commands.console import stop
+from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
+
+File = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="[COHORT.csv]",
+        help="A row a recording. Columns: file (from the table's folder), and if known subject, thigh_length_m, "
+        "shank_length_m, distance_m (walked, by a reference), sampling_rate_hz.",
+    ),
+]
+Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
+Simulated = Annotated[int | None, typer.Option(min=1, help="So many simulated people on walks of 3 to 4 m instead.")]
+Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds.")]
+GyrUnit = Annotated[str, typer.Option(help="Of the files: deg/s or rad/s.")]
+AccUnit = Annotated[str, typer.Option(help="Of the files: m/s^2 or g.")]
+EstimatorName = Annotated[str, typer.Option("--estimator", help="Which estimator.")]
+Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")]
+Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
+
+NUMBERS = {
+    "thigh_length_m": ("a length in metres", 0.0, 1.0),
+    "shank_length_m": ("a length in metres", 0.0, 1.0),
+    "distance_m": ("a distance in metres above 0", 0.0, math.inf),
+    "sampling_rate_hz": ("a rate in Hz above 0", 0.0, math.inf),
+}
+"""Column → what its numbers are, and between which they lie."""
+
+COLUMNS = ("file", "subject", *NUMBERS)
+AT_ENDS = 0.25
+"""How long a recording's distance is taken to stand at its first and last value [s]."""
+
+
+class Source(NamedTuple):
+    """A cohort, not yet read.
+
+    Attributes:
+        title: what it is called.
+        items: walks, or names for `read`.
+        read: name → walk; raises for what cannot be read. None where the items are walks.
+        marks: name → what its result depends on, so that a run that goes on knows what has changed.
+        failures: (name, reason) of what is not even an item.
+        notes: worth knowing.
+    """
+
+    title: str
+    items: list[Any]
+    read: Callable[[Any], Walk] | None
+    marks: dict[str, str]
+    failures: list[tuple[str, str]]
+    notes: list[str]
+
+    def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
+        """Walk by walk; what cannot be read is added to the failures."""
+        for number, item in enumerate(self.items):
+            report(number)
+            try:
+                walk = item if self.read is None else self.read(item)
+            except ImportError:
+                raise
+            except Exception as error:  # whatever is wrong with one file, the others are still wanted
+                failures.append((str(item), " ".join(f"{type(error).__name__}: {error}".split())))
+            else:
+                yield walk
+
+
+def body(walk: Walk) -> dict[str, Any]:
+    """What is known of the person's measures."""
+    from jgait import datasets
+
+    return dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
+
+
+def source(
+    table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str, acc_unit: str
+) -> Source:
+    """The cohort that was asked for; leaves with 2 where there is none."""
+    given = [name for name, one in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if one]
+    if len(given) != 1:
+        stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
+    from jgait import datasets
+
+    try:
+        if table is not None:
+            return _of_table(table, gyr_unit, acc_unit)
+        return _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
+    except (datasets.DatasetUnavailable, ValueError, OSError) as error:
+        stop(str(error))
+
+
+def _simulated(people: int, seed: int) -> Source:
+    from jgait import protocols
+
+    found = protocols.bennett(jax.random.key(seed), people)
+    walks = [Walk(one.recording, one.truth.estimate, {}) for one in found]
+    marks = {walk.recording.name: f"{people} simulated people, seed {seed}" for walk in walks}
+    return Source(f"{people} simulated people", walks, None, marks, [], [])
+
+
+class _Set:
+    """Reads the recordings of a public set; prints the same in every run."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __repr__(self) -> str:
+        return f"data set {self.name}"
+
+    def __call__(self, recording: str) -> Walk:
+        from jgait import datasets
+
+        found = datasets.load(self.name, only=(recording,))
+        if not found:
+            raise RecordingError(found.failures[0].reason)
+        return found[0]
+
+
+def _of_dataset(name: str) -> Source:
+    from jgait import datasets
+
+    names = list(datasets.names(name))  # DatasetUnavailable says how to get the set
+    return Source(name, names, _Set(name), dict.fromkeys(names, name), [], [])
+
+
+class _Files:
+    """Reads the rows of a table; prints its units alone, for which rows there are is kept with the results."""
+
+    def __init__(self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str, acc_unit: str) -> None:
+        self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
+
+    def __repr__(self) -> str:
+        return f"files in {self.gyr_unit} and {self.acc_unit}"
+
+    def __call__(self, file: str) -> Walk:
+        from jgait import io
+
+        row = self.rows[file]
+        numbers = {name: _number(row, name) for name in NUMBERS}
+        path = self.folder / file
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no such file: {path}")
+        recording = io.read_csv(
+            path, sampling_rate_hz=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
+            gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
+        )  # fmt: skip
+        lengths = {name: numbers[f"{name}_m"] for name in ("thigh_length", "shank_length")}
+        known = {name: value for name, value in lengths.items() if value is not None}
+        way = numbers["distance_m"]
+        return Walk(recording, None if way is None else _walked(recording, way), {"body": known})
+
+
+def _number(row: dict[str, str], name: str) -> float | None:
+    text = row.get(name, "")
+    if not text:
+        return None
+    what, low, high = NUMBERS[name]
+    try:
+        value = float(text.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not low < value < high:
+        raise ValueError(f"{name} must be {what}; got {text!r}")
+    return value
+
+
+def _walked(recording: Recording, way: float) -> Estimate:
+    """A reference that knows how far a recording went in all: 0 m at its start, everything at its end."""
+    time = np.asarray(next(iter(recording.sensors.values())).time, float)
+    start, end = time <= time[0] + AT_ENDS, time >= time[-1] - AT_ENDS
+    distance = np.where(start, 0.0, way)
+    return Estimate(time, Legs(None, None), None, distance, (start | end) & (start != end), {})
+
+
+def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
+    """Rows of a table, by file.
+
+    Raises:
+        ValueError: if it is no table with a column `file`, or a unit is unknown.
+    """
+    from jgait.io.read import ACC_UNITS, GYR_UNITS, unit_scale
+
+    unit_scale(gyr_unit, GYR_UNITS, "--gyr-unit")
+    unit_scale(acc_unit, ACC_UNITS, "--acc-unit")
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text file in UTF-8: {error}") from error
+    if len(lines) < 2:
+        raise ValueError(f"{path} must have a header and a row for each recording; it has {len(lines)} lines")
+    separator = max((",", ";", "\t"), key=lines[0].count)
+    header, *records = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    names = [name.strip().lower() for name in header]
+    if "file" not in names:
+        near = difflib.get_close_matches("file", names, 1, 0.4)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"{path} needs a column 'file'; it has {', '.join(map(repr, names))}{hint}")
+    rows: dict[str, dict[str, str]] = {}
+    failures: list[tuple[str, str]] = []
+    for number, record in enumerate(records, 2):
+        row = {name: cell.strip() for name, cell in zip(names, record, strict=False)}
+        file = row.get("file", "")
+        if len(record) > len(names):
+            failures.append((file or f"line {number}", f"line {number} has more cells than the header has columns"))
+        elif not file or file in rows:
+            failures.append((f"line {number}", f"{file} is listed twice" if file else "it names no file"))
+        else:
+            rows[file] = row
+    notes = _notes(names, rows)
+    marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
+    return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes)
+
+
+def _notes(names: list[str], rows: dict[str, dict[str, str]]) -> list[str]:
+    """What the user may not have meant."""
+    notes = []
+    others = [name for name in names if name not in COLUMNS]
+    for name in others:
+        near = difflib.get_close_matches(name, COLUMNS, 1, 0.7)
+        notes.append(f"column {name!r} is left out" + (f"; did you mean {near[0]!r}?" if near else ""))
+    if not any(row.get("subject") for row in rows.values()):
+        notes.append("no column 'subject': every recording counts as another person")
+    for name in ("thigh_length_m", "shank_length_m"):
+        without = sum(not row.get(name) for row in rows.values())
+        if without:
+            notes.append(f"{without} of {len(rows)} recordings have no {name}: the default length is taken for them")
+    return notes
+
+
+def _mark(file: Path, row: dict[str, str]) -> str:
+    """A row, and which version of its file."""
+    found = file.stat() if file.is_file() else None
+    stamp = "missing" if found is None else f"{found.st_size} bytes of {found.st_mtime_ns}"
+    cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
+    return f"{cells} ({stamp})"

@@ -1,0 +1,50 @@
+"""Where the commands write, how they stop, and how they show that they are at work."""
+
+from typing import NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+console = Console()
+errors = Console(stderr=True)
+
+
+def stop(message: str) -> NoReturn:
+    """Say why nothing could be done, and leave with 2."""
+    errors.print(f"[bold red]jgait:[/] {escape(message)}", highlight=False, soft_wrap=True)
+    raise typer.Exit(2)
+
+
+class Bar:
+    """One progress bar that follows whatever is being done."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self.task = progress.add_task("starting", total=None)
+
+    def __call__(self, what: str, done: int, total: int | None) -> None:
+        """Say what is being done, and how much of how much."""
+        self.progress.update(self.task, description=escape(what), completed=done, total=total)
+
+
+def progress() -> Progress:
+    """A place for bars, gone when it is left."""
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), console=errors, transient=True
+    )
+
+
+def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
+    """Every recording that could not be used, with its reason."""
+    for name, reason in failures[:most]:
+        plain = reason.removeprefix("RecordingError: ").removeprefix("ValueError: ")
+        errors.print(f"[bold red]{escape(name)}:[/] {escape(plain)}", highlight=False, soft_wrap=True)
+    if len(failures) > most:
+        errors.print(f"… and {len(failures) - most} more", highlight=False)
+
+
+def note(message: str) -> None:
+    """Something worth knowing that is no error."""
+    errors.print(escape(message), highlight=False, style="yellow", soft_wrap=True)

@@ -1,0 +1,77 @@
+"""`jgait demo`: estimate, compare, tune and judge, on simulated walks and on real ones."""
+
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from jgait.commands.console import Bar, console, progress, stop
+
+
+def _show(result: Any) -> None:
+    table = Table(title=result.title, title_justify="left", caption_justify="left")
+    paper = any(line.paper is not None for line in result.lines)
+    for name in ("walk", "leg", "error"):
+        table.add_column(name)
+    for name in (*(["paper's pipeline"] if paper else []), "default", "tuned"):
+        table.add_column(name, justify="right")
+    last = None
+    for line in result.lines:
+        walk = f"{line.walk} ({'tuned on' if line.seen else 'never seen'})"
+        values = [line.before, line.after] if not paper else [line.paper, line.before, line.after]
+        table.add_row(
+            walk if walk != last else "", line.leg, line.what, *("–" if v is None else f"{v:.2f}" for v in values)
+        )
+        last = walk
+    console.print(table)
+    moved = ", ".join(f"{name} {before:.3g} → {after:.3g}" for name, (before, after) in result.tuned.items())
+    console.print(f"tuned by gradient ({len(result.losses)} steps, loss {result.losses[0]:.1f} → "
+                  f"{min(result.losses):.1f}): {moved}", highlight=False)  # fmt: skip
+
+
+def demo(
+    dataset: Annotated[
+        str, typer.Option(help="auto, simulated or neura_sparse; neura_sparse is fetched if it is not there.")
+    ] = "auto",
+    out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("jgait-demo"),
+    subjects: Annotated[int, typer.Option(min=2, help="Simulated people.")] = 6,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 15,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+) -> None:
+    """Estimate joint angles, compare with the truth, tune by gradient, judge on walks the tuning never saw."""
+    from jgait import datasets
+    from jgait import demo as demonstration
+
+    if dataset not in ("auto", "simulated", "neura_sparse"):
+        stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")
+    if dataset == "neura_sparse" and not datasets.available("neura_sparse"):
+        try:
+            datasets.fetch("neura_sparse", progress=True)
+        except Exception as error:
+            stop(f"neura_sparse could not be fetched: {error}")
+    parts: list[Callable[[Any], Any]] = [lambda bar: demonstration.simulated(out, bar, subjects=subjects, steps=steps)]
+    if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
+        parts.append(lambda bar: demonstration.neura_sparse(out, bar, steps=steps))
+    # Most of the time goes into compiling, which two threads do side by side.
+    with progress() as bars, ThreadPoolExecutor(len(parts)) as pool:
+        running = [pool.submit(part, Bar(bars)) for part in parts]
+        try:
+            results = [one.result() for one in running]
+        except OSError as error:
+            stop(f"the figures could not be written to {out}: {error}")
+    console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")
+    for result in results:
+        _show(result)
+        console.print()
+    if len(results) == 1 and dataset == "auto":
+        console.print(
+            "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
+        )
+    console.print("figures: " + ", ".join(str(path) for result in results for path in result.figures), soft_wrap=True)
+    if json_file is not None:
+        rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
+        json_file.write_text(json.dumps(rows, indent=1) + "\n")

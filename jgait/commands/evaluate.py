@@ -1,0 +1,208 @@
+"""`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from jgait.commands import cohort as cohorts
+from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.pipeline import pipeline_of, start_of
+
+DRAWN = {"distance_m": "m", "stride_length_m": "m"}
+"""Quantities that figures are drawn of, and their units."""
+
+
+def evaluate(
+    table: cohorts.File = None,
+    dataset: cohorts.Dataset = None,
+    simulated: cohorts.Simulated = None,
+    estimator: cohorts.EstimatorName = "leg_ekf",
+    paper: cohorts.Paper = False,
+    params: cohorts.Params = None,
+    gyr_unit: cohorts.GyrUnit = "deg/s",
+    acc_unit: cohorts.AccUnit = "m/s^2",
+    seed: cohorts.Seed = 0,
+    batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
+    out: Annotated[Path, typer.Option(help="Folder for tables and figures; a run that was killed goes on there.")] = (
+        Path("jgait-evaluation")
+    ),
+    fresh: Annotated[bool, typer.Option("--fresh", help="Forget what an earlier run left in the folder.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+) -> None:
+    """Run an estimator on a whole cohort, and compare it with the reference where there is one.
+
+    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv and figures. A bad recording stops
+    no other. Leaves with 0 if all were used, 1 if some could not be, 2 if none could.
+    """
+    from jgait import evaluate as evaluation
+
+    pipeline = pipeline_of(estimator, paper)
+    start = start_of(pipeline, params, paper)
+    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit)
+    for line in source.notes:
+        note(line)
+    _take_up(out, source.marks, fresh)
+    with progress() as bars:
+        bar, total = Bar(bars), len(source.items)
+        bar("reading and computing", 0, total)
+        try:
+            found = evaluation.cohort(
+                pipeline, source.items, start, own=cohorts.body, read=source.read, out=out / "run", batch=batch,
+                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+            )  # fmt: skip
+        except (ValueError, OSError) as error:
+            stop(f"{error}; --fresh starts anew" if "another evaluation" in str(error) else str(error))
+    found = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in found))
+    failures = source.failures + list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+    say_failures(failures)
+    if not len(found.recordings):
+        stop(f"none of the {len(failures)} recordings of {source.title} could be used")
+    agreement = found.agreement()
+    try:
+        files = _write(out, found, agreement, failures)
+        if json_file is not None:
+            _write_json(json_file, pipeline.name, found, agreement, failures, files)
+    except OSError as error:
+        stop(f"nothing more could be written: {error}")
+    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", found, agreement)
+    console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
+    if failures:
+        console.print(f"{len(failures)} of {len(failures) + len(found.recordings)} recordings could not be used")
+        raise typer.Exit(1)
+
+
+def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
+    """Make the folder, or find out whether what an earlier run left in it is still true; leaves with 2 if not."""
+    kept = out / "run" / ".inputs.json"
+    if fresh and (out / "run").is_dir():
+        shutil.rmtree(out / "run")
+    try:
+        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+        changed = [name for name, mark in marks.items() if before.get(name, mark) != mark]
+        if changed:
+            name = changed[0]
+            stop(
+                f"{out} holds results of other inputs: {name} was “{before[name]}”, now “{marks[name]}”"
+                + (f", and {len(changed) - 1} more changed" if len(changed) > 1 else "")
+                + "; give another --out, or --fresh to start anew"
+            )
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps({**before, **marks}, indent=1, ensure_ascii=False), encoding="utf-8")
+    except (OSError, ValueError) as error:
+        stop(f"{out} cannot be used: {error}")
+    done = sum(1 for _ in (out / "run").glob("part-*-*"))
+    if done:
+        console.print(f"going on from an earlier run in {out}; what it finished is not computed again", highlight=False)
+
+
+def _write(out: Path, found: Any, agreement: Any, failures: list[tuple[str, str]]) -> list[Path]:
+    """Tables and figures."""
+    import pandas as pd
+
+    from jgait import plot, plot_cohort
+
+    tables = {
+        "recordings": found.recordings, "quantities": found.quantities, "strides": found.strides,
+        "agreement": agreement.reset_index(), "failures": pd.DataFrame(failures, columns=["recording", "reason"]),
+    }  # fmt: skip
+    files = []
+    for name, rows in tables.items():
+        files.append(out / f"{name}.csv")
+        rows.to_csv(files[-1], index=False)
+    paired = found.paired()
+    for name, unit in DRAWN.items():
+        rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
+        if rows["subject"].nunique() < 2:
+            continue
+        what = name.rsplit("_", 1)[0]
+        words = what.replace("_", " ")
+        rows = rows.assign(quantity=words)
+        files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
+        files.append(plot.save(plot_cohort.per_subject(rows, words, unit=unit), out / f"{what}_per_subject.png"))
+    return files
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _write_json(
+    path: Path, name: str, found: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
+) -> None:
+    rows = {q: {k: _plain(v) for k, v in row.items()} for q, row in agreement.astype(object).to_dict("index").items()}
+    whole = {
+        "estimator": name, "recordings": len(found.recordings), "failures": dict(failures), "agreement": rows,
+        "files": list(map(str, files)),
+    }  # fmt: skip
+    path.write_text(json.dumps(whole, indent=1, ensure_ascii=False, default=lambda v: v.item()) + "\n")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number as tables show it."""
+    return "–" if not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
+
+
+def _label(name: str) -> str:
+    words, _, unit = name.rpartition("_")
+    return f"{words.replace('_', ' ')} [{unit}]" if words else name
+
+
+def _span(low: float, high: float) -> str:
+    return "–" if not math.isfinite(low) else f"{number(low)} … {number(high)}"
+
+
+def _show(title: str, found: Any, agreement: Any) -> None:
+    """What was found, in tables that fit a terminal."""
+    recordings = found.recordings
+    console.print(
+        f"{title}: {len(recordings)} recordings of {recordings['subject'].nunique()} people, "
+        f"{recordings['seconds'].sum():.0f} s", highlight=False,
+    )  # fmt: skip
+    told = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
+    shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]
+    if told:
+        console.print("\nagreement with the reference", style="italic")
+        shown = Table()
+        for name in ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst", "ICC(2,1)"):
+            shown.add_column(name, justify="left" if name == "quantity" else "right")
+        for name in told:
+            row = agreement.loc[name]
+            shown.add_row(
+                _label(name), f"{row['n']:.0f} / {row['n_subjects']:.0f}", number(row["bias"]),
+                _span(row["loa_low"], row["loa_high"]), number(row["mae"]), number(row["max_abs"]),
+                number(row["icc"]),
+            )  # fmt: skip
+        console.print(shown)
+    rows = found.paired()
+    relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
+    if len(relative):
+        console.print(
+            f"distance: |error| {relative.mean():.1f} % on average, median {relative.median():.1f} %, "
+            f"worst {relative.max():.1f} %", highlight=False,
+        )  # fmt: skip
+    if shapes:
+        _show_shapes(rows, shapes)
+    without = len(recordings) - rows.loc[rows["estimate"].notna(), "recording"].nunique()
+    if without:
+        note(f"{without} of {len(recordings)} recordings have no reference to be compared with")
+
+
+def _show_shapes(rows: Any, names: list[str]) -> None:
+    """Root mean square errors of whole recordings."""
+    console.print("\nroot mean square error of whole recordings, offsets while standing included", style="italic")
+    shown = Table()
+    for name in ("quantity", "recordings", "median", "mean", "worst"):
+        shown.add_column(name, justify="left" if name == "quantity" else "right")
+    units = {"deg": "°", "cm": "cm"}
+    for name in names:
+        part, _, unit, side = name.split("_")
+        errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
+        word = {"x": "foot forward", "y": "foot up"}.get(part, part)
+        numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
+        shown.add_row(f"{word}, {side} [{units[unit]}]", str(len(errors)), *numbers)
+    console.print(shown)

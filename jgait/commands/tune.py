@@ -1,0 +1,263 @@
+"""`jgait tune`: parameters from a cohort by gradient, judged on people that they were not learned from."""
+
+import hashlib
+import json
+import shutil
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import jax
+import numpy as np
+import typer
+
+from jgait.commands import cohort as cohorts
+from jgait.commands import tune_report
+from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.pipeline import pipeline_of, start_of
+
+LOSSES = {
+    "distance": ("distance_percent", "%", "|error of the distance|"),
+    "trajectory": ("trajectory_rms", "° or cm", "error of angles and foot path"),
+    "likelihood": ("likelihood", "nat", "negative log-likelihood"),
+}
+"""Loss → the term that people are judged by, its unit and its name."""
+
+
+class Job(NamedTuple):
+    """What is learned, from whom, and how.
+
+    Attributes:
+        pipeline: the estimator.
+        start: parameters to start from.
+        free: transforms, all fixed but what is learned.
+        made: the lessons.
+        loss: what is minimised.
+        error: what people are judged by.
+        unit: of the error.
+        judged: name of the error.
+        optimizer: of optax.
+        steps: of each fit.
+        starts: of each fit.
+        key: of starts and folds.
+        folds: how many; None leaves one subject out at a time.
+        run: folder of the checkpoints.
+    """
+
+    pipeline: Any
+    start: Any
+    free: Any
+    made: Any
+    loss: Any
+    error: Any
+    unit: str
+    judged: str
+    optimizer: Any
+    steps: int
+    starts: int
+    key: Any
+    folds: int | None
+    run: Path
+
+
+def tune(
+    free: Annotated[str, typer.Option(help="What is learned, for example distance_scale,angle_noise.")],
+    table: cohorts.File = None,
+    dataset: cohorts.Dataset = None,
+    simulated: cohorts.Simulated = None,
+    loss: Annotated[str, typer.Option(help="distance, trajectory or likelihood (which needs no reference).")] = (
+        "distance"
+    ),
+    judge: Annotated[str | None, typer.Option(help="By what people are judged; the loss, if not said.")] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
+    rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; it falls to 0.")] = 0.05,
+    starts: Annotated[int, typer.Option(min=1, help="Places to start from, the first as given.")] = 1,
+    folds: Annotated[int | None, typer.Option(min=2, help="Of people; else one at a time.")] = None,
+    cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
+    estimator: cohorts.EstimatorName = "leg_ekf",
+    paper: cohorts.Paper = False,
+    params: cohorts.Params = None,
+    gyr_unit: cohorts.GyrUnit = "deg/s",
+    acc_unit: cohorts.AccUnit = "m/s^2",
+    seed: cohorts.Seed = 0,
+    out: Annotated[Path, typer.Option(help="Folder for results; a run that was killed goes on there.")] = (
+        Path("jgait-tuning")
+    ),
+    fresh: Annotated[bool, typer.Option("--fresh", help="Forget what an earlier run left in the folder.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+) -> None:
+    """Learn parameters from a cohort by gradient, and say what that does to people who were not learned from.
+
+    Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Leaves
+    with 0 if all recordings were used, 1 if some could not be, 2 if nothing could be learned.
+    """
+    for option, given in (("--loss", loss), ("--judge", judge or loss)):
+        if given not in LOSSES:
+            stop(f"{option} is {', '.join(LOSSES)}; got '{given}'")
+    pipeline = pipeline_of(estimator, paper)
+    start = start_of(pipeline, params, paper)
+    names = [name.strip() for name in free.split(",") if name.strip()]
+    freed = _freed(pipeline, names)
+    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit)
+    for line in source.notes:
+        note(line)
+    failures = list(source.failures)
+    made = _lessons(pipeline, source, start, names, failures, {loss, judge or loss} != {"likelihood"})
+    say_failures(failures)
+    _make_room(out, fresh)
+    job = _job(pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run")
+    with progress() as bars, warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            found = _learned(job, Bar(bars), cross, loss)
+        except (ValueError, TypeError) as error:
+            stop(f"{error}; --fresh starts anew" if "belongs to another fit" in str(error) else str(error))
+    for line in dict.fromkeys(str(one.message) for one in said):
+        note(line)
+    how = {
+        "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
+        "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
+        "recordings": len(made.names), "people": len(set(made.subjects)),
+    }  # fmt: skip
+    title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
+    try:
+        tune_report.report(title, job, found, how, out, failures, json_file)
+    except OSError as error:
+        stop(f"nothing more could be written: {error}")
+    if failures:
+        console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
+        raise typer.Exit(1)
+
+
+def _freed(pipeline: Any, names: list[str]) -> Any:
+    from jgait.params import freed
+
+    if not names:
+        stop("--free names nothing to learn")
+    try:
+        return freed(pipeline.transforms, *names)
+    except ValueError as error:
+        stop(f"--free: {error}")
+
+
+def _lessons(
+    pipeline: Any, source: cohorts.Source, start: Any, names: list[str], failures: list[tuple[str, str]],
+    reference: bool,
+) -> Any:  # fmt: skip
+    """Lessons of the cohort, everyone's own measures in them; leaves with 2 if there are none."""
+    from jgait import tune as tuning
+    from jgait.params import check_params
+
+    learned = {name.split(".")[0] for name in names}
+    measures = [name for name in ("thigh_length", "shank_length") if name in getattr(start, "_fields", ())]
+    if learned & set(measures):
+        note(f"{', '.join(sorted(learned & set(measures)))}: one value is learned for everybody, not each one's own")
+
+    def own(walk: Any) -> dict[str, Any]:
+        # All lessons name the same measures, so those that are not known have their default.
+        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk)
+        known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
+        check_params(pipeline.own(start, known), pipeline.transforms)
+        both = {name: np.broadcast_to(np.asarray(value, float), 2) for name, value in known.items()}
+        return {name: value for name, value in both.items() if name not in learned}
+
+    with progress() as bars:
+        bar, total = Bar(bars), len(source.items)
+        walks = source.walks(failures, lambda number: bar("reading", number, total))
+        try:
+            made = tuning.lessons(pipeline, walks, own=own, reference=reference)
+        except ValueError as error:
+            say_failures(failures)
+            stop(str(error))
+    failures += made.failures
+    return made
+
+
+def _make_room(out: Path, fresh: bool) -> None:
+    try:
+        if fresh and (out / "run").is_dir():
+            shutil.rmtree(out / "run")
+        (out / "run").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        stop(f"{out} cannot be used: {error}")
+
+
+def _job(
+    pipeline: Any, start: Any, freed: Any, made: Any, loss: str, judge: str, steps: int, rate: float, starts: int,
+    folds: int | None, seed: int, run: Path,
+) -> Job:  # fmt: skip
+    import optax
+
+    from jgait import tune as tuning
+
+    term, unit, judged = LOSSES[judge]
+    objective, error = (tuning.objective(pipeline, made.options, one) for one in (loss, term))
+    optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
+    settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
+    digest = hashlib.sha256(_without_addresses(settings).encode())
+    for leaf in jax.tree.leaves(made.data):
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    return Job(
+        pipeline, start, freed, made, objective, error, unit, judged, optimizer, steps, starts,
+        jax.random.key(seed), folds, run / digest.hexdigest()[:12],
+    )  # fmt: skip
+
+
+def _without_addresses(text: str) -> str:
+    import re
+
+    return re.sub(r" at 0x[0-9a-f]+", "", text)
+
+
+def _learned(job: Job, bar: Bar, cross: bool, loss: str) -> "tune_report.Found":
+    """Cross-validate, fit, and ask what the data determine."""
+    from jgait import tune as tuning
+
+    people = len(set(job.made.subjects))
+    shared = {
+        "steps": job.steps, "starts": job.starts, "key": job.key, "subjects": job.made.subjects,
+    }  # fmt: skip
+    if job.run.exists():
+        console.print("going on from an earlier run of the same settings", highlight=False)
+
+    def report(what: str) -> Callable[[Any], None]:
+        return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
+
+    validation, why = None, ""
+    if cross and people < 2:
+        why = "cross-validation is left out: it needs two people, and there is one"
+    elif cross:
+        bar("learning from all people but some (compiling)", 0, None)
+        validation = tuning.cross_validate(
+            job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
+            progress=report("learning from all people but some"), checkpoint_file=job.run / "cross_validation.npz",
+            **shared,
+        )  # fmt: skip
+    bar("learning from everybody (compiling)", 0, None)
+    fit = tuning.fit(
+        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from everybody"),
+        checkpoint_file=job.run / "fit.npz", **shared,
+    )  # fmt: skip
+    bar("what the data determine (compiling)", 0, None)
+    known, unknown = _determined(job, fit, people, "hessian" if loss == "likelihood" else "sandwich")
+    return tune_report.Found(validation, fit, known, [line for line in (why, unknown) if line])
+
+
+def _determined(job: Job, fit: Any, people: int, information: str) -> tuple[Any, str]:
+    """Standard errors, or why there are none."""
+    from jgait import tune as tuning
+
+    numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(fit.free))
+    if people <= numbers:
+        return None, (
+            f"standard errors are left out: {numbers} numbers were learned from {people} people, "
+            "and there must be more people than numbers"
+        )
+    if fit.left_out:
+        return None, "standard errors are left out, for some recordings did not count"
+    loss, data = tuning.by_subject(job.loss, job.made.data, job.made.subjects)
+    try:
+        return tuning.identifiability(loss, fit.params, job.free, data, information=information), ""
+    except ValueError as error:
+        return None, f"standard errors are left out: {error}"

@@ -1,0 +1,148 @@
+"""What `jgait tune` says and writes of what it found."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from rich.table import Table
+
+from jgait.commands.console import console, note
+from jgait.commands.evaluate import number
+
+MOST = 30
+"""People that the table on the terminal shows; the file has all."""
+
+
+class Found(NamedTuple):
+    """What came of a tuning.
+
+    Attributes:
+        validation: a `CrossValidation`, or None.
+        fit: a `Fit` to everybody.
+        known: an `Identifiability`, or None.
+        left_out: what was not done, and why.
+    """
+
+    validation: Any
+    fit: Any
+    known: Any
+    left_out: list[str]
+
+
+def report(
+    title: str, job: Any, found: Found, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    """Write and print everything.
+
+    Args:
+        title: of the whole.
+        job: what was asked for, a `jgait.commands.tune.Job`.
+        found: what came of it.
+        how: how it was made, for the file of parameters.
+        out: folder.
+        failures: recordings that could not be used.
+        json_file: where the numbers go, or None.
+    """
+    from jgait import evaluate, io, plot, plot_cohort, plot_tuning
+
+    values = _values(job, found)
+    spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
+    files = [
+        io.write_params(out / "tuned.json", found.fit.params, estimator=job.pipeline.name, stderr=spreads, made=how),
+        plot.save(plot_tuning.training(found.fit, title=title), out / "training.png"),
+    ]
+    change = None
+    if found.validation is not None:
+        table = found.validation.table
+        items = found.validation.items.assign(recording=job.made.names)
+        files.append(out / "held_out.csv")
+        items[["recording", "subject", "fold", "error_before", "error_after"]].to_csv(files[-1], index=False)
+        rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
+        change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
+        drawn = plot_cohort.before_after(
+            rows, unit=job.unit, name=job.judged, title="each judged by parameters learned from other people"
+        )
+        files.append(plot.save(drawn, out / "before_after.png"))
+    console.print(
+        f"{title}: {len(job.made.names)} recordings of {how['people']} people, {how['steps']} steps", highlight=False
+    )
+    if change is not None:
+        _show_held_out(table, job, change)
+    _show_values(values)
+    for line in [] if found.known is None else found.known.sentences:
+        console.print(f"· {line}", highlight=False)
+    for line in found.left_out:
+        note(line)
+    console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
+    if json_file is not None:
+        whole = {
+            **how, "values": values, "held_out": None if change is None else change._asdict() | {"unit": job.unit},
+            "losses": [float(v) for v in found.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
+        }  # fmt: skip
+        json_file.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _values(job: Any, found: Found) -> dict[str, dict[str, Any]]:
+    """Every number that was learned: before, after, and how well it is known."""
+    from jgait import io
+
+    units = io.units(job.start)
+    free = {_name(path) for path, _ in jax.tree_util.tree_flatten_with_path(found.fit.free)[0]}
+    before, after = (
+        {_name(path): float(value) for path, value in jax.tree_util.tree_flatten_with_path(params)[0]}
+        for params in (job.start, found.fit.params)
+    )
+    rows: dict[str, dict[str, Any]] = {
+        name: {"unit": units[name], "before": before[name], "after": after[name], "stderr": None, "low": None,
+               "high": None}
+        for name in after
+        if name in free
+    }  # fmt: skip
+    if found.known is not None:
+        for i, name in enumerate(found.known.names):
+            spread = [float(column[i]) for column in (found.known.stderr, found.known.low, found.known.high)]
+            if np.isfinite(spread).all():
+                rows[name] |= dict(zip(("stderr", "low", "high"), spread, strict=True))
+    return rows
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path).lstrip(".")
+
+
+def _show_held_out(table: Any, job: Any, change: Any) -> None:
+    """Each person's error before, and after learning from others; then what that says."""
+    console.print(f"\n{job.judged} \[{job.unit}] of people that the tuning never saw", style="italic")
+    shown = Table()
+    for name in ("person", "recordings", "before", "after", "change"):
+        shown.add_column(name, justify="left" if name == "person" else "right")
+    ordered = table.sort_values("error_after", ascending=False, kind="stable")
+    for subject, row in ordered.head(MOST).iterrows():
+        numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
+        shown.add_row(str(subject), f"{row['n']:.0f}", *numbers)
+    if len(table) > MOST:
+        shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
+    shown.add_section()
+    for name, of in (("median", np.median), ("worst", np.max)):
+        shown.add_row(name, "", number(of(table["error_before"])), number(of(table["error_after"])), "")
+    console.print(shown)
+    verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
+    console.print(
+        f"{verdict}: median change {number(change.estimate)} {job.unit} (95 %: {number(change.low)} to "
+        f"{number(change.high)}, bootstrap over people); {change.better} better, {change.worse} worse", highlight=False,
+    )  # fmt: skip
+
+
+def _show_values(values: dict[str, dict[str, Any]]) -> None:
+    console.print("\nlearned from everybody", style="italic")
+    shown = Table()
+    for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
+        shown.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
+    for name, row in values.items():
+        spread = "–" if row["stderr"] is None else number(row["stderr"], 2)
+        ends = "–" if row["low"] is None else f"{number(row['low'])} … {number(row['high'])}"
+        shown.add_row(name, row["unit"], number(row["before"]), number(row["after"], 4), spread, ends)
+    console.print(shown)

@@ -1,0 +1,123 @@
+"""Parameters in a file: their values with units, and how they were made."""
+
+import inspect
+import json
+import math
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import jgait
+
+FORMAT = 1
+
+
+def _unit(text: str) -> str:
+    """The last unit in square brackets of a description, "" without one."""
+    found = re.findall(r"\[([^\]]+)\]", text)
+    return found[-1] if found else ""
+
+
+def _described(of: type) -> dict[str, str]:
+    """Field → its description in the docstring of a NamedTuple."""
+    lines = inspect.getdoc(of) or ""
+    listed = re.split(r"^ *Attributes:\n", lines, maxsplit=1, flags=re.MULTILINE)[-1]
+    found = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", listed, re.MULTILINE)
+    return dict(found)
+
+
+def units(params: Any) -> dict[str, str]:
+    """Name of every parameter, such as "thigh_length.right" → its unit, as its docstring has it.
+
+    Args:
+        params: NamedTuple of parameters; one inside another has its own docstring, or that of the field.
+    """
+    out: dict[str, str] = {}
+
+    def walk(node: Any, prefix: str, unit: str) -> None:
+        if not hasattr(node, "_fields"):
+            out[prefix] = unit
+            return
+        told = _described(type(node))
+        for name in node._fields:
+            inner = _unit(told.get(name, "")) or unit
+            walk(getattr(node, name), f"{prefix}.{name}" if prefix else name, inner)
+
+    walk(params, "", "")
+    return out
+
+
+def write_params(
+    path: str | os.PathLike[str],
+    params: Any,
+    *,
+    estimator: str,
+    stderr: Mapping[str, float] | None = None,
+    made: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write parameters as JSON, each with its unit.
+
+    Args:
+        path: of the file.
+        params: NamedTuple of single numbers, natural units.
+        estimator: which they are of.
+        stderr: name of a parameter (see `units`) → its standard error, where it is known.
+        made: how they were made; anything that JSON holds.
+
+    Returns:
+        The path.
+    """
+    rows: dict[str, dict[str, Any]] = {}
+    told = units(params)
+    for where, value in jax.tree_util.tree_flatten_with_path(params)[0]:
+        name = jax.tree_util.keystr(where).lstrip(".")
+        rows[name] = {"value": float(value), "unit": told[name]}
+        spread = (stderr or {}).get(name)
+        if spread is not None and math.isfinite(spread):
+            rows[name]["stderr"] = float(spread)
+    whole = {
+        "format": FORMAT, "jgait": jgait.__version__, "estimator": estimator, "parameters": rows,
+        "made": dict(made or {}),
+    }  # fmt: skip
+    target = Path(path)
+    target.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return target
+
+
+def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -> tuple[P, dict[str, Any]]:
+    """Parameters from a file that `write_params` wrote.
+
+    Args:
+        path: of the file.
+        params: NamedTuple of single numbers; what the file does not name keeps its value.
+        estimator: which they are to be of.
+
+    Returns:
+        The parameters, and how they were made.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no file of parameters, of another estimator, or names one that there is not.
+    """
+    file = Path(path)
+    try:
+        whole = json.loads(file.read_text(encoding="utf-8"))
+        rows = {name: float(row["value"]) for name, row in whole["parameters"].items()}
+        of, version = str(whole["estimator"]), whole["format"]
+    except (UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{file} is no file of parameters ({type(error).__name__}: {error})") from error
+    if version != FORMAT:
+        raise ValueError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
+    if of != estimator:
+        raise ValueError(f"{file} holds parameters of {of}; {estimator} is wanted")
+    flat, structure = jax.tree_util.tree_flatten_with_path(params)
+    names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in flat]
+    unknown = [name for name in rows if name not in names]
+    if unknown:
+        raise ValueError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
+    values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
+    return jax.tree.unflatten(structure, values), dict(whole.get("made", {}))
