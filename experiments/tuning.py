@@ -62,6 +62,8 @@ def consistent(data: Drawn, before: Noise, after: Noise, people: int) -> list[Ro
     for name, p in (("before", before), ("after", after)):
         found = told(p)
         nis = evaluate.nis_consistency(np.ravel(found.nis), np.ravel(found.count))
+        each = [evaluate.nis_consistency(*both) for both in zip(found.nis, found.count, strict=True)]
+        people_inside = float(np.mean([one.consistent for one in each]))
         white = [
             np.stack([np.asarray(v[i]) / np.asarray(s[i]) for v, s in zip(found.innovation, found.innovation_stddev,
                                                                         strict=True)], axis=1)
@@ -70,16 +72,17 @@ def consistent(data: Drawn, before: Noise, after: Noise, people: int) -> list[Ro
         tests = [evaluate.whiteness(values) for values in white]
         inside = float(np.mean([one.share_inside for one in tests]))
         passed = float(np.mean([one.consistent for one in tests]))
-        lines.append([name, nis.mean, nis.low, nis.high, str(nis.consistent), inside, passed])
+        lines.append([name, nis.mean, nis.low, nis.high, people_inside, inside, passed])
         rows += [
             Row(f"nis_{name}", nis.mean, "1", n=people, split=split),
-            Row(f"nis_inside_{name}", float(nis.consistent), "bool", n=people, split=split),
+            Row(f"nis_inside_{name}", float(nis.consistent), "bool", n=people, split=f"{split}: all as one"),
+            Row(f"nis_people_inside_{name}", people_inside, "ratio", n=people, split=f"{split}: 95 % band of each"),
             Row(f"white_lags_inside_{name}", inside, "ratio", n=people, split=split),
             Row(f"white_people_{name}", passed, "ratio", n=people, split=f"{split}: Ljung–Box at 95 %"),
         ]
     show(
         f"innovations of {people} other legs",
-        ["", "NIS", "band from", "to", "inside", "autocorrelations inside", "people white"],
+        ["", "NIS", "95 % from", "to", "people inside their band", "autocorrelations inside", "people white"],
         lines,
     )
     return rows

@@ -1,6 +1,5 @@
 """Walks of many people, simulated in batches that share one compilation."""
 
-import math
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -14,7 +13,7 @@ from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.person import Person
 from jgait.simulate.population import fitted, person_of, population
 from jgait.simulate.routes import Route, straight
-from jgait.simulate.worn import SEVEN, Truth, limits, room, samples_in, trimmed, walk
+from jgait.simulate.worn import SEVEN, Truth, limits, room, roomy, samples_in, trimmed, walk
 from jgait.types import Recording
 
 
@@ -72,8 +71,7 @@ def _one_by_one(
     capacity = room(max(round(float(person.gait.steps)) for person in people))
     batch = min(batch, len(people))
     samples = [samples_in(last, rate) for last in lasts]
-    unit = 512 if max(samples) <= 1024 else 1024
-    time = jnp.asarray(np.arange(unit * math.ceil(max(samples) / unit)) / rate)
+    time = jnp.asarray(np.arange(roomy(max(samples))) / rate)
     for start in range(0, len(people), batch):
         # The last batch is filled up with its last person.
         chosen = [min(i, len(people) - 1) for i in range(start, start + batch)]

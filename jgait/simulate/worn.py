@@ -270,11 +270,10 @@ def recording(
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
     last, left = limits(key, person, along)
     check_slack(person, left, "on this route")
-    samples, capacity = samples_in(last, rate), 16 * math.ceil(steps / 16)
-    # Some more than asked for, so that other walks find the function compiled.
-    time = jnp.asarray(np.arange(256 * math.ceil(samples / 256)) / rate)
+    samples = samples_in(last, rate)
+    time = jnp.asarray(np.arange(roomy(samples)) / rate)
     read, true = _walk(
-        key, person, along, time, errors, capacity=capacity, placements=tuple(placements), mounts=mounts,
+        key, person, along, time, errors, capacity=room(steps), placements=tuple(placements), mounts=mounts,
         clock_of=clock_of,
     )  # fmt: skip
     read, true = trimmed(read, true, samples)
@@ -304,6 +303,11 @@ def room(steps: int) -> int:
 def samples_in(seconds: float, rate: float) -> int:
     """How many samples a walk has, the first and the last included."""
     return math.floor(seconds * rate + 1e-6) + 1
+
+
+def roomy(samples: int) -> int:
+    """Samples that arrays hold, some more than asked for, so that other walks find the functions compiled."""
+    return 512 if samples <= 512 else 1024 * math.ceil(samples / 1024)
 
 
 def trimmed(read: Any, true: Any, samples: int) -> Any:
