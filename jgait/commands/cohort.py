@@ -32,8 +32,8 @@ Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline inste
 Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
 
 NUMBERS = {
-    "thigh_length_m": ("a length in metres", 0.0, 1.0),
-    "shank_length_m": ("a length in metres", 0.0, 1.0),
+    "thigh_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
+    "shank_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
     "distance_m": ("a distance in metres above 0", 0.0, math.inf),
     "sampling_rate_hz": ("a rate in Hz above 0", 0.0, math.inf),
 }
@@ -194,6 +194,8 @@ def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
 
     unit_scale(gyr_unit, GYR_UNITS, "--gyr-unit")
     unit_scale(acc_unit, ACC_UNITS, "--acc-unit")
+    if not path.is_file():
+        raise ValueError(f"there is no such file: {path}")
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except UnicodeDecodeError as error:
@@ -204,9 +206,10 @@ def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
     header, *records = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     names = [name.strip().lower() for name in header]
     if "file" not in names:
-        near = difflib.get_close_matches("file", names, 1, 0.4)
+        near = difflib.get_close_matches("file", names, 1, 0.6)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"{path} needs a column 'file'; it has {', '.join(map(repr, names))}{hint}")
+        listed = ", ".join(map(repr, names[:8])) + (", …" if len(names) > 8 else "")
+        raise ValueError(f"{path} needs a column 'file'; it has {listed}{hint}")
     rows: dict[str, dict[str, str]] = {}
     failures: list[tuple[str, str]] = []
     for number, record in enumerate(records, 2):

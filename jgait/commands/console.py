@@ -39,8 +39,9 @@ def progress() -> Progress:
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
     """Every recording that could not be used, with its reason."""
     for name, reason in failures[:most]:
-        plain = reason.removeprefix("RecordingError: ").removeprefix("ValueError: ")
-        errors.print(f"[bold red]{escape(name)}:[/] {escape(plain)}", highlight=False, soft_wrap=True)
+        for kind in ("RecordingError", "ValueError", "FileNotFoundError"):
+            reason = reason.removeprefix(f"{kind}: ")
+        errors.print(f"[bold red]{escape(name)}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
     if len(failures) > most:
         errors.print(f"… and {len(failures) - most} more", highlight=False)
 
@@ -48,3 +49,8 @@ def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
 def note(message: str) -> None:
     """Something worth knowing that is no error."""
     errors.print(escape(message), highlight=False, style="yellow", soft_wrap=True)
+
+
+def count(number: int, one: str, many: str) -> str:
+    """So many things, in words."""
+    return f"{number} {one if number == 1 else many}"

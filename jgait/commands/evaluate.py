@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
-from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.pipeline import pipeline_of, start_of
 
 DRAWN = {"distance_m": "m", "stride_length_m": "m"}
@@ -149,7 +150,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def _label(name: str) -> str:
     words, _, unit = name.rpartition("_")
-    return f"{words.replace('_', ' ')} [{unit}]" if words else name
+    return escape(f"{words.replace('_', ' ')} [{unit}]") if words else name
 
 
 def _span(low: float, high: float) -> str:
@@ -160,7 +161,8 @@ def _show(title: str, found: Any, agreement: Any) -> None:
     """What was found, in tables that fit a terminal."""
     recordings = found.recordings
     console.print(
-        f"{title}: {len(recordings)} recordings of {recordings['subject'].nunique()} people, "
+        f"{escape(title)}: {count(len(recordings), 'recording', 'recordings')} of "
+        f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
         f"{recordings['seconds'].sum():.0f} s", highlight=False,
     )  # fmt: skip
     told = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
@@ -204,5 +206,5 @@ def _show_shapes(rows: Any, names: list[str]) -> None:
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
         word = {"x": "foot forward", "y": "foot up"}.get(part, part)
         numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
-        shown.add_row(f"{word}, {side} [{units[unit]}]", str(len(errors)), *numbers)
+        shown.add_row(escape(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
     console.print(shown)

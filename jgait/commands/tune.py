@@ -14,7 +14,7 @@ import typer
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import tune_report
-from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.pipeline import pipeline_of, start_of
 
 LOSSES = {
@@ -105,6 +105,7 @@ def tune(
     failures = list(source.failures)
     made = _lessons(pipeline, source, start, names, failures, {loss, judge or loss} != {"likelihood"})
     say_failures(failures)
+    _check_reference(made, {loss, judge or loss}, source.title)
     _make_room(out, fresh)
     job = _job(pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run")
     with progress() as bars, warnings.catch_warnings(record=True) as said:
@@ -172,6 +173,15 @@ def _lessons(
             stop(str(error))
     failures += made.failures
     return made
+
+
+def _check_reference(made: Any, losses: set[str], title: str) -> None:
+    """Leave with 2 where the reference does not say what the losses ask for."""
+    truth = made.data.reference
+    if "trajectory" in losses and not any(truth.legs):
+        stop(f"trajectory errors need joint angles, and the reference of {title} has none: --loss distance")
+    if "distance" in losses and truth.distance is None:
+        stop(f"distance errors need a distance, and the reference of {title} has none: --loss trajectory")
 
 
 def _make_room(out: Path, fresh: bool) -> None:
@@ -251,8 +261,8 @@ def _determined(job: Job, fit: Any, people: int, information: str) -> tuple[Any,
     numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(fit.free))
     if people <= numbers:
         return None, (
-            f"standard errors are left out: {numbers} numbers were learned from {people} people, "
-            "and there must be more people than numbers"
+            f"standard errors are left out: {count(numbers, 'number was', 'numbers were')} learned from "
+            f"{count(people, 'person', 'people')}, and there must be more people than numbers"
         )
     if fit.left_out:
         return None, "standard errors are left out, for some recordings did not count"

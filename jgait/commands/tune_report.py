@@ -6,13 +6,18 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
-from jgait.commands.console import console, note
+from jgait.commands.console import console, count, note
 from jgait.commands.evaluate import number
+from jgait.tune.words import OFF
 
 MOST = 30
 """People that the table on the terminal shows; the file has all."""
+
+ENOUGH = 6
+"""People from which on a verdict is given: fewer all change the same way by chance more often than one time in 20."""
 
 
 class Found(NamedTuple):
@@ -67,13 +72,16 @@ def report(
         )
         files.append(plot.save(drawn, out / "before_after.png"))
     console.print(
-        f"{title}: {len(job.made.names)} recordings of {how['people']} people, {how['steps']} steps", highlight=False
-    )
+        f"{escape(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
+        f"{count(how['people'], 'person', 'people')}, {count(how['steps'], 'step', 'steps')}", highlight=False,
+    )  # fmt: skip
     if change is not None:
         _show_held_out(table, job, change)
     _show_values(values)
     for line in [] if found.known is None else found.known.sentences:
-        console.print(f"· {line}", highlight=False)
+        console.print(escape(f"· {line}"), highlight=False)
+    if found.known is not None and found.known.decrement > OFF:
+        note("more --steps, or another --learning-rate, may lead nearer to the optimum")
     for line in found.left_out:
         note(line)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
@@ -115,25 +123,28 @@ def _name(path: Any) -> str:
 
 def _show_held_out(table: Any, job: Any, change: Any) -> None:
     """Each person's error before, and after learning from others; then what that says."""
-    console.print(f"\n{job.judged} \[{job.unit}] of people that the tuning never saw", style="italic")
+    console.print(escape(f"\n{job.judged} [{job.unit}] of people that the tuning never saw"), style="italic")
     shown = Table()
     for name in ("person", "recordings", "before", "after", "change"):
         shown.add_column(name, justify="left" if name == "person" else "right")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
-        shown.add_row(str(subject), f"{row['n']:.0f}", *numbers)
+        shown.add_row(escape(str(subject)), f"{row['n']:.0f}", *numbers)
     if len(table) > MOST:
         shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
     shown.add_section()
     for name, of in (("median", np.median), ("worst", np.max)):
         shown.add_row(name, "", number(of(table["error_before"])), number(of(table["error_after"])), "")
     console.print(shown)
+    said = f"median change {number(change.estimate)} {job.unit}"
+    sides = f"{change.better} better, {change.worse} worse"
+    if change.n < ENOUGH:
+        console.print(f"{said}; {sides} (a verdict needs {ENOUGH} people)", highlight=False)
+        return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
-    console.print(
-        f"{verdict}: median change {number(change.estimate)} {job.unit} (95 %: {number(change.low)} to "
-        f"{number(change.high)}, bootstrap over people); {change.better} better, {change.worse} worse", highlight=False,
-    )  # fmt: skip
+    ends = f"95 %: {number(change.low)} to {number(change.high)}, bootstrap over people"
+    console.print(f"{verdict}: {said} ({ends}); {sides}", highlight=False)
 
 
 def _show_values(values: dict[str, dict[str, Any]]) -> None:

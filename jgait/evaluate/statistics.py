@@ -281,7 +281,8 @@ def agreement(
         )
         rows[name] = one | {"n_dropped": int(np.sum(~finite))}
     whole = {"n": int, "n_subjects": int, "n_dropped": int}
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity").astype(whole)
+    made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # of no rows, too
+    return made.rename_axis("quantity").astype(whole)
 
 
 def _agreement(

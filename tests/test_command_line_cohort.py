@@ -1,0 +1,280 @@
+"""A whole cohort on the command line: bad rows, runs that go on, and parameters from one command to another."""
+
+import json
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from jgait import io, protocols
+from jgait.cli import app
+from jgait.estimators import leg_ekf
+
+RUNNER = CliRunner(env={"COLUMNS": "200"})
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = RUNNER.invoke(app, [str(word) for word in words])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory):
+    """A folder of four simulated walks of two people as a user's files, and the rows of their table."""
+    folder = tmp_path_factory.mktemp("cohort")
+    rows = []
+    for number, one in enumerate(protocols.bennett(jax.random.key(7), 4)):
+        name = f"walk{number}.csv"
+        io.recording_to_dataframe(one.recording).to_csv(folder / name)
+        known = one.truth.estimate.diagnostics
+        rows.append({
+            "file": name, "subject": f"p{number // 2}", "thigh_length_m": float(known["thigh_length"]),
+            "shank_length_m": float(known["shank_length"]), "distance_m": one.extra["distance"],
+        })  # fmt: skip
+    return folder, rows
+
+
+@pytest.fixture
+def table(walks):
+    folder, rows = walks
+
+    def write(change=None, name="cohort.csv", sep=","):
+        frame = pd.DataFrame(rows)
+        (frame if change is None else change(frame)).to_csv(folder / name, index=False, sep=sep)
+        return folder / name
+
+    return write
+
+
+def with_bad_rows(frame):
+    more = pd.DataFrame([
+        {"file": "nowhere.csv", "subject": "p8"}, {"file": "walk0.csv", "subject": "p8"}, {"file": "", "subject": "p8"},
+        {"file": "empty.csv", "subject": "p8"}, {"file": "copy.csv", "subject": "p9", "thigh_length_m": "40 cm"},
+    ])  # fmt: skip
+    return pd.concat([frame.astype(object), more.astype(object)])
+
+
+@pytest.fixture(scope="module")
+def evaluated(walks, tmp_path_factory):
+    """One evaluation of the good and the bad rows: exit code, output, folder, table."""
+    folder, rows = walks
+    (folder / "empty.csv").write_text("")
+    (folder / "copy.csv").write_bytes((folder / "walk0.csv").read_bytes())
+    table = folder / "bad.csv"
+    with_bad_rows(pd.DataFrame(rows)).to_csv(table, index=False, sep=";")
+    out = tmp_path_factory.mktemp("evaluated") / "out"
+    code, said = run("evaluate", table, "--paper", "--out", out, "--json", out.parent / "numbers.json")
+    return code, said, out, table
+
+
+def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
+    code, said, out, _ = evaluated
+    assert code == 1, said
+    for words in (
+        "nowhere.csv: there is no such file", "line 7: walk0.csv is listed twice", "line 8: it names no file",
+        "empty.csv is empty", "thigh_length_m must be a length in metres", "5 of 9 recordings could not be used",
+        "4 recordings of 2 people",
+    ):  # fmt: skip
+        assert words in said, said
+    assert len(pd.read_csv(out / "failures.csv")) == 5
+    assert sorted(pd.read_csv(out / "recordings.csv")["subject"]) == ["p0", "p0", "p1", "p1"]
+    assert (out / "distance_agreement.png").exists() and (out / "distance_per_subject.png").exists()
+
+
+def test_the_agreement_is_that_of_the_estimator(evaluated, walks):
+    _, _, out, _ = evaluated
+    folder, rows = walks
+    written = pd.read_csv(out / "quantities.csv").set_index(["quantity", "recording"]).loc["distance_m"]
+    for row in rows:
+        p = leg_ekf.with_body(
+            leg_ekf.LegParams(), {"thigh_length": row["thigh_length_m"], "shank_length": row["shank_length_m"]}
+        )
+        alone = leg_ekf.estimate(p, io.read_csv(folder / row["file"]), leg_ekf.PAPER)
+        way = np.asarray(alone.distance)
+        assert written.loc[row["file"], "estimate"] == pytest.approx(way[-1] - way[0], rel=1e-9)
+        assert written.loc[row["file"], "reference"] == pytest.approx(row["distance_m"], rel=1e-12)
+    numbers = json.loads((out.parent / "numbers.json").read_text())["agreement"]["distance_m"]
+    errors = written["estimate"] - written["reference"]
+    assert numbers["bias"] == pytest.approx(errors.mean(), rel=1e-9)
+    assert numbers["n"] == 4 and numbers["n_subjects"] == 2
+
+
+def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
+    _, first, out, table = evaluated
+    before = (out / "quantities.csv").read_bytes()
+    code, said = run("evaluate", table, "--paper", "--out", out)
+    assert code == 1
+    assert "going on from an earlier run" in said and "going on" not in first
+    assert (out / "quantities.csv").read_bytes() == before
+    changed = table.with_name("changed.csv")
+    changed.write_text(table.read_text().replace("p1", "p2"))
+    code, said = run("evaluate", changed, "--paper", "--out", out)
+    assert code == 2
+    assert "walk2.csv was" in said and "--fresh" in said
+    code, said = run("evaluate", table, "--out", out)
+    assert code == 2
+    assert "another evaluation" in said and "--fresh" in said
+
+
+def test_a_cohort_in_which_nothing_can_be_used(table, tmp_path):
+    code, said = run("evaluate", table(lambda f: f.assign(file=[f"no{i}.csv" for i in range(4)])), "--out", tmp_path)
+    assert code == 2
+    assert "none of the 4 recordings" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N; got none"),
+        (("--simulated", 2, "--dataset", "walking5m"), "got --dataset and --simulated"),
+        (("nowhere.csv",), "there is no such file: nowhere.csv"),
+        (("--dataset", "mine"), "there is no data set 'mine'"),
+        (("--simulated", 1, "--estimator", "mine"), "estimator must be one of leg_ekf"),
+        (("--simulated", 1, "--params", "nowhere.json"), "--params: "),
+    ],
+    ids=["nothing", "two", "no file", "no set", "no estimator", "no params"],
+)
+def test_bad_usage(words, expected, tmp_path):
+    code, said = run("evaluate", *words, "--out", tmp_path / "out")
+    assert code == 2
+    assert expected in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_tables_that_are_none(table, tmp_path):
+    def said_of(change):
+        code, said = run("evaluate", table(change, "odd.csv"), "--out", tmp_path)
+        assert code == 2
+        return said
+
+    assert "did you mean 'files'?" in said_of(lambda f: f.rename(columns={"file": "files"}))
+    assert "must have a header and a row for each recording" in said_of(lambda f: f.iloc[:0])
+
+
+def test_what_may_not_have_been_meant_is_noted(table, tmp_path):
+    def change(frame):
+        return frame.rename(columns={"thigh_length_m": "thigh_lenght_m"}).drop(columns=["subject", "distance_m"])
+
+    code, said = run("evaluate", table(change, "loose.csv"), "--paper", "--out", tmp_path / "out")
+    assert code == 0, said
+    for words in (
+        "did you mean 'thigh_length_m'?", "every recording counts as another person",
+        "4 of 4 recordings have no thigh_length_m", "4 of 4 recordings have no reference",
+    ):  # fmt: skip
+        assert words in said
+
+
+@pytest.fixture(scope="module")
+def tuned(evaluated, tmp_path_factory):
+    """A tuning on the same rows: exit code, output, folder, the words of the command."""
+    out = tmp_path_factory.mktemp("tuned") / "out"
+    words = ("tune", evaluated[3], "--free", "distance_scale", "--paper", "--steps", 60)
+    words = (*words, "--out", out, "--json", out.parent / "numbers.json")
+    code, said = run(*words)
+    return code, said, out, words
+
+
+def test_tuning_judges_people_that_it_never_saw(tuned, walks):
+    code, said, out, _ = tuned
+    assert code == 1, said
+    for words in (
+        "of people that the tuning never saw", "p0", "p1", "2 better, 0 worse", "learned from everybody",
+        "5 of 9 recordings could not be used",
+    ):  # fmt: skip
+        assert words in said, said
+    names = {path.name for path in out.iterdir()}
+    assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "run"}
+    held = pd.read_csv(out / "held_out.csv")
+    assert sorted(held["recording"]) == [row["file"] for row in walks[1]]
+    assert (held["error_after"] < held["error_before"]).all()
+    (value,) = json.loads((out.parent / "numbers.json").read_text())["values"].values()
+    assert value["stderr"] > 0.0 and value["low"] < value["after"] < value["high"]
+
+
+def test_the_tuned_scale_is_the_one_of_least_squares(tuned, evaluated):
+    rows = pd.read_csv(evaluated[2] / "quantities.csv").query("quantity == 'distance_m'")
+    ratio = rows["estimate"] / rows["reference"]
+    best = ratio.sum() / (ratio**2).sum()  # of Σ (scale · ratio − 1)²
+    written = json.loads((tuned[2] / "tuned.json").read_text())
+    assert written["parameters"]["distance_scale"]["value"] == pytest.approx(best, rel=1e-3)
+    assert written["made"]["people"] == 2 and written["made"]["free"] == ["distance_scale"]
+    assert written["parameters"]["angle_noise"] == {"value": 10.0, "unit": "rad²/s³"}
+
+
+def test_a_tuning_that_was_finished_is_not_run_again(tuned):
+    _, _, out, words = tuned
+    before = (out / "tuned.json").read_bytes()
+    code, said = run(*words)
+    assert code == 1
+    assert "going on from an earlier run" in said and "going on" not in tuned[1]
+    assert (out / "tuned.json").read_bytes() == before
+
+
+def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walks, tmp_path):
+    file = tuned[2] / "tuned.json"
+    scale = json.loads(file.read_text())["parameters"]["distance_scale"]["value"]
+    code, said = run("evaluate", evaluated[3], "--paper", "--params", file, "--out", tmp_path / "out")
+    assert code == 1, said
+    before, after = (
+        pd.read_csv(folder / "quantities.csv").query("quantity == 'distance_m'")["estimate"].to_numpy()
+        for folder in (evaluated[2], tmp_path / "out")
+    )
+    np.testing.assert_allclose(after, scale * before, rtol=1e-9)
+    walk = walks[0] / walks[1][0]["file"]
+    ways = []
+    for more in ((), ("--params", file), ("--params", file, "--scale", 1.0)):
+        code, said = run("estimate", walk, "--paper", "--out", tmp_path / "one", *more)
+        assert code == 0, said
+        ways.append(pd.read_csv(tmp_path / "one" / f"{walk.stem}_legs.csv")["distance_m"].iloc[-1])
+    assert ways[1] == pytest.approx(scale * ways[0], rel=1e-8)  # as written
+    assert ways[2] == ways[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--free", "scale"), "there is no parameter 'scale'; there are thigh_length.right"),
+        (("--free", ","), "--free names nothing to learn"),
+        (("--free", "distance_scale", "--loss", "speed"), "--loss is distance, trajectory, likelihood; got 'speed'"),
+        (("--free", "distance_scale", "--loss", "trajectory"), "the reference of cohort.csv has none: --loss distance"),
+        (("--free", "distance_scale", "--folds", 3), "folds must be between 2 and the 2 subjects"),
+    ],
+    ids=["unknown", "empty", "loss", "no angles", "folds"],
+)
+def test_bad_tunings(table, words, expected, tmp_path):
+    code, said = run("tune", table(), "--paper", *words, "--steps", 1, "--out", tmp_path / "out")
+    assert code == 2
+    assert expected in said
+    assert not (tmp_path / "out" / "tuned.json").exists()
+
+
+def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table, tmp_path):
+    lonely = table(lambda f: f.drop(columns="distance_m").assign(subject="me"), "lonely.csv")
+    words = ("tune", lonely, "--paper", "--free", "gyro_noise", "--loss", "likelihood", "--steps", 3)
+    code, said = run(*words, "--out", tmp_path / "out")
+    assert code == 0, said
+    assert "it needs two people, and there is one" in said
+    assert "1 number was learned from 1 person" in said
+    assert not (tmp_path / "out" / "held_out.csv").exists()
+    assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0
+
+
+def test_parameters_in_a_file(tmp_path):
+    p = leg_ekf.LegParams(angle_noise=3.0, thigh_length=leg_ekf.BySide(0.4, 0.41))
+    file = io.write_params(tmp_path / "p.json", p, estimator="leg_ekf", stderr={"angle_noise": 0.5}, made={"by": "me"})
+    assert io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf") == (p, {"by": "me"})
+    with pytest.raises(ValueError, match="holds parameters of leg_ekf; other is wanted"):
+        io.read_params(file, leg_ekf.LegParams(), estimator="other")
+    file.write_text(file.read_text().replace("angle_noise", "angel_noise"))
+    with pytest.raises(ValueError, match="names a parameter 'angel_noise' that leg_ekf does not have"):
+        io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
+    file.write_text("[1, 2]")
+    with pytest.raises(ValueError, match="is no file of parameters"):
+        io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
+
+
+def test_every_parameter_has_a_unit():
+    assert all(io.units(leg_ekf.LegParams()).values())
