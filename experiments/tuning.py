@@ -199,7 +199,9 @@ def leave_one_out(quick: bool) -> list[Row]:
     split = "leave one subject out, simulated walks of the leg protocol"
     return [
         Row("loso_seconds", seconds, "s", n=people, split=f"{starts} starts × {steps} steps, compiling included"),
-        Row("loso_speedup_over_loop", loop / seconds, "ratio", n=len(folds), split="over folds, tune.fit of all starts"),
+        Row(
+            "loso_speedup_over_loop", loop / seconds, "ratio", n=len(folds), split="over folds, tune.fit of all starts"
+        ),
         Row("loso_speedup_over_nested_loop", nested / seconds, "ratio", n=len(alone), split="over folds and starts"),
         Row("loso_speedup_over_compiled_loop", warm / seconds, "ratio", n=1, split="a step compiled once for all"),
         Row("loso_error_before_median", float(table["error_before"].median()), "deg² + cm²", n=people, split=split),
