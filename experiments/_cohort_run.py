@@ -114,7 +114,6 @@ def evaluated(settings: Settings, watch: Watch) -> Any:
     if settings.how == "mesh":
         jax.config.update("jax_num_cpu_devices", DEVICES)
     if settings.how == "processes":
-        jax.config.update("jax_cpu_collectives_implementation", "gloo")
         jax.distributed.initialize(f"127.0.0.1:{settings.port}", 2, settings.rank)
     jax.monitoring.register_event_duration_secs_listener(functools.partial(_compiling, watch))
 

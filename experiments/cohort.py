@@ -251,8 +251,8 @@ def experiment(quick: bool, folder: Path | None) -> list[Row]:
     """All of it, in a folder that is removed at the end."""
     scope = QUICK if quick else FULL
     with tempfile.TemporaryDirectory(prefix="jgait-cohort-") as scratch:
-        rows = same(scope, Path(scratch))
-        return [*timed(scope, Path(scratch), folder), *rows]
+        rows = timed(scope, Path(scratch), folder)
+        return [*rows, *same(scope, Path(scratch))]
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def cohort(
     On a cluster with SLURM, either each process takes its share of the items, all write to one `out`, and each returns
     the tables of all; `srun python script.py` with, in the script::
 
-        jax.distributed.initialize()  # finds SLURM's settings; on CPUs see also jax_cpu_collectives_implementation
+        jax.distributed.initialize()  # finds SLURM's settings
         tables = evaluate.cohort(estimator, paths, read=load, out="/shared/results")
 
     or Dask hands them out, a task for each `batch` of items, and repeats what a lost worker had::

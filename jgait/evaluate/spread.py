@@ -1,10 +1,12 @@
 """A cohort on more than one device, process or machine; Dask is imported only where it is used."""
 
+import itertools
 from collections.abc import Callable, Generator, Iterable
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import jax
+from jax._src import distributed
 from jax.sharding import Mesh, PartitionSpec
 
 if TYPE_CHECKING:
@@ -38,12 +40,21 @@ def sharded(mapped: Callable[..., Any], mesh: Mesh) -> Callable[..., Any]:
     return jax.shard_map(mapped, mesh=mesh, in_specs=along, out_specs=along, check_vma=False)
 
 
-def barrier(name: str) -> None:
-    """Wait until every process has come here."""
-    if jax.process_count() > 1:
-        from jax.experimental.multihost_utils import sync_global_devices
+PATIENCE = 7 * 24 * 3600
+"""How long a process waits for the others [s]; one that dies is noticed sooner."""
 
-        sync_global_devices(name)
+_barriers = itertools.count()
+
+
+def barrier(name: str) -> None:
+    """Wait until every process has come here, however much longer the others take."""
+    if jax.process_count() == 1:
+        return
+    # JAX's public `sync_global_devices` is a collective, which on CPUs gives up when another is half a minute late.
+    client = distributed.global_state.client
+    if client is None:
+        raise RuntimeError("several processes need jax.distributed.initialize()")
+    client.wait_at_barrier(f"{name}-{next(_barriers)}", 1000 * PATIENCE)
 
 
 def task(job: "Job", items: list[tuple[str, Any]]) -> "Cohort":

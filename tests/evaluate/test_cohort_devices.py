@@ -15,6 +15,7 @@ import pytest
 from made_cohort import FAKE, read, read_or_die, walk
 
 from jgait import evaluate
+from jgait.evaluate import spread
 
 TESTS = Path(__file__).parents[1]
 
@@ -34,6 +35,7 @@ def test_devices_share_each_batch(tmp_path):
 import jax
 from made_cohort import FAKE, TRACED, read
 from jgait import evaluate
+from jgait.evaluate import spread
 mesh = jax.make_mesh((4,), ("recordings",), axis_types=(jax.sharding.AxisType.Auto,))
 jax.config.update("jax_numpy_rank_promotion", "raise")
 tables = evaluate.cohort(FAKE, range(18), read=read, out={str(tmp_path / "four")!r}, batch=6, mesh=mesh)
@@ -72,10 +74,10 @@ def test_processes_take_their_shares_and_return_all(tmp_path):
     script = """
 import sys
 import jax
-jax.config.update("jax_cpu_collectives_implementation", "gloo")
 jax.distributed.initialize(sys.argv[1], 2, int(sys.argv[2]))
 from made_cohort import FAKE, read
 from jgait import evaluate
+from jgait.evaluate import spread
 number = int(sys.argv[2])
 mine = []
 def load(item):
@@ -111,6 +113,26 @@ for name, table in tables._asdict().items():
         close(tables, whole)
     written = {p.name.split("-")[1] for p in (tmp_path / "out").glob("part-*")}
     assert written == {"0", "1"}
+
+
+def test_processes_wait_for_those_that_are_late(monkeypatch):
+    waited = []
+
+    class Others:
+        def wait_at_barrier(self, name, milliseconds):
+            waited.append((name, milliseconds))
+
+    spread.barrier("alone")
+    monkeypatch.setattr(jax, "process_count", lambda: 2)
+    monkeypatch.setattr(spread.distributed.global_state, "client", Others())
+    spread.barrier("a")
+    spread.barrier("a")
+    # Each barrier is its own; a collective on CPUs would have given up after 30 s.
+    assert len({name for name, _ in waited}) == 2
+    assert all(milliseconds > 24 * 3600 * 1000 for _, milliseconds in waited)
+    monkeypatch.setattr(spread.distributed.global_state, "client", None)
+    with pytest.raises(RuntimeError, match=r"jax\.distributed\.initialize"):
+        spread.barrier("a")
 
 
 @pytest.fixture
