@@ -3,19 +3,17 @@
 Only of data drawn from the model are the process noises known: people do not walk in white accelerations.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from jgait import filtering, params, protocols, simulate
+from jgait import datasets, filtering, params, protocols, simulate, tune
 from jgait.estimators import leg_ekf, leg_model
-from jgait.estimators.leg_ekf import PAPER, BySide, LegParams
-from jgait.estimators.leg_inputs import LegInputs, pad
+from jgait.estimators.leg_ekf import PAPER
 from jgait.estimators.leg_model import LegModelParams, LegRates
-from jgait.types import Estimate
+from jgait.tune import Lessons
+from jgait.types import Walk
 
 RATE_HZ = 100.0
 SECONDS = 10.0
@@ -82,46 +80,19 @@ def nats(p: Noise, item: Drawn) -> Any:
     return -jnp.sum(filtered(p, item, "log_likelihood").log_likelihood)
 
 
-class Lesson(NamedTuple):
-    """A walk of the leg protocol: inputs of the leg estimator, and the truth at the same times."""
-
-    inputs: LegInputs
-    truth: Estimate
-    thigh_length: Any
-    shank_length: Any
-
-
 GYROSCOPES = PAPER._replace(rate_hz=None, median=1, distance="forward", execution="fast")
 """The paper's filter at the rate of the recording: gyroscopes alone."""
 
 
-def walks(key: Any, people: int, rate: float, samples: int, sides: tuple[str, ...], dtype: Any) -> Lesson:
-    """Walks of the leg protocol, padded or cut to one length; leaves (people, …)."""
-    worn = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
-    found = []
-    for walked in protocols.bennett(key, people, rate=rate, placements=worn):
-        inputs = leg_ekf.prepared(walked.recording, GYROSCOPES).inputs
-        truth = walked.truth.estimate
-        body = truth.diagnostics
-        have = inputs.time.size
-        inputs = pad(inputs, max(have, samples))
-        legs = truth.legs._replace(**{side: None for side in ("right", "left") if side not in sides})
-        bare = Estimate(truth.time, legs, None, truth.distance, np.asarray(truth.valid), {})
-        bare = jax.tree.map(partial(_longer, more=max(0, samples - have)), bare)
-        one = Lesson(inputs, bare, body["thigh_length"], body["shank_length"])
-        found.append(jax.tree.map(partial(_cut, have=max(have, samples), samples=samples, dtype=dtype), one))
-    return jax.tree.map(lambda *v: np.stack(v), *found)
-
-
-def _longer(values: Any, more: int) -> np.ndarray:
-    return np.pad(values, (0, more))
-
-
-def _cut(values: Any, *, have: int, samples: int, dtype: Any) -> np.ndarray:
-    values = np.asarray(values)
-    values = values[:samples] if values.ndim and values.shape[0] == have else values
-    return values.astype(dtype) if values.dtype.kind == "f" else values
-
-
-def with_lengths(p: LegParams, thigh: Any, shank: Any) -> LegParams:
-    return p._replace(thigh_length=BySide(thigh, thigh), shank_length=BySide(shank, shank))
+def walks(key: Any, people: int, dtype: Any) -> Lessons:
+    """Walks of the leg protocol, right leg, padded to ten seconds, in the given precision."""
+    worn = ("thigh_right", "shank_right")
+    found = protocols.bennett(key, people, rate=RATE_HZ, placements=worn)
+    made = tune.lessons(
+        leg_ekf.estimator(GYROSCOPES), [Walk(one.recording, one.truth.estimate, {}) for one in found],
+        own=datasets.body, samples=round(RATE_HZ * SECONDS),
+    )  # fmt: skip
+    if made.failures:
+        raise RuntimeError(f"simulated walks that cannot be used: {made.failures}")
+    cast = jax.tree.map(lambda v: v.astype(dtype) if v.dtype.kind == "f" else v, made.data)
+    return made._replace(data=cast)

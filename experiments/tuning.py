@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from _tuning_killed import killed
-from _tuning_problems import FREE, GYROSCOPES, START, TRUE, Drawn, Lesson, Noise, filtered, nats, walks
+from _tuning_problems import FREE, GYROSCOPES, START, TRUE, Drawn, Noise, filtered, nats, walks
 from _tuning_real import real
 from common import Row, main, show
 
 from jgait import evaluate, losses, params, tune
 from jgait.estimators import leg_ekf
-from jgait.tune import Fit
+from jgait.tune import Fit, Lesson
 
 
 def cohort_fit(data: Drawn, steps: int) -> Fit[Noise]:
@@ -88,6 +88,11 @@ def consistent(data: Drawn, before: Noise, after: Noise, people: int) -> list[Ro
     return rows
 
 
+def absolute(estimate: Any, lesson: Lesson) -> Any:
+    """Squared error of angles [°²] and foot path [cm²], offsets included."""
+    return losses.trajectory(estimate, lesson.reference, window=lesson.look)
+
+
 class Leg(NamedTuple):
     """What is each person's own: lengths [m], and the pose in which they stand [rad]."""
 
@@ -100,21 +105,22 @@ class Leg(NamedTuple):
 def lengths(quick: bool) -> list[Row]:
     """Everybody's own leg lengths from the path of their feet, all people in one fit."""
     people = 4 if quick else 32
-    data = walks(jax.random.key(3), people, 100.0, 1000, ("right",), np.float64)
+    data = walks(jax.random.key(3), people, np.float64).data
     length, angle = (params.per_subject(params.interval(*ends)) for ends in ((0.2, 0.7), (-0.6, 0.6)))
 
-    def loss(p: Leg, item: Lesson) -> Any:
+    def loss(p: Leg, lesson: Lesson) -> Any:
         side = leg_ekf.BySide
-        q = problems.with_lengths(leg_ekf.LegParams(), p.thigh_length, p.shank_length)._replace(
+        q = leg_ekf.with_body(leg_ekf.LegParams(), {"thigh_length": p.thigh_length, "shank_length": p.shank_length})
+        q = q._replace(
             standing_hip=side(p.standing_hip, p.standing_hip), standing_knee=side(p.standing_knee, p.standing_knee)
         )
-        return losses.trajectory(leg_ekf.run(q, item.inputs, GYROSCOPES), item.truth, window=item.truth.valid)
+        return absolute(leg_ekf.run(q, lesson.inputs, GYROSCOPES), lesson)
 
     fit = tune.fit(
         loss, Leg(0.43, 0.43, 0.0, 0.0), Leg(length, length, angle, angle), data, optax.lbfgs(),
         steps=10 if quick else 30, subjects=range(people), gradient="forward",
     )  # fmt: skip
-    true = [np.asarray(data.thigh_length), np.asarray(data.shank_length)]
+    true = [data.own[name][:, 0] for name in ("thigh_length", "shank_length")]
     errors = 100.0 * np.abs(np.stack([np.asarray(fit.params[k]) - true[k] for k in range(2)]))
     total = 100.0 * np.abs(sum(np.asarray(fit.params[k]) - true[k] for k in range(2)))
     show(
@@ -145,23 +151,23 @@ SHARED = Shared(10.0, 1.0, 0.0, 0.0)
 RANGES = Shared(params.positive, params.positive, params.interval(-0.6, 0.6), params.interval(-0.4, 0.8))
 
 
-def path_loss(p: Shared, item: Lesson) -> Any:
+def path_loss(p: Shared, lesson: Lesson) -> Any:
     """Squared error of angles and foot path, in degrees and centimetres, the person's lengths known."""
     side = leg_ekf.BySide
-    q = problems.with_lengths(leg_ekf.LegParams(), item.thigh_length, item.shank_length)._replace(
+    q = leg_ekf.with_body(leg_ekf.LegParams(), lesson.own)._replace(
         angle_noise=p.angle_noise, gyro_noise=p.gyro_noise, standing_hip=side(p.standing_hip, p.standing_hip),
         standing_knee=side(p.standing_knee, p.standing_knee),
     )  # fmt: skip
-    return losses.trajectory(leg_ekf.run(q, item.inputs, GYROSCOPES), item.truth, window=item.truth.valid)
+    return absolute(leg_ekf.run(q, lesson.inputs, GYROSCOPES), lesson)
 
 
 def leave_one_out(quick: bool) -> list[Row]:
     """32 subjects × 4 starts × 300 steps, against loops over folds; float32, compiling counted."""
     people, starts, steps = (6, 2, 20) if quick else (32, 4, 300)
-    data = walks(jax.random.key(4), people, 100.0, 1000, ("right",), np.float32)
+    made = walks(jax.random.key(4), people, np.float32)
+    data, names = made.data, made.subjects
     settings: dict[str, Any] = {"steps": steps, "starts": starts, "spread": 0.3, "gradient": "reverse"}
     start = jax.tree.map(np.float32, SHARED)
-    names = [f"subject_{i + 1:02d}" for i in range(people)]
 
     begin = time.perf_counter()
     found = tune.cross_validate(
