@@ -250,8 +250,8 @@ def fit[P](
 
 
 def name_of(loss: Any) -> str:
-    """What a checkpoint knows a loss by."""
-    return getattr(loss, "__qualname__", type(loss).__qualname__)
+    """What a checkpoint knows a loss by: a function by its name, anything else by how it prints."""
+    return str(getattr(loss, "__qualname__", None) or repr(loss))
 
 
 def _every(minibatch: int | None, n: int) -> int:
