@@ -81,7 +81,7 @@ def quality(tables: Cohort, split: str) -> list[Row]:
 
 
 def figures(tables: Cohort, folder: Path) -> None:
-    """Agreement of distance and stride length, and the errors of those people who fare best and worst."""
+    """Agreement of distance and stride length, and the errors of people who fare best, middling and worst."""
     from jgait import plot, plot_cohort
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -90,12 +90,14 @@ def figures(tables: Cohort, folder: Path) -> None:
     strides = rows[(rows["quantity"] == "stride_length_m") & rows["estimate"].notna()]
     rng = np.random.default_rng(17)
     subjects = rng.permutation(np.sort(strides["subject"].unique()))[:100]
-    some = strides[strides["subject"].isin(subjects)]
-    drawn["stride_length"] = plot_cohort.bland_altman(some, "stride_length_m", unit="m")
+    drawn["stride_length"] = plot_cohort.bland_altman(
+        strides[strides["subject"].isin(subjects)], "stride_length_m", unit="m"
+    )
     order = strides["abs_error"].groupby(strides["subject"]).median().sort_values().index
-    ends = [*order[:15], *order[-15:]] if len(order) > 30 else list(order)
-    chosen = strides[strides["subject"].isin(ends)]
-    title = f"{len(ends)} of {len(order)} people: who fares best, and who fares worst"
+    middle = len(order) // 2
+    some = [*order[:10], *order[middle - 5 : middle + 5], *order[-10:]] if len(order) > 30 else list(order)
+    chosen = strides[strides["subject"].isin(some)]
+    title = f"{len(some)} of {len(order)} people: who fares best, who is in the middle, and who fares worst"
     drawn["people"] = plot_cohort.per_subject(chosen, "stride_length_m", unit="m", title=title)
     for name, figure in drawn.items():
         print(plot.save(figure, folder / f"cohort_{name}.png"))
