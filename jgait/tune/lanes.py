@@ -102,7 +102,7 @@ def _program(problem: Problem, optimizer: Any, settings: Settings, size: int) ->
     return jax.jit(run, out_shardings=everywhere, compiler_options=wide_vectors() or None)
 
 
-AT_ONCE = 512
+AT_ONCE = 128
 """Items times fits that one program works on: as many numbers as the processor's nearest memory takes."""
 
 
