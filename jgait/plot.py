@@ -36,6 +36,22 @@ def _window(estimate: Estimate, seconds: tuple[float, float] | None) -> slice:
     return slice(*np.searchsorted(time, seconds))
 
 
+def _shown(estimate: Estimate) -> Estimate:
+    """The same with gaps where it says nothing: padding, no data yet."""
+    valid = np.asarray(estimate.valid, bool)
+
+    def gapped(values: Any) -> np.ndarray:
+        return np.where(valid, np.asarray(values, float), np.nan)
+
+    def legs(both: Any) -> Any:
+        return None if both is None else type(both)(
+            *(None if leg is None else type(leg)(*map(gapped, leg)) for leg in both)
+        )  # fmt: skip
+
+    way = None if estimate.distance is None else gapped(estimate.distance)
+    return estimate._replace(legs=legs(estimate.legs), stddev=legs(estimate.stddev), distance=way)
+
+
 def joint_angles(
     estimate: Estimate,
     reference: Estimate | None = None,
@@ -58,6 +74,7 @@ def joint_angles(
     Returns:
         A matplotlib figure.
     """
+    estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(2, len(worn), 5.2 * len(worn) + 0.6, 5.6)
     part = _window(estimate, seconds)
@@ -114,6 +131,7 @@ def foot_path(
     Returns:
         A matplotlib figure.
     """
+    estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
     part = _window(estimate, seconds)
@@ -165,9 +183,12 @@ def distance(
     axis = axes[0, 0]
 
     def draw(what: Estimate, name: str, style: dict[str, Any]) -> None:
+        what = _shown(what)
         part = _window(what, seconds)
         values = np.asarray(what.distance)[part]
-        axis.plot(np.asarray(what.time)[part], values - values[0], label=name, **style)
+        told = np.flatnonzero(np.isfinite(values))
+        from_start = values - values[told[0]] if told.size else values
+        axis.plot(np.asarray(what.time)[part], from_start, label=name, **style)
 
     for number, (name, other) in enumerate((others or {}).items()):
         draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": (":", "-.")[number % 2]})

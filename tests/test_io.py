@@ -519,3 +519,11 @@ def test_heavy_packages_wait_until_they_are_needed():
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+def test_a_recording_is_written_and_read_again(tmp_path):
+    recording = io.recording_from_dataframe(table(), acc_unit="m/s^2")
+    again = io.read_csv(io.write_csv(recording, tmp_path / "walk.csv"))
+    for placement, imu in recording.sensors.items():
+        np.testing.assert_allclose(again.sensors[placement].gyr, imu.gyr, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(again.sensors[placement].acc, imu.acc, rtol=1e-7, atol=1e-9)

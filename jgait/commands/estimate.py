@@ -36,6 +36,11 @@ def estimate(
 
     p = start_of(pipeline_of("leg_ekf", paper), params, paper)
     known = {"thigh_length": thigh, "shank_length": shank}
+    missing = [f"--{name.removesuffix('_length')}" for name, value in known.items() if value is None]
+    if missing and params is None:
+        note(
+            f"no {' and '.join(missing)}: the default length of 0.43 m is taken, and distances are in proportion to it"
+        )
     p = leg_ekf.with_body(p, {name: value for name, value in known.items() if value is not None})
     p = p if scale is None else p._replace(distance_scale=scale)
     failed = 0

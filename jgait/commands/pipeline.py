@@ -35,6 +35,11 @@ def start_of(estimator: Estimator[Any, Any], file: Path | None, paper: bool) -> 
     tuned_for = made.get("pipeline")
     if tuned_for not in (None, _name(paper)):
         note(f"{file} was tuned for the pipeline {tuned_for!r}; this one is {_name(paper)!r}")
+    if made.get("cohort"):
+        note(
+            f"{file} was tuned on {made['cohort']}: errors on people of that cohort are not held out; "
+            "those that jgait tune printed are"
+        )
     return params
 
 

@@ -289,13 +289,26 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation
 
 
 def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
-    """The parameters with a person's own thigh and shank lengths [m], as far as `body` has them."""
+    """The parameters with a person's own lengths put in.
 
-    def both(value: Any) -> BySide:
-        right, left = value if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
-        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in (right, left)))
+    Args:
+        p: parameters.
+        body: "thigh_length" and "shank_length" [m], as far as known; each a number or (right, left).
 
-    return p._replace(**{name: both(body[name]) for name in ("thigh_length", "shank_length") if name in body})
+    Raises:
+        ValueError: if it names anything else, or a measure is not one number or two.
+    """
+    unknown = [name for name in body if name not in ("thigh_length", "shank_length")]
+    if unknown:
+        raise ValueError(f"the leg estimator takes thigh_length and shank_length of a person; got {unknown[0]!r}")
+
+    def both(name: str, value: Any) -> BySide:
+        sides = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
+        if len(sides) != 2:
+            raise ValueError(f"{name} must be one number or (right, left); got {len(sides)} numbers")
+        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in sides))
+
+    return p._replace(**{name: both(name, value) for name, value in body.items()})
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:

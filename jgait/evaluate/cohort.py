@@ -85,8 +85,17 @@ def cohort(
     Raises:
         ValueError: if two items have one name, a parameter is outside its range, `out` holds results of something
             else, several processes have no `out`, or arguments contradict each other.
-        TypeError: if an item is no walk and there is no `read`.
+        TypeError: if an item is no walk and there is no `read`, or an argument is not what its name says.
     """
+    if not isinstance(estimator, Estimator):
+        raise TypeError(
+            f"estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator(); got {estimator!r}"
+        )
+    if isinstance(items, Walk):
+        raise TypeError("items must be several walks; got one: [walk]")
+    for name, function in (("own", own), ("read", read), ("score", score)):
+        if function is not None and not callable(function):
+            raise TypeError(f"{name} must be a function; got {type(function).__name__}")
     if batch < 1:
         raise ValueError(f"batch must be at least 1; got {batch}")
     processes = jax.process_count()

@@ -87,14 +87,14 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
     return pd.DataFrame(columns)
 
 
-def write_csv(estimate: Estimate, path: str | os.PathLike[str]) -> Path:
-    """Write an estimate as a CSV file, whole or not at all.
+def write_csv(what: Estimate | Recording, path: str | os.PathLike[str]) -> Path:
+    """Write an estimate, or a recording that `read_csv` reads again, as a CSV file, whole or not at all.
 
-    The table of `to_dataframe` is written beside the target and then takes its place, so that a reader never sees half
-    a file and a failure leaves the old one.
+    The table of `to_dataframe`, or of `recording_to_dataframe`, is written beside the target and then takes its place,
+    so that a reader never sees half a file and a failure leaves the old one.
 
     Args:
-        estimate: of one recording.
+        what: an estimate of one recording, or a recording.
         path: the file; its folder must exist.
 
     Returns:
@@ -106,7 +106,7 @@ def write_csv(estimate: Estimate, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist; write_csv makes no folders")
-    table = to_dataframe(estimate)
+    table = recording_to_dataframe(what) if isinstance(what, Recording) else to_dataframe(what)
     handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:

@@ -16,7 +16,7 @@ from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Carry, Settings
-from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered
+from jgait.tune.fit import check_settings, loss_type, name_of, optimizer_mark, scattered, supported
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
@@ -172,7 +172,7 @@ def cross_validate[P](
     free, dtype = start(params, transforms), loss_type(problem, params, items)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([[of != fold for of in fold_of] for fold in kinds])
-    optimizer = optax.with_extra_args_support(optimizer)
+    optimizer = supported(optimizer)
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,

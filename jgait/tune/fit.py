@@ -148,6 +148,17 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
     return items, weights
 
 
+def supported(optimizer: Any) -> Any:
+    """The optimiser as one that takes extra arguments.
+
+    Raises:
+        TypeError: if it is none of optax's.
+    """
+    if not isinstance(optimizer, optax.GradientTransformation):
+        raise TypeError(f"optimizer must come from optax, such as optax.adam(0.05); got {optimizer!r}")
+    return optax.with_extra_args_support(optimizer)
+
+
 def loss_type(problem: Problem, params: Any, items: Items) -> Any:
     """The type of the loss of one item, by its own subject's parameters; refusals as of `check_loss`."""
     data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
@@ -234,7 +245,7 @@ def fit[P](
     learn, weights = _filled(learn, mesh)
     judge = None if judge is None else _whole(judge, mesh)
     settings = Settings(steps, minibatch, every or _every(minibatch, weights.size), patience)
-    optimizer = optax.with_extra_args_support(optimizer)
+    optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
         data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
         starts=(starts, spread), key=key, gradient=gradient, loss=name_of(loss),

@@ -13,6 +13,7 @@ import optax
 from jgait.params import Transform
 from jgait.tune.checks import check_data, check_loss
 from jgait.tune.coordinates import Coordinates, coordinates, natural
+from jgait.tune.fit import supported
 from jgait.tune.gradient import value_and_grad
 
 
@@ -262,7 +263,7 @@ def profile(
     place, held = _values(at, name, values)
     data, count = check_data(data, batched)
     check_loss(loss, params, jax.tree.map(lambda leaf: leaf[0], data))
-    run = _runner(loss, transforms, at, place, optax.with_extra_args_support(optimizer), steps, gradient)
+    run = _runner(loss, transforms, at, place, supported(optimizer), steps, gradient)
     free = jnp.asarray(_free(at.transforms[place], held), at.vector.dtype)
     vectors, means, slopes = jax.jit(run)(at.vector, free, params, data)
     losses = count * np.asarray(means, float)

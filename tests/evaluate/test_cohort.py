@@ -389,3 +389,28 @@ def test_the_leg_estimator_on_simulated_walks_is_itself():
     assert len(strides) == int(np.sum(item.reference.strides.valid))
     # The paper's read-out counts how far the foot goes forward: strides come out near their length.
     assert strides["rel_error"].abs().median() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"estimator": leg_ekf}, "estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator"),
+        ({"items": walk(0)}, "items must be several walks; got one"),
+        ({"own": {"thigh_length": 0.4}}, "own must be a function; got dict"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_at_once(change, message):
+    with pytest.raises(TypeError, match=message):
+        evaluate.cohort(**({"estimator": FAKE, "items": [walk(0)]} | change))
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ({"thigh": 0.4}, "takes thigh_length and shank_length of a person; got 'thigh'"),
+        ({"thigh_length": (0.4, 0.4, 0.4)}, "thigh_length must be one number or .right, left.; got 3 numbers"),
+    ],
+)
+def test_measures_that_the_leg_does_not_have_are_refused(body, message):
+    with pytest.raises(ValueError, match=message):
+        leg_ekf.with_body(leg_ekf.LegParams(), body)

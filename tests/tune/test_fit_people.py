@@ -264,3 +264,8 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
     (tmp_path / "fit.npz").write_text("a shopping list")
     with pytest.raises(ValueError, match="is no checkpoint of a fit"):
         _fit(tmp_path / "fit.npz")
+
+
+def test_an_optimiser_that_is_none_is_refused():
+    with pytest.raises(TypeError, match=r"optimizer must come from optax, such as optax.adam\(0.05\); got 'adam'"):
+        tune.fit(bowl, Spot(0.0), Spot(real), np.ones(2), "adam")

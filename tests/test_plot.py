@@ -1,0 +1,30 @@
+"""Figures of estimates show what is valid, and leave gaps where it is not."""
+
+import numpy as np
+import pytest
+
+from jgait import plot
+from jgait.types import Estimate, Legs, LegTrajectory
+
+
+@pytest.fixture
+def padded():
+    """Five seconds of standing, and five of padding full of nonsense."""
+    t = np.arange(100) / 10.0
+    valid = t < 5.0
+    wild = np.where(valid, 0.1, 1e3)
+    leg = LegTrajectory(wild, wild, wild, wild)
+    return Estimate(t, Legs(leg, None), Legs(leg, None), np.where(valid, t, 1e6), valid, {})
+
+
+@pytest.mark.parametrize("draw", [plot.joint_angles, plot.foot_path, plot.distance])
+def test_padding_is_not_drawn(padded, draw):
+    figure = draw(padded, padded._replace(stddev=None))
+    for axis in figure.axes:
+        for line in axis.get_lines():
+            x, y = (np.asarray(values, float) for values in line.get_data())
+            drawn = np.isfinite(x) & np.isfinite(y)
+            assert drawn.sum() == 50
+            assert np.abs(y[drawn]).max() < 20.0
+        figure.canvas.draw()
+        assert np.abs(axis.get_ylim()).max() < 60.0
