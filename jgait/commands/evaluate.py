@@ -163,7 +163,7 @@ def _show(title: str, found: Any, agreement: Any) -> None:
     console.print(
         f"{escape(title)}: {count(len(recordings), 'recording', 'recordings')} of "
         f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
-        f"{recordings['seconds'].sum():.0f} s", highlight=False,
+        f"{recordings['seconds'].sum():.0f} s recorded", highlight=False,
     )  # fmt: skip
     told = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
     shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]

@@ -123,7 +123,8 @@ def _name(path: Any) -> str:
 
 def _show_held_out(table: Any, job: Any, change: Any) -> None:
     """Each person's error before, and after learning from others; then what that says."""
-    console.print(escape(f"\n{job.judged} [{job.unit}] of people that the tuning never saw"), style="italic")
+    title = f"\n{job.judged} [{job.unit}] of people that the tuning never saw, worst first"
+    console.print(escape(title), style="italic")
     shown = Table()
     for name in ("person", "recordings", "before", "after", "change"):
         shown.add_column(name, justify="left" if name == "person" else "right")
@@ -137,7 +138,7 @@ def _show_held_out(table: Any, job: Any, change: Any) -> None:
     for name, of in (("median", np.median), ("worst", np.max)):
         shown.add_row(name, "", number(of(table["error_before"])), number(of(table["error_after"])), "")
     console.print(shown)
-    said = f"median change {number(change.estimate)} {job.unit}"
+    said = f"median change {number(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
         console.print(f"{said}; {sides} (a verdict needs {ENOUGH} people)", highlight=False)
