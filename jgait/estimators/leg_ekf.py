@@ -33,7 +33,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
@@ -42,7 +41,16 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_calibration import prepare
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
-from jgait.estimators.leg_params import DEFAULT, PAPER, TRANSFORMS, BySide, LegOptions, LegParams, one_side
+from jgait.estimators.leg_params import (
+    DEFAULT,
+    PAPER,
+    TRANSFORMS,
+    BySide,
+    LegOptions,
+    LegParams,
+    one_side,
+    with_body,
+)
 from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
 
@@ -61,6 +69,7 @@ __all__ = [
     "one_side",
     "prepared",
     "run",
+    "with_body",
 ]
 
 
@@ -286,29 +295,6 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation
         RecordingError: see `leg_calibration.prepare`.
     """
     return prepare(recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis)
-
-
-def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
-    """The parameters with a person's own lengths put in.
-
-    Args:
-        p: parameters.
-        body: "thigh_length" and "shank_length" [m], as far as known; each a number or (right, left).
-
-    Raises:
-        ValueError: if it names anything else, or a measure is not one number or two.
-    """
-    unknown = [name for name in body if name not in ("thigh_length", "shank_length")]
-    if unknown:
-        raise ValueError(f"the leg estimator takes thigh_length and shank_length of a person; got {unknown[0]!r}")
-
-    def both(name: str, value: Any) -> BySide:
-        sides = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
-        if len(sides) != 2:
-            raise ValueError(f"{name} must be one number or (right, left); got {len(sides)} numbers")
-        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in sides))
-
-    return p._replace(**{name: both(name, value) for name, value in body.items()})
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:

@@ -2,6 +2,9 @@
 
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
 from jgait import filtering, params
 from jgait.estimators.inclination import InclinationNoise
 from jgait.filtering.execution import Execution
@@ -117,3 +120,26 @@ PAPER = LegOptions(
 def one_side(p: LegParams, side: int) -> LegParams:
     """The parameters of one leg (0 right, 1 left): each `BySide` gives way to its value."""
     return LegParams(*(value[side] if isinstance(value, BySide) else value for value in p))
+
+
+def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
+    """The parameters with a person's own lengths put in.
+
+    Args:
+        p: parameters.
+        body: "thigh_length" and "shank_length" [m], as far as known; each a number or (right, left).
+
+    Raises:
+        ValueError: if it names anything else, or a measure is not one number or two.
+    """
+    unknown = [name for name in body if name not in ("thigh_length", "shank_length")]
+    if unknown:
+        raise ValueError(f"the leg estimator takes thigh_length and shank_length of a person; got {unknown[0]!r}")
+
+    def both(name: str, value: Any) -> BySide:
+        sides = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
+        if len(sides) != 2:
+            raise ValueError(f"{name} must be one number or (right, left); got {len(sides)} numbers")
+        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in sides))
+
+    return p._replace(**{name: both(name, value) for name, value in body.items()})

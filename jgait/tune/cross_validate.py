@@ -165,8 +165,9 @@ def cross_validate[P](
     check_mode(gradient)
     check_priors(priors, transforms)
     check_settings(steps, chunk, starts, key, minibatch, n)
-    if mesh is not None and n % mesh.size:
-        raise ValueError(f"on {mesh.size} devices the number of items must be a multiple of it; got {n}")
+    for name, number_of in (("the number of items", n), ("minibatch", minibatch)):
+        if mesh is not None and number_of is not None and number_of % mesh.size:
+            raise ValueError(f"on {mesh.size} devices {name} must be a multiple of it; got {number_of}")
     params = spread_out(params, transforms, len(labels))
     problem, items = Problem(loss, transforms, priors, gradient, mesh), Items(data, number)
     free, dtype = start(params, transforms), loss_type(problem, params, items)

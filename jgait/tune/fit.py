@@ -242,6 +242,8 @@ def fit[P](
     dtype = loss_type(problem, params, items)
     learn, judge, numbers = _split(items, validation, n)
     check_settings(steps, chunk, starts, key, minibatch, numbers.size)
+    if mesh is not None and minibatch is not None and minibatch % mesh.size:
+        raise ValueError(f"on {mesh.size} devices minibatch must be a multiple of it; got {minibatch}")
     learn, weights = _filled(learn, mesh)
     judge = None if judge is None else _whole(judge, mesh)
     settings = Settings(steps, minibatch, every or _every(minibatch, weights.size), patience)
@@ -289,6 +291,8 @@ def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Any, ...
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
     # Starts that had to leave out more items cannot be compared by their loss.
     eligible = (counted == counted.max()) & np.isfinite(carry.best_score)
+    if not eligible.any() and np.isfinite(carry.loss).any():
+        raise ValueError("the loss of the validation items is not finite: leave out those that cannot be computed")
     if not eligible.any():
         raise ValueError("the loss or its gradient is not finite at the start, for any item")
     best = int(np.argmin(np.where(eligible, carry.best_score, np.inf)))

@@ -102,3 +102,11 @@ def test_items_to_be_judged_by_must_divide_by_the_devices():
 
     with pytest.raises(ValueError, match="on 3 devices the number of validation items must be a multiple of it; got 2"):
         alone(mesh=Three(), validation=np.arange(6) < 2)
+
+
+def test_minibatches_must_divide_by_the_devices():
+    class Three:
+        size, axis_names = 3, ("items",)
+
+    with pytest.raises(ValueError, match="on 3 devices minibatch must be a multiple of it; got 2"):
+        alone(mesh=Three(), minibatch=2, key=jax.random.key(0))
