@@ -1,8 +1,11 @@
 """How the tests run JAX: float64, no silent change of rank or type, compiled programs kept between runs."""
 
+import importlib
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import jax
 import pytest
@@ -30,3 +33,12 @@ def data() -> Callable[[str], datasets.Walks]:
         return datasets.load(name)
 
     return load
+
+
+@pytest.fixture(scope="module")
+def load_experiment() -> Iterator[Callable[[str], ModuleType]]:
+    """`load_experiment("tuning")`: the module experiments/tuning.py, which finds its own helpers beside it."""
+    folder = str(Path(__file__).parents[1] / "experiments")
+    sys.path.insert(0, folder)
+    yield importlib.import_module
+    sys.path.remove(folder)

@@ -1,7 +1,6 @@
 """The experiment on the cohort measures what it says: walks come back from disk, and comparing finds a change."""
 
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +15,8 @@ EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture(scope="module")
-def experiment():
-    sys.path.insert(0, str(EXPERIMENTS))
-    import cohort
-
-    yield cohort
-    sys.path.remove(str(EXPERIMENTS))
+def experiment(load_experiment):
+    return load_experiment("cohort")
 
 
 @pytest.fixture(scope="module")

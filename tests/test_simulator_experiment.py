@@ -1,21 +1,12 @@
 """The experiment on the simulator measures what it says: its checks find a fault that is put there."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-EXPERIMENTS = Path(__file__).parents[1] / "experiments"
-
 
 @pytest.fixture(scope="module")
-def experiment():
-    sys.path.insert(0, str(EXPERIMENTS))
-    import simulator
-
-    yield simulator
-    sys.path.remove(str(EXPERIMENTS))
+def experiment(load_experiment):
+    return load_experiment("simulator")
 
 
 @pytest.fixture(scope="module")

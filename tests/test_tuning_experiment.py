@@ -1,20 +1,11 @@
 """The tuning experiment finds the noise that made the data, and says which noise the data cannot tell."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture(scope="module")
-def experiment():
-    sys.path.insert(0, str(EXPERIMENTS))
-    import tuning
-
-    yield tuning
-    sys.path.remove(str(EXPERIMENTS))
+def experiment(load_experiment):
+    return load_experiment("tuning")
 
 
 def test_likelihood_finds_what_is_there_and_names_what_is_not(experiment, capsys):
