@@ -75,8 +75,31 @@ class Legs(NamedTuple):
     left: LegTrajectory | None
 
 
+class FootTrajectory(NamedTuple):
+    """Where one foot's sensor goes; as a standard deviation, `orientation` is (T, 3), a rotation vector in the world.
+
+    Attributes:
+        position: (T, 3) [m] in the world, z up.
+        velocity: (T, 3) [m/s].
+        orientation: (T, 4) unit quaternion q_ws, w first: takes vectors of the sensor to the world.
+    """
+
+    position: Any
+    velocity: Any
+    orientation: Any
+
+
+class Feet(NamedTuple):
+    """Both feet, each a `FootTrajectory`, or None where it was not measured."""
+
+    right: FootTrajectory | None
+    left: FootTrajectory | None
+
+
 class Strides(NamedTuple):
     """Strides of both feet, each from one initial contact of a foot to its next; every field is (n,).
+
+    As standard deviations: the same fields, None or 0 where none is stated, `side` and `valid` repeated.
 
     Attributes:
         side: 0 right, 1 left; the order of `SIDES`.
@@ -87,6 +110,17 @@ class Strides(NamedTuple):
         width: distance of the other foot's foothold between them from the line through both [m].
         height: rise from one foothold to the next [m].
         valid: bool; False for a row that is no stride (padding).
+        standing: when the foot is stillest on its first foothold [s].
+        standing_end: when it is stillest on its second [s].
+        speed: length over the time from standing to standing [m/s].
+        turn: change of the foot's heading, left positive [rad].
+        lift: how far the foot's sensor rises above the higher of its two footholds [m].
+        contact_angle: pitch of the foot at the contact that ends the stride, against standing, toes up positive [rad].
+        push_off_angle: pitch of the foot at the final contact, toes up positive, so that it is negative [rad].
+        step_length: the other foot's foothold between them, along the stride from its start [m].
+
+    The fields after `valid` are None where the source does not give them; NaN in `width` and `step_length` means that
+    the other foot did not stand in between, or was not measured.
     """
 
     side: Any
@@ -97,6 +131,14 @@ class Strides(NamedTuple):
     width: Any
     height: Any
     valid: Any
+    standing: Any = None
+    standing_end: Any = None
+    speed: Any = None
+    turn: Any = None
+    lift: Any = None
+    contact_angle: Any = None
+    push_off_angle: Any = None
+    step_length: Any = None
 
 
 class Estimate(NamedTuple):
@@ -110,6 +152,9 @@ class Estimate(NamedTuple):
         valid: (T,) bool; False where the values mean nothing (padding, no data yet).
         diagnostics: name → scalar or array that says how far to trust the result.
         strides: `Strides`, or None where the source says nothing of them.
+        feet: where the feet's sensors go, `Feet`, or None.
+        feet_stddev: its standard deviations in the same type, or None.
+        strides_stddev: standard deviations of the strides in the type of `strides`, or None.
     """
 
     time: Any
@@ -119,6 +164,9 @@ class Estimate(NamedTuple):
     valid: Any
     diagnostics: dict[str, Any]
     strides: Any = None
+    feet: Feet | None = None
+    feet_stddev: Feet | None = None
+    strides_stddev: Any = None
 
 
 class Walk(NamedTuple):
