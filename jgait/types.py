@@ -34,6 +34,20 @@ class Imu(NamedTuple):
     mask: Any
 
 
+class RangeReadings(NamedTuple):
+    """Distances between two places.
+
+    Attributes:
+        time: (T,) [s], on the clock of the inertial sensors.
+        distance: (T,) [m]; 0 where there is no reading.
+        mask: (T,) bool; True where a distance was read.
+    """
+
+    time: Any
+    distance: Any
+    mask: Any
+
+
 class Recording(NamedTuple):
     """What was worn by one person on one walk.
 
@@ -43,6 +57,7 @@ class Recording(NamedTuple):
         name: what tables and figures call the recording.
         subject: who walked; splits into tuning and judging never cut through a subject.
         notes: what a reader noticed or changed (unit conversions, dropped samples), in plain words.
+        feet_range: distance from the inner side of the left ankle to the right leg, or None.
     """
 
     sensors: dict[str, Imu]
@@ -50,6 +65,7 @@ class Recording(NamedTuple):
     name: str = "recording"
     subject: str = "subject"
     notes: tuple[str, ...] = ()
+    feet_range: RangeReadings | None = None
 
 
 class LegTrajectory(NamedTuple):

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jgait.sensors.imu import check_fields
+from jgait.types import RangeReadings
 
 
 class Ranging(NamedTuple):
@@ -37,20 +38,6 @@ class Ranging(NamedTuple):
     outlier: Any = 0.0
     outlier_size: Any = 0.0
     dropout: Any = 0.0
-
-
-class RangeReadings(NamedTuple):
-    """Distances between two places on the time grid of the inertial sensors.
-
-    Attributes:
-        time: (T,) [s].
-        distance: (T,) [m]; 0 where there is no reading.
-        mask: (T,) bool; True at the pings that were heard.
-    """
-
-    time: Any
-    distance: Any
-    mask: Any
 
 
 def measure_range(
