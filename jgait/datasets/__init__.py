@@ -6,7 +6,7 @@ holds the sets. A set may hold more recordings than this version of jgait knows;
 
 from collections.abc import Collection
 
-from jgait.datasets import gaitmap_example, neura_sparse, tripod, walking5m
+from jgait.datasets import footprints, gaitmap_example, neura_sparse, pyshoe_vicon, tripod, walking5m, xio_gait
 from jgait.datasets.registry import (
     ChecksumError,
     DatasetInfo,
@@ -47,6 +47,9 @@ _LOADERS = {
     "walking5m": walking5m,
     "gaitmap_example": gaitmap_example,
     "tripod": tripod,
+    "footprints": footprints,
+    "pyshoe_vicon": pyshoe_vicon,
+    "xio_gait": xio_gait,
 }
 
 

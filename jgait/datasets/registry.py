@@ -76,6 +76,23 @@ _DESCRIPTIONS = {
         "MIT (the repository's LICENSE)",
         "Trautmann et al. 2021, TRIPOD, Data 6(9):95, doi 10.3390/data6090095",
     ),
+    "footprints": (
+        "IMU on one shoe, 200 Hz, walks along corridors, every footprint measured with a ruler",
+        "MIT (the repository's LICENSE)",
+        "Çetin and Köroğlu 2025, A Pioneering Stride-Wise Annotated Dataset for Gait Driven Inertial Odometry, "
+        "github.com/mtahakoroglu/gait-driven-inertial-navigation-dataset",
+    ),
+    "pyshoe_vicon": (
+        "IMU on the right shoe with Vicon position of the foot, 200 Hz, walking and running in about 3 × 3 m",
+        "MIT (LICENSE of the repository that redistributes it)",
+        "Wagstaff, Peretroukhin and Kelly 2019, University of Toronto Foot-Mounted Inertial Navigation Dataset, "
+        "IEEE DataPort, doi 10.21227/v1z6-9z84",
+    ),
+    "xio_gait": (
+        "IMU on one foot, about 398 Hz, walking in a loop that ends where it began",
+        "MIT (the repository's LICENSE.md)",
+        "x-io Technologies, Gait-Tracking, github.com/xioTechnologies/Gait-Tracking",
+    ),
 }
 
 

@@ -36,7 +36,9 @@ def little(empty, monkeypatch):
 
 
 def test_sets_have_terms_and_addresses():
-    assert datasets.list_datasets() == ("neura_sparse", "walking5m", "gaitmap_example", "tripod")
+    assert datasets.list_datasets() == (
+        "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait",
+    )  # fmt: skip
     for name in datasets.list_datasets():
         known = datasets.info(name)
         assert known.licence and known.citation and known.title
@@ -62,7 +64,7 @@ def test_an_address_elsewhere():
         elsewhere.address("x")
 
 
-@pytest.mark.parametrize("name", ["neura_sparse", "walking5m"])
+@pytest.mark.parametrize("name", ["neura_sparse", "walking5m", "footprints", "pyshoe_vicon", "xio_gait"])
 def test_nothing_there_says_how_to_get_it(empty, monkeypatch, name):
     assert not datasets.available(name)
     assert set(datasets.missing(name)) == set(datasets.info(name).files)

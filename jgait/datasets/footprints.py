@@ -1,0 +1,134 @@
+"""`footprints`: one shoe, and every footprint measured with a ruler (Çetin and Köroğlu, 2025).
+
+Walks along corridors, 200 Hz (3DM-GX5-25), each with the floor's tiles as a measure. The upstream repository has more
+recordings than this version of jgait can fetch; whichever `SensorConnectData_*_LLIO.mat` are there are read. Upstream
+m/s² and rad/s. It says neither which foot it was nor who walked: the sensor is called `foot_right`, and everybody
+counts as one subject, so that no split can leak. The shoe stands at the start, 1.5 to 2.3 s in recordings 36 and 39.
+
+Axes: at rest the sensor's z reads −8 to −9 m/s², so z points down. It is turned half a turn about x here (y and z
+change sign: a proper rotation). Which way x points differs: backwards in 36, forwards in 39. Upstream's positions are
+seen from below: its script takes the ruler's, changes the sign of y and turns them to its own trajectory. As its sensor
+and trajectory are those of a z down, that is the same half turn, and here it is undone: y changes sign. Then the
+shoe turns left where the footprints do, and the footprints are the ruler's (`own/*.mat`), only turned. What remains
+between a trajectory and the footprints is a rotation about the vertical and a shift. No walk closes a loop.
+
+Reference: the distance along the footprints, even in time from one to the next. Lengths of single strides are
+better taken from `footprints`.
+
+Keys of `Walk.info`:
+    footprints: {"samples": (n,) int, the last sample of each stance (by the publisher, the shoe turns at up to
+        1.3 rad/s already), "time": (n,) [s], "position": (n, 2) [m]}, from above, the first at the origin; None
+        where there are none.
+    publisher_trajectory: (T, 2) [m] the publisher's own estimate, from above; None where there is none.
+    ruler: {"position": (n, 2) [m] in the corridor's axes, "tile" [m] edge of a floor tile}; None without the file.
+    speed: [m/s] from the first footprint to the last; None where there are none.
+    no_reference: why there is no reference; None where there is one.
+    verified: whether every file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.one_foot import FLIP, foot_imu, read_mat, way
+from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
+
+ROOT = "data/LLIO_training_data"
+RULER = "data/own"
+ENDING = "_LLIO.mat"
+COLUMNS = ("strideIndex", "timestamp", "gcpX", "gcpY")
+CLOCKS = 1e-3  # [s] most that the time of a footprint may differ from that of its sample
+ABOVE = np.array([1.0, -1.0])  # a plan seen from below, seen from above
+NOTES = (
+    "which foot it was is not known; called foot_right",
+    "z down upstream: sensor axes turned half a turn about x, positions seen from above (y changed sign)",
+)
+
+
+def names() -> list[str]:
+    """Recordings that are there: `SensorConnectData_*` without the ending."""
+    found = registry.listing("footprints", ROOT, f"SensorConnectData_*{ENDING}")
+    return [Path(file).name.removesuffix(ENDING) for file in found]
+
+
+def load_one(name: str) -> Walk:
+    """One walk with its footprints."""
+    path, known = registry.file("footprints", f"{ROOT}/{name}{ENDING}")
+    raw = read_mat(path, ("timestamps", "imu_data"))
+    values = np.asarray(raw["imu_data"], np.float64)
+    if values.ndim != 2 or values.shape[1] != 6:
+        raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
+    time = np.asarray(raw["timestamps"], np.float64)
+    imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
+    notes, flags = list(NOTES), [known]
+    details: dict[str, Any] = {"footprints": None, "publisher_trajectory": _trajectory(path), "ruler": None}
+    why = _add_ruler(details, name, notes, flags)
+    if why is None:
+        why = _add_footprints(details, name, time, flags)
+    reference, speed = None, None
+    if details["footprints"] is not None:
+        prints = details["footprints"]
+        distance = way(imu.time, prints["position"], prints["time"], prints["time"])
+        valid = imu.time <= prints["time"][-1]
+        source = {"source": "path along the footprints"}
+        reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source)
+        speed = float(distance[-1] / (prints["time"][-1] - prints["time"][0]))
+    recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(notes))
+    return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": all(flags)})
+
+
+def _trajectory(path: Path) -> np.ndarray | None:
+    try:
+        found = read_mat(path, ("pyshoeTrajectory",))["pyshoeTrajectory"]
+    except RecordingError:
+        return None
+    return np.asarray(found, np.float64)[:, :2] * ABOVE
+
+
+def _add_ruler(details: dict[str, Any], name: str, notes: list[str], flags: list[bool]) -> str | None:
+    """What the ruler said, into `details`; why the footprints cannot be used, None where they can."""
+    try:
+        path, known = registry.file("footprints", f"{RULER}/{name}.mat")
+    except registry.DatasetUnavailable as error:
+        notes.append(str(error))
+        return None
+    flags.append(known)
+    found = read_mat(path, ("GCP_exist_and_correct",))
+    if not found["GCP_exist_and_correct"]:
+        return f"{path.name} says that the footprints were not measured, or not correctly"
+    found = read_mat(path, ("GCP_meters", "tile_edge_length"))
+    position = np.asarray(found["GCP_meters"], np.float64)
+    details["ruler"] = {"position": position, "tile": float(found["tile_edge_length"])}
+    return None
+
+
+def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, flags: list[bool]) -> str | None:
+    """The footprints, into `details`; why there are none, None where there are."""
+    import pandas as pd
+
+    try:
+        path, known = registry.file("footprints", f"{ROOT}/{name}_strideIndex_timestamp_gcpX_gcpY.csv")
+    except registry.DatasetUnavailable as error:
+        return str(error)
+    flags.append(known)
+    table = pd.read_csv(path)
+    lacking = [column for column in COLUMNS if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    samples, clock, x, y = (table[column].to_numpy(np.float64) for column in COLUMNS)
+    if len(samples) < 2 or not np.isfinite([samples, clock, x, y]).all():
+        raise RecordingError(f"{path.name} must have at least 2 footprints, all of them numbers; it has {len(samples)}")
+    samples = samples.astype(np.int64)
+    if samples[0] < 0 or samples[-1] >= len(time) or np.any(np.diff(samples) <= 0):
+        raise RecordingError(f"{path.name}: strideIndex must rise from 0 or more to less than {len(time)}")
+    late = np.abs(time[samples] - clock).max()
+    if late > CLOCKS:
+        raise RecordingError(f"{path.name}: a footprint is {late:.3f} s off the sample that it names")
+    details["footprints"] = {
+        "samples": samples,
+        "time": time[samples] - time[0],
+        "position": np.stack([x, y], axis=1) * ABOVE,
+    }
+    return None

@@ -1,0 +1,70 @@
+"""What the data sets with one sensor on one foot have in common: files, axes, and the way along footprints."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.types import Imu, RecordingError
+
+FLIP = np.array([1.0, -1.0, -1.0])
+"""Half a turn about x, a proper rotation: what a sensor reads whose z points down, in axes of which z points up."""
+
+
+def read_mat(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Variables of a MATLAB file (version 5), arrays without axes of length one.
+
+    Raises:
+        RecordingError: if the file lacks one of them.
+    """
+    from scipy.io import loadmat
+
+    found = loadmat(path, squeeze_me=True, variable_names=list(names))
+    lacking = [name for name in names if name not in found]
+    if lacking:
+        raise RecordingError(f"{path.name} has no variable {lacking[0]}; needed are {', '.join(names)}")
+    return {name: found[name] for name in names}
+
+
+def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:
+    """A sensor on its own clock from 0 on, what is not finite masked; and its rate by the median sample time.
+
+    Args:
+        name: of the file, for what is said of a bad one.
+        time: (T,) [s].
+        gyr: (T, 3) [rad/s].
+        acc: (T, 3) [m/s²].
+
+    Returns:
+        The sensor, and the rate [Hz].
+
+    Raises:
+        RecordingError: if the shapes do not fit or time does not run forwards.
+    """
+    if time.ndim != 1 or len(time) < 2 or gyr.shape != (len(time), 3) or acc.shape != (len(time), 3):
+        raise RecordingError(
+            f"{name} must have at least 2 samples of time (T,), gyroscope (T, 3) and accelerometer (T, 3); "
+            f"got {time.shape}, {gyr.shape} and {acc.shape}"
+        )
+    back = np.flatnonzero(~(np.diff(time) > 0))
+    if len(back):
+        raise RecordingError(f"{name}: time must run forwards; it does not after sample {back[0]}, {time[back[0]]} s")
+    mask = np.isfinite(gyr).all(axis=1) & np.isfinite(acc).all(axis=1)
+    gyr, acc = np.where(mask[:, None], gyr, 0.0), np.where(mask[:, None], acc, 0.0)
+    return Imu(time - time[0], gyr, acc, mask), float(1.0 / np.median(np.diff(time)))
+
+
+def way(time: np.ndarray, position: np.ndarray, arrived: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Distance along footprints (T,) [m]: the same while the foot stands, in between even in time.
+
+    Args:
+        time: (T,) [s].
+        position: (n, 2) or (n, 3) [m] of the footprints; height does not count.
+        arrived: (n,) [s] when the foot comes to stand on each.
+        left: (n,) [s] when it leaves.
+    """
+    if len(position) == 0:
+        return np.zeros_like(time)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
+    return np.interp(time, np.stack([arrived, left], axis=1).ravel(), np.repeat(along, 2))

@@ -1,0 +1,135 @@
+"""`pyshoe_vicon`: the right shoe under Vicon, 200 Hz, about 3 × 3 m (Wagstaff, Peretroukhin and Kelly, 2019).
+
+Upstream has some 55 trials, of which this version of jgait can fetch five; whichever are there are read. People walk,
+run and crawl; which trial is which, and who it was, upstream does not say: compare `speed`, and everybody counts as
+one subject, so that no split can leak. Upstream m/s², rad/s and m. The shoe stands for 0.9 to 3.3 s at the start.
+
+Axes: at rest the sensor's z reads −9.4 m/s², so z points down (x forwards and 15° down). It is turned half a turn
+about x here (y and z change sign: a proper rotation). Vicon's z points up as published, but its x and y are those
+of a plan seen from below, so the three axes are left-handed: with them the shoe turns left where the path turns right,
+and no rotation fits one to the other (1.3 to 1.7 m are left over, mirrored 0.04 to 0.1 m). So y changes sign.
+
+Time: the published one, which jitters by some milliseconds (steps of 1.6 to 8 ms) although the sensor samples evenly.
+Vicon is 3 to 12 ms behind the sensor, differently in each trial: compare where the shoe stands.
+
+Reference: where the foot is, z up, on the sensor's time; velocity and orientation are not known. `valid` is False at
+both ends of a jump faster than 10 m/s and where Vicon held a value for three samples or more (0.4 s in
+2017-11-22-11-22-03). Lesser jumps remain, up to 3 cm. The distance is the path from stance to stance.
+
+Keys of `Walk.info`:
+    footprints: {"samples": (n,) int, the middle of each stance, "time": (n,) [s], "position": (n, 3) [m], "start",
+        "end": (n,) [samples], half-open}: of the stretches in which Vicon is slower than 0.5 m/s. Where
+        Vicon was lost between two of them, one may be missing.
+    zero_velocity: {"vicon" | "shoe" | "ared" | "amvd" | "mbgtd": (T,) bool}, the publisher's detectors, each with
+        the threshold that suited the trial best. They flicker and miss stances: 1 to 4 of 19 to 29 in three of the
+        five trials, `vicon` too.
+    best_detector: the one that gave the publisher's filter the smallest error.
+    speed: [m/s] path over the time from leaving the first footprint to reaching the last; None below two.
+    no_reference: None.
+    verified: whether the file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.one_foot import FLIP, foot_imu, read_mat, way
+from jgait.signal import true_runs
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Walk
+
+ROOT = "data/vicon/processed"
+DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
+RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
+JUMP = 10.0  # [m/s] no foot is as fast
+HELD = 3  # steps without any change: Vicon lost the foot and repeats itself
+STILL = 0.5  # [m/s] a standing foot's sensor still rolls and creeps; a swing that is slower is none
+MEDIAN = 9  # samples over which the speed's median is taken, for single samples are off by some centimetres
+FLICKER = 0.1  # [s] a shorter movement is none
+SHORTEST = 0.05  # [s] a shorter stance is none
+NOTES = (
+    "z down upstream: sensor axes turned half a turn about x",
+    "Vicon's axes are left-handed upstream: y changed sign",
+)
+
+
+def names() -> list[str]:
+    """Recordings that are there: the trials' dates, which are the files' names."""
+    return [Path(file).stem for file in registry.listing("pyshoe_vicon", ROOT, "*.mat")]
+
+
+def load_one(name: str) -> Walk:
+    """One trial with the foot's way."""
+    path, known = registry.file("pyshoe_vicon", f"{ROOT}/{name}.mat")
+    flags = {detector: f"zv_{detector}_opt" for detector in DETECTORS}
+    raw = read_mat(path, ("ts", "imu", "gt", "best_detector", *flags.values()))
+    time, values = np.asarray(raw["ts"], np.float64), np.asarray(raw["imu"], np.float64)
+    position = np.asarray(raw["gt"], np.float64)
+    zero_velocity = {detector: np.asarray(raw[flag]).astype(bool) for detector, flag in flags.items()}
+    for what, got, wanted in (
+        ("imu", values.shape, (len(time), 6)),
+        ("gt", position.shape, (len(time), 3)),
+        *((flags[detector], of.shape, (len(time),)) for detector, of in zero_velocity.items()),
+    ):
+        if got != wanted:
+            raise RecordingError(f"{path.name}: {what} must be {wanted}; got {got}")
+    imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
+    valid = usable(position, rate_hz)
+    position = np.where(np.isfinite(position), position, 0.0) * RIGHT_HANDED
+    prints = stances(position, valid, imu.time, rate_hz)
+    arrived, left = imu.time[prints["start"]], imu.time[prints["end"] - 1]
+    distance = way(imu.time, prints["position"], arrived, left)
+    reference = Estimate(
+        time=imu.time,
+        legs=Legs(None, None),
+        stddev=None,
+        distance=distance,
+        valid=valid,
+        diagnostics={"source": "Vicon; distance from stance to stance"},
+        feet=Feet(FootTrajectory(position, None, None), None),
+    )
+    notes = (*NOTES, *((f"{(~valid).sum()} samples of Vicon masked",) if not valid.all() else ()))
+    recording = Recording({"foot_right": imu}, rate_hz, name, "pyshoe_vicon", notes)
+    details: dict[str, Any] = {
+        "footprints": prints,
+        "zero_velocity": zero_velocity,
+        "best_detector": str(raw["best_detector"]),
+        "speed": float(distance[-1] / (arrived[-1] - left[0])) if len(left) > 1 else None,
+        "no_reference": None,
+        "verified": known,
+    }
+    return Walk(recording, reference, details)
+
+
+def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(T,) bool: False at both ends of a jump, where the position (T, 3) [m] was held, and where there is none."""
+    known = np.isfinite(position).all(axis=1)
+    step = np.linalg.norm(np.diff(np.where(known[:, None], position, 0.0), axis=0), axis=1)
+    # The published times jitter more than the sensor does, so the speed is that of the nominal rate.
+    jump = np.flatnonzero(step * rate_hz > JUMP)
+    known[jump] = False
+    known[jump + 1] = False
+    for start, end in true_runs(step == 0):
+        if end - start >= HELD:
+            known[start : end + 1] = False
+    return known
+
+
+def stances(position: np.ndarray, valid: np.ndarray, time: np.ndarray, rate_hz: float) -> dict[str, np.ndarray]:
+    """Where and when the foot stands, by motion capture alone; the keys are those of `info["footprints"]`."""
+    from scipy.ndimage import median_filter
+
+    speed = np.linalg.norm(np.gradient(position, axis=0), axis=1) * rate_hz
+    still = (median_filter(speed, MEDIAN) < STILL) & valid
+    joined: list[tuple[int, int]] = []
+    for start, end in true_runs(still):
+        if joined and start - joined[-1][1] < FLICKER * rate_hz:
+            joined[-1] = (joined[-1][0], end)
+        else:
+            joined.append((start, end))
+    kept = [(start, end) for start, end in joined if end - start >= SHORTEST * rate_hz]
+    inside = [start + np.flatnonzero(still[start:end]) for start, end in kept]
+    middle = np.array([samples[len(samples) // 2] for samples in inside], np.int64)
+    start, end = np.array(kept, np.int64).reshape(-1, 2).T
+    return {"samples": middle, "time": time[middle], "position": position[middle], "start": start, "end": end}

@@ -1,0 +1,68 @@
+"""`xio_gait`: one foot that ends where it began, about 398 Hz (x-io Technologies, Gait-Tracking).
+
+`short_walk` goes about 25 m, `long_walk` (upstream only) about 60 m, each in a loop; the publisher's own algorithm
+ends 82 mm and 421 mm from where it began, height included. Upstream g and deg/s, sensor's axes with z up and x
+forwards (29° down). The foot stands for 15 s at the start of the short walk. Which foot it was is not said: the sensor
+is called `foot_right`.
+
+Time: the file's. 205 rows of `short_walk` repeat the row before, time included, and are dropped; samples were lost
+beside them (165 gaps, up to 12.6 ms instead of 2.5), so time steps must be taken from `time` and not from the rate.
+
+There is no reference but the closed loop.
+
+Keys of `Walk.info`:
+    closes: whether the foot is known to end where it began.
+    publisher_closure: [m] how far the publisher's own trajectory ends from its start; None where it is not said.
+    publisher_path: [m] how far the walk goes, as the publisher says, roughly; None where it is not said.
+    no_reference: why there is no reference.
+    verified: whether the file's sha256 was known and agreed.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.one_foot import foot_imu
+from jgait.types import Recording, RecordingError, Walk
+
+STANDARD_GRAVITY = 9.80665  # [m/s²] what a g is
+TIME = "Time (s)"
+GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
+ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
+CLOSED = {"short_walk": (0.082, 25.0), "long_walk": (0.421, 60.0)}  # publisher's closure and path [m]
+
+
+def names() -> list[str]:
+    """Recordings that are there: files `*_walk.csv`, without the extension."""
+    return [Path(file).stem for file in registry.listing("xio_gait", "", "*_walk.csv") if "/" not in file]
+
+
+def load_one(name: str) -> Walk:
+    """One walk."""
+    import pandas as pd
+
+    path, known = registry.file("xio_gait", f"{name}.csv")
+    table = pd.read_csv(path)
+    lacking = [column for column in (TIME, *GYROSCOPE, *ACCELEROMETER) if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no column {lacking[0]!r}; it has {', '.join(map(str, table.columns))}")
+    values = table[[TIME, *GYROSCOPE, *ACCELEROMETER]].to_numpy(np.float64)
+    fresh = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
+    values = values[fresh]
+    gyr, acc = np.deg2rad(values[:, 1:4]), values[:, 4:] * STANDARD_GRAVITY
+    imu, rate_hz = foot_imu(path.name, values[:, 0], gyr, acc)
+    notes = ["which foot it was is not known; called foot_right", "g and deg/s upstream"]
+    if not fresh.all():
+        notes.append(f"{(~fresh).sum()} rows that repeat the row before dropped")
+    notes.append(f"time steps {np.diff(imu.time).min() * 1e3:.1f} to {np.diff(imu.time).max() * 1e3:.1f} ms")
+    recording = Recording({"foot_right": imu}, rate_hz, name, "xio_gait", tuple(notes))
+    closure, length = CLOSED.get(name, (None, None))
+    details = {
+        "closes": name in CLOSED,
+        "publisher_closure": closure,
+        "publisher_path": length,
+        "no_reference": "known is only that the foot ends where it began" if name in CLOSED else "nothing is known",
+        "verified": known,
+    }
+    return Walk(recording, None, details)
