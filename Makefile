@@ -18,6 +18,11 @@ ifneq ($(shell test -x .venv-bench/bin/python && cat $(BENCH_STAMP) 2>/dev/null)
 .PHONY: $(BENCH_STAMP)
 endif
 
+# Libraries that need other versions than jgait: experiments/peers/NAME.txt becomes .venv-NAME.
+PEERS := $(basename $(notdir $(wildcard experiments/peers/*.txt)))
+.PHONY: $(patsubst %,.venv-%/ready,$(shell for peer in $(PEERS); do \
+	test -x .venv-$$peer/bin/python && test "$$(cat .venv-$$peer/ready 2>/dev/null)" = "$(CURDIR)" || echo $$peer; done))
+
 # Recordings that lie beside the checkout are used without being told.
 ifeq ($(origin JGAIT_DATA_DIR),undefined)
 BESIDE := $(shell cd ../shared/data 2>/dev/null && pwd)
@@ -29,7 +34,7 @@ endif
 EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
 BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
 
-.PHONY: help setup demo test lint types experiments bench lock clean
+.PHONY: help setup demo test lint types experiments bench peers lock clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -75,9 +80,15 @@ else
 	done
 endif
 
+PEER_STAMPS := $(PEERS:%=.venv-%/ready)
+$(PEER_STAMPS): .venv-%/ready: experiments/peers/%.txt .ci/setup
+	@PYTHON="$(PYTHON)" sh .ci/setup peer $*
+
+peers: $(PEER_STAMPS) ## make the environments of the libraries that experiments compare with: .venv-NAME
+
 lock: $(STAMP) ## write requirements.lock for a changed pyproject.toml; ARGS="--upgrade" for newer versions
 	@sh .ci/lock $(ARGS)
 
 clean: ## remove the environments and caches (results stay)
-	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache build dist
+	rm -rf .venv .venv-bench $(PEERS:%=.venv-%) .mypy_cache .pytest_cache .ruff_cache build dist
 	find jgait tests experiments -name __pycache__ -type d -prune -exec rm -rf {} +
