@@ -2,6 +2,8 @@
 
 A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run it over a
 recording, `step` online over one sample; how they linearise is an argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
+`particle_filter` and `particle_smoother` run the same model with weighted particles, for beliefs that no Gaussian
+describes; how they resample is an argument (`Systematic`, `Soft`).
 """
 
 from jgait.filtering.compile import compiled
@@ -10,6 +12,15 @@ from jgait.filtering.draw import draw
 from jgait.filtering.kalman import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
 from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
+from jgait.filtering.particle import (
+    PARTICLE_FIELDS,
+    PARTICLE_KEEP,
+    ParticlePosterior,
+    ParticleSmoothed,
+    particle_filter,
+    particle_smoother,
+)
+from jgait.filtering.resampling import Resampling, Soft, Systematic, systematic_ancestors
 from jgait.filtering.smoother import Smoothed, kalman_smoother
 
 __all__ = [
@@ -18,22 +29,32 @@ __all__ = [
     "FIELDS",
     "KEEP",
     "KF",
+    "PARTICLE_FIELDS",
+    "PARTICLE_KEEP",
     "UKF",
     "Belief",
     "Covariance",
     "IteratedEKF",
     "Method",
     "Model",
+    "ParticlePosterior",
+    "ParticleSmoothed",
     "Posterior",
+    "Resampling",
     "Smoothed",
+    "Soft",
     "Step",
+    "Systematic",
     "Updated",
     "compiled",
     "draw",
     "kalman_filter",
     "kalman_smoother",
     "names_of",
+    "particle_filter",
+    "particle_smoother",
     "predict",
     "step",
+    "systematic_ancestors",
     "update",
 ]
