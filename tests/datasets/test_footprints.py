@@ -1,0 +1,192 @@
+"""Ruler-measured footprints: parsing by files written here, axes and turns by the real ones."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from foot_heading import agreement, heading
+from scipy.io import savemat
+
+from jgait import datasets
+from jgait.datasets.foot_reference import foot_path
+
+real = pytest.mark.skipif(not datasets.available("footprints"), reason=datasets.unavailable_reason("footprints"))
+SAMPLES = np.array([400, 600, 850, 1000])
+PLAN = np.array([[0, 0], [0, -0.7], [0, -1.9], [1.0, -1.9]])  # seen from below: the last stride turns right from above
+NAME = "SensorConnectData_77"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """One recording that the registry does not know, its sensor hanging z down and turning about z."""
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "footprints" / "data"
+    (folder / "own").mkdir(parents=True)
+    (folder / "LLIO_training_data").mkdir()
+    write(folder)
+    return folder
+
+
+def write(folder, name=NAME, **changes):
+    time = 3.0 + np.arange(1200) * 0.005
+    imu = np.tile([1.0, 2.0, -9.5, 0.1, 0.2, 0.3], (1200, 1))
+    variables = {"timestamps": time, "imu_data": imu, "pyshoeTrajectory": np.tile([1.0, 2.0], (1200, 1))} | changes
+    kept = {key: value for key, value in variables.items() if value is not None}
+    savemat(folder / "LLIO_training_data" / f"{name}_LLIO.mat", kept)
+    table = {"strideIndex": SAMPLES, "timestamp": time[SAMPLES], "gcpX": PLAN[:, 0], "gcpY": PLAN[:, 1]}
+    pd.DataFrame(table).to_csv(csv(folder, name), index=False)
+    ruler(folder, name, correct=1)
+
+
+def csv(folder, name=NAME):
+    return folder / "LLIO_training_data" / f"{name}_strideIndex_timestamp_gcpX_gcpY.csv"
+
+
+def ruler(folder, name, correct):
+    measured = {"GCP_exist_and_correct": correct, "GCP_meters": PLAN * [1, -1], "tile_edge_length": 0.405}
+    savemat(folder / "own" / f"{name}.mat", measured)
+
+
+def test_axes_footprints_and_distance(folder):
+    walks = datasets.load("footprints")
+    assert walks.failures == () and datasets.names("footprints") == (NAME,)
+    walk = walks[0]
+    imu = walk.recording.sensors["foot_right"]
+    np.testing.assert_allclose(imu.acc[5], [1, -2, 9.5])
+    np.testing.assert_allclose(imu.gyr[5], [0.1, -0.2, -0.3])
+    assert imu.time[0] == 0 and walk.recording.sampling_rate_hz == pytest.approx(200)
+    assert any("which foot" in note for note in walk.recording.notes)
+    prints = walk.info["footprints"]
+    assert prints["samples"].tolist() == SAMPLES.tolist()
+    np.testing.assert_allclose(prints["time"], SAMPLES * 0.005)
+    np.testing.assert_allclose(prints["position"], [[0, 0], [0, 0.7], [0, 1.9], [1.0, 1.9]])
+    np.testing.assert_allclose(walk.info["publisher_trajectory"][3], [1, -2])
+    np.testing.assert_allclose(walk.info["ruler"]["position"], prints["position"])
+    assert walk.info["ruler"]["tile"] == 0.405 and walk.info["verified"] is False
+    along = walk.reference.distance[[0, 400, 500, 600, 850, 1000, 1199]]
+    np.testing.assert_allclose(along, [0, 0, 0.35, 0.7, 1.9, 2.9, 2.9])
+    assert walk.reference.valid[1000] and not walk.reference.valid[1001]
+    assert walk.info["speed"] == pytest.approx(2.9 / 3.0)
+
+
+def test_what_is_missing_is_said(folder):
+    (folder / "own" / f"{NAME}.mat").unlink()
+    write(folder, "SensorConnectData_78", pyshoeTrajectory=None)
+    csv(folder, "SensorConnectData_78").unlink()
+    walks = {walk.recording.name: walk for walk in datasets.load("footprints")}
+    one = walks[NAME]
+    assert one.info["ruler"] is None and one.info["footprints"] is not None
+    assert any("own/SensorConnectData_77.mat" in note for note in one.recording.notes)
+    other = walks["SensorConnectData_78"]
+    assert other.reference is None and other.info["footprints"] is None and other.info["speed"] is None
+    assert "SensorConnectData_78_strideIndex" in other.info["no_reference"]
+    assert other.info["publisher_trajectory"] is None
+
+
+def test_footprints_that_the_publisher_calls_wrong_are_not_used(folder):
+    ruler(folder, NAME, correct=0)
+    walk = datasets.load("footprints")[0]
+    assert walk.reference is None and walk.info["footprints"] is None and walk.info["ruler"] is None
+    assert "not measured, or not correctly" in walk.info["no_reference"]
+
+
+def test_lost_samples_are_masked(folder):
+    imu = np.ones((1200, 6))
+    imu[7, 4] = np.nan
+    write(folder, imu_data=imu)
+    sensor = datasets.load("footprints")[0].recording.sensors["foot_right"]
+    assert np.flatnonzero(~sensor.mask).tolist() == [7] and np.all(sensor.gyr[7] == 0) and np.all(sensor.acc[7] == 0)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"imu_data": None}, "has no variable imu_data"),
+        ({"imu_data": np.ones((1200, 5))}, r"imu_data must be \(T, 6\).*got \(1200, 5\)"),
+        ({"imu_data": np.ones((1100, 6))}, r"got \(1200,\), \(1100, 3\)"),
+        ({"timestamps": np.ones(1200)}, "time must run forwards; it does not after sample 0"),
+        ({"timestamps": np.arange(1200) * 0.01}, "off the sample that it names"),
+    ],
+)
+def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, said):
+    write(folder, "SensorConnectData_80", **change)
+    walks = datasets.load("footprints")
+    assert [walk.recording.name for walk in walks] == [NAME]
+    (failure,) = walks.failures
+    assert failure.name == "SensorConnectData_80"
+    with pytest.raises(ValueError, match=said):
+        raise ValueError(failure.reason)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"strideIndex": [400, 600, 600, 1000]}, "strideIndex must rise"),
+        ({"strideIndex": [400, 600, 850, 1200]}, "to less than 1200"),
+        ({"gcpX": [0, 1, np.nan, 3]}, "all of them numbers"),
+        ({"gcpX": None}, "has no column gcpX"),
+    ],
+)
+def test_bad_footprints_are_named(folder, change, said):
+    table = pd.read_csv(csv(folder)).assign(**change)
+    table.drop(columns=[name for name, value in change.items() if value is None]).to_csv(csv(folder), index=False)
+    assert said in datasets.load("footprints").failures[0].reason
+
+
+# --- the real files ---
+
+STANDS = 1.4  # [s] at the start of each walk
+
+
+@real
+def test_every_recording_gives_a_walk():
+    walks = datasets.load("footprints")
+    assert walks.failures == ()
+    assert {walk.recording.name for walk in walks} == set(datasets.names("footprints"))
+
+
+@pytest.fixture(scope="module", params=["36", "39"])
+def walk(request):
+    name = f"SensorConnectData_{request.param}"
+    if name not in datasets.names("footprints"):
+        pytest.skip(f"{name} is not there")
+    return datasets.load("footprints", [name])[0]
+
+
+@real
+def test_numbers_of_the_walks(walk):
+    strides, path = {"36": (58, 76.292), "39": (80, 98.341)}[walk.recording.name[-2:]]
+    assert walk.info["verified"] is True
+    assert len(walk.info["footprints"]["samples"]) == strides + 1
+    assert walk.reference.distance[-1] == pytest.approx(path, abs=1e-3)
+    imu = walk.recording.sensors["foot_right"]
+    rest = imu.acc[imu.time < STANDS].mean(axis=0)
+    assert np.linalg.norm(rest) == pytest.approx(9.81, abs=0.02) and rest[2] > 8, "gravity's reaction points up"
+    assert walk.recording.sampling_rate_hz == pytest.approx(200, abs=0.1)
+    assert foot_path(imu, 200.0).distance[-1] == pytest.approx(path, rel=0.01), "units: the sensor goes as far"
+
+
+@real
+def test_the_shoe_turns_as_the_footprints_do(walk):
+    imu, prints = walk.recording.sensors["foot_right"], walk.info["footprints"]
+    assert np.ptp(heading(imu, STANDS)) > 2 * np.pi, "it turns, so that a mirrored plan would show"
+    above = agreement(imu, STANDS, prints["samples"], prints["position"])
+    below = agreement(imu, STANDS, prints["samples"], prints["position"] * [1, -1])
+    assert above > 0.9 and above > below + 0.15
+
+
+@real
+def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
+    ruler, prints = (np.asarray(p) - np.mean(p, axis=0) for p in (walk.info["ruler"]["position"],
+                                                                  walk.info["footprints"]["position"]))  # fmt: skip
+    u, _, vt = np.linalg.svd(ruler.T @ prints)
+    assert np.linalg.det(u @ vt) == pytest.approx(1)
+    np.testing.assert_allclose(ruler @ u @ vt, prints, atol=1e-9)
+
+
+@real
+def test_the_publisher_s_trajectory_is_seen_from_above_too(walk):
+    there, plan = walk.info["publisher_trajectory"], walk.info["footprints"]["position"]
+    off = there[walk.info["footprints"]["samples"]] - plan * np.array([[[1, 1]], [[1, -1]]])
+    as_it_is, mirrored = np.sqrt(np.mean(np.sum(off**2, axis=2), axis=1))
+    assert as_it_is < 1.5 and mirrored > 3 * as_it_is

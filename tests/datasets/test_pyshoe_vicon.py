@@ -1,0 +1,170 @@
+"""The shoe under Vicon: parsing by files written here, axes, turns and stances by the real ones."""
+
+import numpy as np
+import pytest
+from foot_heading import agreement, heading
+from scipy.io import savemat
+
+from jgait import datasets
+from jgait.datasets import pyshoe_vicon
+
+real = pytest.mark.skipif(not datasets.available("pyshoe_vicon"), reason=datasets.unavailable_reason("pyshoe_vicon"))
+SAMPLES, RATE = 2000, 200.0
+TIME = np.arange(SAMPLES) / RATE
+NAME = "2030-01-01-00-00-00"
+STRIDES, LENGTH = 5, 1.2
+
+
+def foot(time=TIME):
+    """Five strides along −y from 1.5 s on, half of each second a swing that rises; standing trembles by 0.1 mm."""
+    phase = np.clip(time - 1.0, 0.0, STRIDES)
+    swing = np.clip(2 * (phase % 1.0) - 1, 0, 1)
+    trembling = 1e-4 * np.sin(50 * time)
+    return np.stack([trembling, -LENGTH * (phase // 1 + swing), 0.12 + 0.1 * np.sin(np.pi * swing)], axis=1)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "pyshoe_vicon" / "data" / "vicon" / "processed"
+    folder.mkdir(parents=True)
+    return folder
+
+
+def write(folder, name=NAME, **changes):
+    imu = np.tile([1.0, 2.0, -9.5, 0.1, 0.2, 0.3], (SAMPLES, 1))
+    flags = {f"zv_{one}_opt": np.full(SAMPLES, k % 2) for k, one in enumerate(pyshoe_vicon.DETECTORS)}
+    variables = {"ts": 7.0 + TIME, "imu": imu, "gt": foot(), "best_detector": "shoe", **flags} | changes
+    savemat(folder / f"{name}.mat", {key: value for key, value in variables.items() if value is not None})
+
+
+def loaded(folder, **changes):
+    write(folder, **changes)
+    walks = datasets.load("pyshoe_vicon")
+    assert walks.failures == ()
+    return walks[0]
+
+
+def test_axes_stances_and_distance(folder):
+    walk = loaded(folder)
+    assert walk.recording.name == NAME and walk.info["verified"] is False
+    imu = walk.recording.sensors["foot_right"]
+    np.testing.assert_allclose(imu.acc[5], [1, -2, 9.5])
+    np.testing.assert_allclose(imu.gyr[5], [0.1, -0.2, -0.3])
+    np.testing.assert_allclose(imu.time, TIME, atol=1e-9)
+    right = walk.reference.feet.right
+    np.testing.assert_allclose(right.position, foot() * [1, -1, 1])
+    assert right.velocity is None and right.orientation is None and walk.reference.feet.left is None
+    assert walk.reference.valid.all()
+    prints = walk.info["footprints"]
+    assert len(prints["samples"]) == STRIDES + 1
+    np.testing.assert_allclose(prints["position"][:, 1], LENGTH * np.arange(STRIDES + 1), atol=1e-9)
+    np.testing.assert_allclose(prints["time"][1:-1], np.arange(1, STRIDES) + 1.25, atol=0.03)
+    assert np.all(prints["start"] <= prints["samples"]) and np.all(prints["samples"] < prints["end"])
+    middle = prints["samples"][1]
+    assert walk.reference.distance[0] == 0 and walk.reference.distance[-1] == pytest.approx(STRIDES * LENGTH, abs=1e-3)
+    assert walk.reference.distance[middle] == walk.reference.distance[middle + 10] == pytest.approx(LENGTH, abs=1e-3)
+    assert {name: of.all() for name, of in walk.info["zero_velocity"].items()} == {
+        "vicon": False, "shoe": True, "ared": False, "amvd": True, "mbgtd": False,
+    }  # fmt: skip
+    assert walk.info["best_detector"] == "shoe"
+    assert walk.info["speed"] == pytest.approx(STRIDES * LENGTH / 4.5, rel=0.03)
+
+
+def test_what_vicon_lost_is_masked(folder):
+    position = foot()
+    position[700] += [0, 0.2, 0]  # in a stance: there and back
+    position[910:930] = position[910]  # held, then far away
+    position[100] = position[101]  # one value twice is no loss
+    position[1990, 1] = np.nan
+    walk = loaded(folder, gt=position)
+    lost = [699, 700, 701, *range(910, 931), 1990]
+    assert np.flatnonzero(~walk.reference.valid).tolist() == lost
+    assert np.isfinite(walk.reference.feet.right.position).all()
+    assert f"{len(lost)} samples of Vicon masked" in walk.recording.notes
+    np.testing.assert_allclose(walk.info["footprints"]["position"][:, 1], LENGTH * np.arange(STRIDES + 1), atol=1e-9)
+    assert walk.reference.valid[walk.info["footprints"]["samples"]].all()
+
+
+def test_a_foot_that_is_never_seen_has_no_footprints(folder):
+    walk = loaded(folder, gt=np.full((SAMPLES, 3), np.nan))
+    assert not walk.reference.valid.any() and len(walk.info["footprints"]["samples"]) == 0
+    assert np.all(walk.reference.distance == 0) and walk.info["speed"] is None
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"gt": None}, "has no variable gt"),
+        ({"gt": foot()[:, :2]}, r"gt must be \(2000, 3\); got \(2000, 2\)"),
+        ({"imu": np.ones((SAMPLES, 5))}, r"imu must be \(2000, 6\); got \(2000, 5\)"),
+        ({"zv_ared_opt": np.ones(3)}, r"zv_ared_opt must be \(2000,\); got \(3,\)"),
+        ({"ts": TIME[::-1]}, "time must run forwards; it does not after sample 0"),
+    ],
+)
+def test_a_bad_recording_is_named_and_the_others_are_not_lost(folder, change, said):
+    write(folder)
+    write(folder, "2031", **change)
+    walks = datasets.load("pyshoe_vicon")
+    assert [walk.recording.name for walk in walks] == [NAME]
+    (failure,) = walks.failures
+    assert failure.name == "2031"
+    with pytest.raises(ValueError, match=said):
+        raise ValueError(failure.reason)
+
+
+# --- the real files ---
+
+KNOWN = {  # footprints, path [m], samples masked, [s] standing at the start
+    "2017-11-22-11-22-03": (23, 27.318, 88, 3.0),
+    "2017-11-22-11-25-20": (19, 25.635, 0, 2.2),
+    "2017-11-22-11-36-45": (23, 31.335, 16, 2.3),
+    "2017-11-22-11-51-23": (20, 18.815, 0, 0.8),
+    "2017-11-27-11-13-10": (29, 25.156, 0, 0.4),
+}
+
+
+@real
+def test_every_recording_gives_a_walk():
+    walks = datasets.load("pyshoe_vicon")
+    assert walks.failures == ()
+    assert {walk.recording.name for walk in walks} == set(datasets.names("pyshoe_vicon"))
+
+
+@pytest.fixture(scope="module", params=KNOWN)
+def walk(request):
+    if request.param not in datasets.names("pyshoe_vicon"):
+        pytest.skip(f"{request.param} is not there")
+    return datasets.load("pyshoe_vicon", [request.param])[0]
+
+
+@real
+def test_numbers_of_the_trials(walk):
+    footprints, path, masked, stands = KNOWN[walk.recording.name]
+    assert walk.info["verified"] is True
+    assert len(walk.info["footprints"]["samples"]) == footprints
+    assert walk.reference.distance[-1] == pytest.approx(path, abs=2e-3)
+    assert (~walk.reference.valid).sum() == masked
+    imu = walk.recording.sensors["foot_right"]
+    rest = imu.acc[imu.time < stands].mean(axis=0)
+    assert np.linalg.norm(rest) == pytest.approx(9.80, abs=0.01) and rest[2] > 9, "gravity's reaction points up"
+    assert walk.recording.sampling_rate_hz == pytest.approx(200, abs=0.2)
+
+
+@real
+def test_the_shoe_turns_as_vicon_does_and_swings_above_its_footprints(walk):
+    imu, prints, stands = walk.recording.sensors["foot_right"], walk.info["footprints"], KNOWN[walk.recording.name][3]
+    assert np.ptp(heading(imu, stands)) > 2 * np.pi, "it turns, so that a mirrored frame would show"
+    assert agreement(imu, stands, prints["samples"], prints["position"]) > 0.95
+    assert agreement(imu, stands, prints["samples"], prints["position"] * [1, -1, 1]) < 0.6
+    height = walk.reference.feet.right.position[walk.reference.valid, 2]
+    assert np.ptp(prints["position"][:, 2]) < 0.065 and height.max() > prints["position"][:, 2].max() + 0.08
+
+
+@real
+def test_footprints_are_where_the_publisher_finds_no_velocity(walk):
+    """All but one of a trial, at most, hold a sample that the publisher's Vicon detector calls still."""
+    prints, still = walk.info["footprints"], walk.info["zero_velocity"]["vicon"]
+    found = [still[start:end].any() for start, end in zip(prints["start"], prints["end"], strict=True)]
+    assert sum(found) >= len(found) - 1

@@ -1,0 +1,104 @@
+"""A foot that walks a loop: units, repeated rows and gaps by files written here, the loop by the real one."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from foot_heading import heading
+
+from jgait import datasets
+from jgait.datasets import xio_gait
+from jgait.datasets.foot_reference import foot_path
+
+real = pytest.mark.skipif(not datasets.available("xio_gait"), reason=datasets.unavailable_reason("xio_gait"))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "xio_gait"
+    folder.mkdir()
+    return folder
+
+
+def table(samples=50):
+    columns = (xio_gait.TIME, *xio_gait.GYROSCOPE, *xio_gait.ACCELEROMETER)
+    values = np.tile([0.0, 90.0, 0.0, -180.0, 0.0, 0.5, 1.0], (samples, 1))
+    values[:, 0] = 5.0 + np.arange(samples) * 0.0025
+    return pd.DataFrame(values, columns=columns)
+
+
+def test_units_and_the_file_s_own_clock(folder):
+    given = table()
+    given = given.drop(index=[10, 11, 12])  # lost
+    given = pd.concat([given.iloc[:20], given.iloc[19:]])  # and one row twice
+    given.to_csv(folder / "long_walk.csv", index=False)
+    walk = datasets.load("xio_gait")[0]
+    imu = walk.recording.sensors["foot_right"]
+    assert len(imu.time) == 47 and imu.time[0] == 0
+    assert np.diff(imu.time)[9] == pytest.approx(0.01) and np.delete(np.diff(imu.time), 9) == pytest.approx(0.0025)
+    assert walk.recording.sampling_rate_hz == pytest.approx(400)
+    np.testing.assert_allclose(imu.gyr[3], [np.pi / 2, 0, -np.pi])
+    np.testing.assert_allclose(imu.acc[3], [0, 0.5 * 9.80665, 9.80665])
+    assert any("1 rows that repeat" in note for note in walk.recording.notes)
+    assert any("which foot" in note for note in walk.recording.notes)
+    assert walk.reference is None and "ends where it began" in walk.info["no_reference"]
+    assert (walk.info["closes"], walk.info["publisher_closure"], walk.info["verified"]) == (True, 0.421, False)
+
+
+def test_of_a_walk_that_this_version_does_not_know_no_loop_is_claimed(folder):
+    table().to_csv(folder / "other_walk.csv", index=False)
+    walk = datasets.load("xio_gait")[0]
+    assert walk.info["closes"] is False and walk.info["publisher_closure"] is None
+    assert walk.info["no_reference"] == "nothing is known"
+
+
+def test_lost_samples_are_masked(folder):
+    given = table()
+    given.loc[7, xio_gait.GYROSCOPE[1]] = np.nan
+    given.to_csv(folder / "one_walk.csv", index=False)
+    imu = datasets.load("xio_gait")[0].recording.sensors["foot_right"]
+    assert np.flatnonzero(~imu.mask).tolist() == [7] and np.all(imu.acc[7] == 0)
+
+
+def test_bad_files_are_named_and_the_others_are_not_lost(folder):
+    table().to_csv(folder / "good_walk.csv", index=False)
+    table().drop(columns=xio_gait.TIME).to_csv(folder / "a_walk.csv", index=False)
+    table().iloc[::-1].to_csv(folder / "b_walk.csv", index=False)
+    table(1).to_csv(folder / "c_walk.csv", index=False)
+    walks = datasets.load("xio_gait")
+    assert [walk.recording.name for walk in walks] == ["good_walk"]
+    reasons = dict(walks.failures)
+    assert "a_walk.csv has no column 'Time (s)'" in reasons["a_walk"]
+    assert "time must run forwards; it does not after sample 0" in reasons["b_walk"]
+    assert "at least 2 samples" in reasons["c_walk"]
+
+
+# --- the real file ---
+
+
+@pytest.fixture(scope="module")
+def walk():
+    if "short_walk" not in datasets.names("xio_gait"):
+        pytest.skip("short_walk is not there")
+    return datasets.load("xio_gait", ["short_walk"])[0]
+
+
+@real
+def test_numbers_of_the_short_walk(walk):
+    imu = walk.recording.sensors["foot_right"]
+    assert walk.info["verified"] is True and walk.info["closes"] is True
+    assert len(imu.time) == 16539 - 205 and imu.time[-1] == pytest.approx(41.618, abs=1e-3)
+    assert walk.recording.sampling_rate_hz == pytest.approx(398.3, abs=0.1)
+    assert np.diff(imu.time).max() == pytest.approx(0.01255, abs=1e-4)
+    rest = imu.acc[imu.time < 15].mean(axis=0)
+    assert np.linalg.norm(rest) == pytest.approx(9.81, abs=0.01) and rest[2] > 8, "gravity's reaction points up"
+
+
+@real
+def test_the_short_walk_is_a_loop(walk):
+    """It turns once round, and goes about as far as the publisher says."""
+    imu = walk.recording.sensors["foot_right"]
+    turned = heading(imu, 15.0)
+    assert abs(turned[-1] - turned[0]) == pytest.approx(2 * np.pi, abs=0.4)
+    assert foot_path(imu, walk.recording.sampling_rate_hz).distance[-1] == pytest.approx(25, rel=0.15)
