@@ -1,0 +1,246 @@
+r"""Stride width, step length and base of support from two feet's own trajectories and a range between them.
+
+Each foot's zero-velocity trajectory is sure of its own strides, but lives in a world of its own, whose heading drifts.
+A range that the feet hear only while one passes the other ties them together: it says how far apart they are across
+the walk, and that they are side by side along it.
+
+Source: M. Potter, K. Liu, M. Selamet, G. Kumaravelu, "EKF estimation of stride width from individual IMU-based foot
+trajectory estimates". The model is in `stride_width_model`, decisions about a recording in `stride_width_calibration`.
+
+Sensors:
+    Both feet's trajectories with the middles of their stances (as of any zero-velocity method), and the distance from
+    the inner side of the left ankle to the right leg, heard at least every few strides.
+
+Outputs:
+    Strides of both feet with width, step length and length [m] and their standard deviations; z₁ and z₂ at stances,
+    ranges and double support [m], with theirs; both feet in one world.
+
+How far to trust it:
+    A width without ranges is a guess whose standard deviation grows with the way walked: `diagnostics["width_valid"]`
+    is False for each stride whose standard deviation is above `WidthOptions.widest_stddev`.
+    Feet taken for each other walk straight just as well. Only in a turn, where the outer foot goes farther, do their
+    trajectories say which is which: `diagnostics["swap_evidence"]` is how many nats better the feet explain the ranges
+    as they are labelled than exchanged; near 0 nothing is known.
+    A range whose clock is late makes the feet pass alternately before and behind each other; that is estimated and
+    taken off. Feet whose clocks differ by δ are not told from feet of unequal steps: the range's clock is put between
+    them, and step lengths of both feet differ by about the walking speed times δ (each by half of that); widths stay.
+
+Deviations from the paper; `WidthOptions.literal` brings the first back:
+    1. Row 5 of equation 3 adds Δx sin θ, row 2 of equation 6 adds (y_R − y_L) sin θ; printed with minus. The gain takes
+       Hᵀ and the predicted covariance.
+    2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:
+       within a stride displacements add up exactly, so the result is the same, some thirty times sooner.
+    3. R, the noise of the displacements, grows with the way moved, and that of the heading comes with each stride.
+    4. Where each foot stood last is part of the state, see `stride_width_model`.
+    5. Readings of one passing count once, at the middle of when the feet hear each other; those unlike their
+       neighbours are left out. Positions are taken at the time of the reading, not at the nearest sample.
+    6. Smoothing, after the paper's future work.
+    7. Double support is the moment between two stances at which both feet are stillest; the paper takes it from the
+       accelerometers.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import filtering, params
+from jgait.estimators import stride_width_model, stride_width_readout
+from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.stride_width_calibration import prepare_from_feet
+from jgait.estimators.stride_width_inputs import WidthInputs, exchanged, pad
+from jgait.estimators.stride_width_model import WidthControl, WidthModelParams, WidthObservation, WidthState
+from jgait.estimators.stride_width_params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
+from jgait.filtering import Belief, Covariance
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
+
+BUCKET = 128
+"""Recordings are padded to this many moments times a power of two, so that few programs are compiled."""
+
+SWAP = 6.0
+"""Evidence from which on the feet are said to be exchanged, or not to be [nat]."""
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "WidthInputs",
+    "WidthOptions",
+    "WidthParams",
+    "estimate_from_feet",
+    "estimator",
+    "pad",
+    "prepare_from_feet",
+    "run",
+    "with_body",
+]
+
+
+def model_params(p: WidthParams) -> WidthModelParams:
+    """The model's parameters: variances."""
+    return WidthModelParams(
+        p.position_noise**2, p.heading_noise**2, p.turn_noise**2, p.range_noise**2, p.passing_noise**2
+    )
+
+
+def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
+    """The belief before the first moment: side by side, both feet's first strides in the directions given."""
+    right, left = inputs.start_heading[0], inputs.start_heading[1]
+    return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
+
+
+def _filtered(p: WidthParams, inputs: WidthInputs, options: WidthOptions, *, smooth: bool, keep: Any) -> Any:
+    """What the filter, or the smoother over it, gives."""
+    model = stride_width_model.LITERAL if options.literal else stride_width_model.MODEL
+    across = inputs.distance + p.range_offset
+    settings = {
+        "controls": WidthControl(inputs.right, inputs.left),
+        "mask": inputs.seen & inputs.valid,
+        "method": options.method,
+        "initial": prior_of(p, inputs),
+        "execution": options.execution,
+        "keep": keep,
+    }
+    told = WidthObservation(across, jnp.zeros_like(across) + p.passing_offset)
+    run_filter = filtering.kalman_smoother if smooth else filtering.kalman_filter
+    return run_filter(model, model_params(p), told, **settings)
+
+
+def _belief(p: WidthParams, inputs: WidthInputs, options: WidthOptions) -> tuple[WidthState, Covariance, Any]:
+    keep = ("mean", "cov", "log_likelihood", "nis", "count", "valid")
+    found = _filtered(p, inputs, options, smooth=options.smooth, keep=keep)
+    return (found.mean, found.cov, found.filtered) if options.smooth else (found.mean, found.cov, found)
+
+
+def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, posterior: Any) -> Any:
+    """How many nats better the ranges are explained by the feet as labelled than exchanged."""
+    other = _filtered(p, exchanged(inputs), options, smooth=False, keep=("log_likelihood",))
+    return jnp.sum(posterior.log_likelihood) - jnp.sum(other.log_likelihood)
+
+
+def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare_from_feet`; stacked along a new first axis for `jax.vmap`.
+        options: how to estimate; static under jit.
+
+    Returns:
+        Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (places in one world,
+        each at its own height; no velocity or orientation). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
+        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; `ranges` used;
+        `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
+    """
+    mean, cov, posterior = _belief(p, inputs, options)
+    values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
+    count = jnp.sum(posterior.count)
+    diagnostics = {
+        **stride_width_readout.distances(p, mean, cov),
+        "double_support": inputs.double_support,
+        "turning": inputs.turning,
+        "width_valid": jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
+        "ranges": jnp.sum(inputs.seen & inputs.valid),
+        "log_likelihood": jnp.sum(posterior.log_likelihood),
+        "nis": jnp.sum(posterior.nis) / jnp.maximum(count, 1.0),
+    }
+    if options.check_swap and not options.literal:  # as printed, turns come out wrong with either labels
+        diagnostics["swap_evidence"] = _evidence(p, inputs, options, posterior)
+    deviation = cov.stddev()
+    heights = (inputs.height_right, inputs.height_left)
+    feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)
+    valid = inputs.valid & posterior.valid
+    return Estimate(
+        inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
+    )  # fmt: skip
+
+
+def _feet(state: WidthState, heights: tuple[Any, Any]) -> Feet:
+    """Both feet's places; nothing is said of velocity and orientation."""
+    right = jnp.stack([state.x_right, state.y_right, heights[0]], axis=1)
+    left = jnp.stack([state.x_left, state.y_left, heights[1]], axis=1)
+    return Feet(FootTrajectory(right, None, None), FootTrajectory(left, None, None))
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
+    """The parameters with a person's own measure put in.
+
+    Args:
+        p: parameters.
+        body: "range_offset" and "passing_offset" [m], as far as known.
+
+    Raises:
+        ValueError: if it names anything else.
+    """
+    unknown = [name for name in body if name not in ("range_offset", "passing_offset")]
+    if unknown:
+        raise ValueError(
+            f"the stride width estimator takes range_offset and passing_offset of a person; got {unknown[0]!r}"
+        )
+    return p._replace(**body)
+
+
+def estimator(
+    ready: Callable[[Recording, WidthOptions], Prepared[WidthInputs]], options: WidthOptions = DEFAULT
+) -> Estimator[WidthParams, WidthInputs]:
+    """This estimator as a record of functions, for cohorts.
+
+    Args:
+        ready: (recording, options) → what `prepare_from_feet` gives, with trajectories of whatever method.
+        options: how to estimate.
+    """
+
+    def prepared(recording: Recording) -> Prepared[WidthInputs]:
+        return ready(recording, options)
+
+    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, prepared, pad, run, with_body)
+
+
+def estimate_from_feet(
+    p: WidthParams, time: Any, feet: Feet, stances: tuple[Any, Any], feet_range: RangeReadings | None,
+    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
+) -> Estimate:  # fmt: skip
+    """Stride widths of one recording, given both feet's trajectories.
+
+    Args:
+        p: parameters; at least the range's offset should be the person's own.
+        time: (T,) [s].
+        feet: trajectories, each in a horizontal world of its own.
+        stances: for the right and the left foot the samples in the middle of its stances.
+        feet_range: distance from the inner side of the left ankle to the right leg, or None.
+        options: how to estimate.
+        start_heading: see `prepare_from_feet`.
+
+    Returns:
+        As `run`, strides without padding; `diagnostics["notes"]` says in words what was noticed on the way.
+
+    Raises:
+        RecordingError: see `prepare_from_feet`.
+        ValueError: a parameter outside its range.
+    """
+    params.check_params(p, TRANSFORMS)
+    prepared = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
+    moments = prepared.inputs.time.size
+    padded = pad(prepared.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(moments / BUCKET))))
+    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
+    rows = int(np.sum(prepared.inputs.strides.valid))
+    by_stride = {"width_valid": result.diagnostics["width_valid"][:rows]}
+    strides, spread = (jax.tree.map(lambda v: v[:rows], of) for of in (result.strides, result.strides_stddev))
+    result = result._replace(strides=None, strides_stddev=None)
+    result = jax.tree.map(lambda v: v[:moments] if jnp.ndim(v) else v, result)
+    notes = (*prepared.notes, *_about_swap(result.diagnostics))
+    diagnostics = {**result.diagnostics, **by_stride, "notes": notes}
+    return result._replace(diagnostics=diagnostics, strides=strides, strides_stddev=spread)
+
+
+def _about_swap(diagnostics: dict[str, Any]) -> tuple[str, ...]:
+    evidence = diagnostics.get("swap_evidence")
+    if evidence is None or float(evidence) > -SWAP:
+        return ()
+    return (f"left and right foot seem to be exchanged: so the ranges are {-float(evidence):.0f} nats likelier",)

@@ -1,0 +1,140 @@
+"""Two feet's trajectories, checked: places between stances, headings of strides, contacts. NumPy, on the host."""
+
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
+
+SHORT = 0.15  # m; a shorter stride has no heading of its own and keeps the one before
+LONGEST_GAP = 0.1  # s; over a longer gap in a trajectory no range is used
+STILL_SPEED = 0.3  # m/s; a slower foot is on the ground
+STILL_SHARE = 0.15  # of its fastest in a stride, the same
+
+
+class Foot(NamedTuple):
+    """One foot's trajectory.
+
+    Attributes:
+        time: (T,) [s].
+        position: (T, 3) [m] in a world whose x axis is the first stride; bridged where it is not known.
+        mids: (n,) middles of its stances [s].
+        heading: (n − 1,) of its strides [rad], 0 for the first, without jumps; (1,), 0, where there is no stride.
+        gaps: (from, to) [s] where it is not known.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    mids: np.ndarray
+    heading: np.ndarray
+    gaps: tuple[tuple[float, float], ...]
+
+    def place(self, times: np.ndarray) -> np.ndarray:
+        """(k, 2) [m] horizontally."""
+        return np.stack([np.interp(times, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
+
+    def height(self, times: np.ndarray) -> np.ndarray:
+        """(k,) [m]."""
+        return np.interp(times, self.time, self.position[:, 2])
+
+    def speed(self) -> np.ndarray:
+        """(T,) horizontal speed [m/s]."""
+        return np.hypot(*(np.gradient(self.position[:, axis], self.time) for axis in (0, 1)))
+
+    def forward(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k,) way along the strides [m], as if all went in one direction, and its rate [m/s]."""
+        middle = 0.5 * (self.time[1:] + self.time[:-1])
+        stride = np.clip(np.searchsorted(self.mids, middle) - 1, 0, len(self.heading) - 1)
+        step = np.diff(self.position[:, :2], axis=0)
+        along = np.cos(self.heading[stride]) * step[:, 0] + np.sin(self.heading[stride]) * step[:, 1]
+        way = np.concatenate([[0.0], np.cumsum(along)])
+        return np.interp(times, self.time, way), np.interp(times, middle, along / np.diff(self.time))
+
+
+class Pair(NamedTuple):
+    """Both feet."""
+
+    right: Foot
+    left: Foot
+
+
+def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair, list[str]]:
+    """Both feet, or what is wrong with them; and notes.
+
+    Raises:
+        RecordingError: see `stride_width_calibration.prepare_from_feet`.
+    """
+    time = np.asarray(time, np.float64)
+    if time.ndim != 1 or time.size < 3:
+        raise RecordingError(f"stride_width_ekf needs times (T,) of a walk; got shape {time.shape}")
+    if not np.all(np.diff(time) > 0):
+        row = int(np.argmin(np.diff(time) > 0)) + 1
+        raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
+    if len(stances) != 2:
+        raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
+    found, notes = [], []
+    for side, foot, mids in zip(SIDES, feet, stances, strict=True):
+        one, said = _checked(side, time, foot, np.asarray(mids))
+        found.append(one)
+        notes += said
+    return Pair(*found), notes
+
+
+def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray) -> tuple[Foot, list[str]]:
+    if foot is None:
+        raise RecordingError(f"stride_width_ekf needs both feet; the {side} one was not measured")
+    position = np.asarray(foot.position, np.float64)
+    if position.shape != (time.size, 3):
+        raise RecordingError(f"the {side} foot needs positions of shape ({time.size}, 3); got {position.shape}")
+    if mids.ndim != 1 or (mids.size and not np.issubdtype(mids.dtype, np.integer)):
+        raise RecordingError(f"stances of the {side} foot must be samples, whole numbers (n,); got {mids!r}")
+    if np.any(mids < 0) or np.any(mids >= time.size) or np.any(np.diff(mids) <= 0):
+        raise RecordingError(
+            f"stances of the {side} foot must be increasing samples from 0 to {time.size - 1}; got {mids.tolist()}"
+        )
+    finite = np.isfinite(position).all(axis=1)
+    if np.sum(finite) < 2:
+        raise RecordingError(f"the {side} foot needs finite positions; got {int(np.sum(finite))} of {time.size}")
+    notes = []
+    if not finite.all():
+        notes.append(f"the {side} foot is not known at {int(np.sum(~finite))} samples; bridged")
+    mids = mids[finite[mids].astype(bool)] if mids.size else np.zeros(0, int)
+    at = time[finite]
+    gaps = tuple((float(a), float(b)) for a, b in itertools.pairwise(at) if b - a > _longest(time))
+    position = np.stack([np.interp(time, at, position[finite, axis]) for axis in range(3)], axis=1)
+    heading, first = _headings(position[mids, :2])
+    c, s = np.cos(first), np.sin(first)
+    x, y, z = position.T
+    return Foot(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps), notes
+
+
+def _longest(time: np.ndarray) -> float:
+    return max(LONGEST_GAP, 1.5 * float(np.median(np.diff(time))))
+
+
+def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
+    """Headings of the strides between places (n, 2) from the first one's, and that one [rad]."""
+    way = np.diff(stood, axis=0)
+    long = np.hypot(*way.T) >= SHORT
+    if not long.any():
+        return np.zeros(max(len(way), 1)), 0.0
+    # A foot that shifts on the spot keeps its heading; before the first stride, that of the first stride.
+    which = np.maximum.accumulate(np.where(long, np.arange(len(way)), -1))
+    which = np.where(which < 0, np.argmax(long), which)
+    heading = np.unwrap(np.arctan2(way[which, 1], way[which, 0]))
+    return heading - heading[0], float(heading[0])
+
+
+def contact_times(foot: Foot) -> tuple[np.ndarray, np.ndarray]:
+    """When the foot leaves and lands in each of its strides [s], by its horizontal speed."""
+    speed = foot.speed()
+    leave, land = [], []
+    for first, last in itertools.pairwise(foot.mids):
+        a, b = np.searchsorted(foot.time, [first, last])
+        part = speed[a : b + 1]
+        moves = np.flatnonzero(part > max(STILL_SPEED, STILL_SHARE * float(part.max())))
+        begin, end = (moves[0], moves[-1]) if moves.size else (0, len(part) - 1)
+        leave.append(foot.time[a + begin])
+        land.append(foot.time[a + end])
+    return np.array(leave), np.array(land)

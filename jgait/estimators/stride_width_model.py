@@ -1,0 +1,204 @@
+r"""Two feet in the plane, carried by their own displacements and tied by the range between them.
+
+    x ← x + Δx cos(θ + Δθ) − Δy sin(θ + Δθ),  y ← y + Δy cos(θ + Δθ) + Δx sin(θ + Δθ),  θ ← θ + Δθ   for each foot
+    z₁ = (x_R − x_L) sin θ_L − (y_R − y_L) cos θ_L,   z₂ = (x_R − x_L) cos θ_L + (y_R − y_L) sin θ_L
+
+Δx and Δy are resolved in the frame of the foot's stride, whose x axis is the way from one stance to the next; Δθ is the
+change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
+
+Beside the paper's six states it remembers where each foot stood last (a copy of its place, made when it leaves): the
+width of a stride takes three places at three times, and so their joint covariance is at hand at the stride's end, from
+a filter, a smoother or particles alike.
+
+Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.filtering import Belief, Covariance, Model
+
+
+class WidthState(NamedTuple):
+    """Equation 1, and where each foot stood last; places [m], headings [rad] from x to y."""
+
+    x_right: Any
+    y_right: Any
+    heading_right: Any
+    x_left: Any
+    y_left: Any
+    heading_left: Any
+    stance_x_right: Any
+    stance_y_right: Any
+    stance_x_left: Any
+    stance_y_left: Any
+
+
+class FootControl(NamedTuple):
+    """What one foot did over an interval within one of its strides; equation 2.
+
+    Attributes:
+        dx: displacement along the stride [m].
+        dy: displacement to the left of it [m].
+        turn: change of heading at its beginning [rad]; 0 but after a stance.
+        way: length of the path moved [m].
+        leaves: 1 where the interval begins at the middle of a stance, else 0.
+    """
+
+    dx: Any
+    dy: Any
+    turn: Any
+    way: Any
+    leaves: Any
+
+
+class WidthControl(NamedTuple):
+    """Both feet."""
+
+    right: FootControl
+    left: FootControl
+
+
+class WidthObservation(NamedTuple):
+    """Equation 6 [m]: across, as the range and its offset say, and along, which is 0 while the feet pass."""
+
+    across: Any
+    along: Any
+
+
+class WidthModelParams(NamedTuple):
+    """What the model's functions take: variances, but for the rates of their growth; see `WidthParams`."""
+
+    position_noise: Any
+    heading_noise: Any
+    turn_noise: Any
+    range_noise: Any
+    passing_noise: Any
+
+
+def _moved(state: WidthState, control: WidthControl, *, literal: bool) -> WidthState:
+    right, left = control
+    heading_right = state.heading_right + right.turn
+    heading_left = state.heading_left + left.turn
+    sin_right, cos_right = jnp.sin(heading_right), jnp.cos(heading_right)
+    sin_left, cos_left = jnp.sin(heading_left), jnp.cos(heading_left)
+    # Equation 3, row 5 as printed takes the foot's way forward off its y.
+    ahead = -left.dx if literal else left.dx
+    return WidthState(
+        x_right=state.x_right + right.dx * cos_right - right.dy * sin_right,
+        y_right=state.y_right + right.dy * cos_right + right.dx * sin_right,
+        heading_right=heading_right,
+        x_left=state.x_left + left.dx * cos_left - left.dy * sin_left,
+        y_left=state.y_left + left.dy * cos_left + ahead * sin_left,
+        heading_left=heading_left,
+        stance_x_right=state.stance_x_right + right.leaves * (state.x_right - state.stance_x_right),
+        stance_y_right=state.stance_y_right + right.leaves * (state.y_right - state.stance_y_right),
+        stance_x_left=state.stance_x_left + left.leaves * (state.x_left - state.stance_x_left),
+        stance_y_left=state.stance_y_left + left.leaves * (state.y_left - state.stance_y_left),
+    )
+
+
+def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
+    """Equation 3."""
+    del params, dt
+    return _moved(state, control, literal=False)
+
+
+def transition_literal(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
+    """Equation 3 as printed (deviation 1)."""
+    del params, dt
+    return _moved(state, control, literal=True)
+
+
+def _foot_noise(params: WidthModelParams, heading: Any, foot: FootControl, side: str) -> dict[tuple[str, str], Any]:
+    """V R Vᵀ of one foot: noise of Δx and Δy grows with the way, that of Δθ comes with a stride and turns the way."""
+    shift = params.position_noise * foot.way
+    swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
+    s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
+    turned_x, turned_y = -foot.dx * s - foot.dy * c, foot.dx * c - foot.dy * s
+    x, y, theta = f"x_{side}", f"y_{side}", f"heading_{side}"
+    return {
+        (x, x): shift + swing * turned_x**2, (y, y): shift + swing * turned_y**2, (theta, theta): swing,
+        (x, y): swing * turned_x * turned_y, (x, theta): swing * turned_x, (y, theta): swing * turned_y,
+    }  # fmt: skip
+
+
+def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> Covariance:
+    """V R Vᵀ of equation 4; V by hand, since only Δθ turns anything."""
+    del dt
+    zero = Covariance.from_variances(WidthState(*(0.0,) * 10))
+    return zero.with_entries(
+        _foot_noise(params, state.heading_right, control.right, "right")
+        | _foot_noise(params, state.heading_left, control.left, "left")
+    )
+
+
+def between(state: WidthState) -> WidthObservation:
+    """Equation 6: from the left foot to the right one, across and along the left foot's heading [m]."""
+    x, y = state.x_right - state.x_left, state.y_right - state.y_left
+    s, c = jnp.sin(state.heading_left), jnp.cos(state.heading_left)
+    return WidthObservation(x * s - y * c, x * c + y * s)
+
+
+def observation(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
+    """Equation 6."""
+    del params, control
+    return between(state)
+
+
+def observation_literal(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
+    """Equation 6 as printed, − (y_R − y_L) sin θ_L in its second row (deviation 1)."""
+    del params, control
+    x, y = state.x_right - state.x_left, state.y_right - state.y_left
+    s, c = jnp.sin(state.heading_left), jnp.cos(state.heading_left)
+    return WidthObservation(x * s - y * c, x * c - y * s)
+
+
+def observation_noise(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
+    """The paper's Q: of the range, and of the feet being side by side."""
+    del state, control
+    return WidthObservation(params.range_noise, params.passing_noise)
+
+
+def initial(params: WidthModelParams) -> Belief:
+    """Side by side, 0.15 m apart; a recording brings its own, see `stride_width_ekf.prior_of`."""
+    del params
+    return start_belief(0.0, 0.0, 0.15, 0.15, 0.5, 0.2)
+
+
+def start_belief(
+    heading_right: Any, heading_left: Any, width: Any, across: Any, along: Any, heading_stddev: Any
+) -> Belief:
+    """The belief before the first interval: the right foot at the origin, the left one to its left.
+
+    Args:
+        heading_right: of its first stride [rad].
+        heading_left: of its first stride, thought parallel [rad].
+        width: distance across [m].
+        across: its standard deviation [m].
+        along: standard deviation of the distance along [m].
+        heading_stddev: standard deviation of the angle between both headings [rad].
+
+    Returns:
+        Mean and covariance; the right foot's is about 0, since the world is its own.
+    """
+    zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
+    s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)
+    x, y = -width * s, width * c
+    mean = WidthState(*(zero + v for v in (0.0, 0.0, heading_right, x, y, heading_left, 0.0, 0.0, x, y)))
+    side, ahead = across**2, along**2
+    known, copied = 1e-6, 1.0  # the copies are written before they are read
+    variances = WidthState(
+        known, known, known, side * s * s + ahead * c * c, side * c * c + ahead * s * s, heading_stddev**2,
+        copied, copied, copied, copied,
+    )  # fmt: skip
+    cov = Covariance.from_variances(variances).with_entries({("x_left", "y_left"): (ahead - side) * s * c})
+    return Belief(mean, cov)
+
+
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
+"""The corrected reading, the default."""
+
+LITERAL = Model(initial, transition_literal, transition_noise, observation_literal, observation_noise)
+"""The paper as printed: row 5 of equation 3 and row 2 of equation 6."""
