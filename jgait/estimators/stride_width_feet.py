@@ -101,16 +101,14 @@ def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.
         notes.append(f"the {side} foot is not known at {int(np.sum(~finite))} samples; bridged")
     mids = mids[finite[mids].astype(bool)] if mids.size else np.zeros(0, int)
     at = time[finite]
-    gaps = tuple((float(a), float(b)) for a, b in itertools.pairwise(at) if b - a > _longest(time))
+    step = np.diff(at)
+    wide = np.flatnonzero(step > max(LONGEST_GAP, 1.5 * float(np.median(step))))
+    gaps = tuple((float(at[k]), float(at[k + 1])) for k in wide)
     position = np.stack([np.interp(time, at, position[finite, axis]) for axis in range(3)], axis=1)
     heading, first = _headings(position[mids, :2])
     c, s = np.cos(first), np.sin(first)
     x, y, z = position.T
     return Foot(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps), notes
-
-
-def _longest(time: np.ndarray) -> float:
-    return max(LONGEST_GAP, 1.5 * float(np.median(np.diff(time))))
 
 
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:

@@ -1,6 +1,7 @@
 """Parameters and options of the stride width estimator, with their units, ranges and presets."""
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from jgait import filtering, params
@@ -63,11 +64,24 @@ TRANSFORMS = WidthParams(
 """The range of every parameter; fixed is what no recording can tell."""
 
 
+@dataclass(frozen=True)
+class Particles:
+    """As a method: weighted particles in place of a Gaussian, for starts of which little is known.
+
+    Attributes:
+        count: how many.
+        seed: of what is drawn; the same seed gives the same estimate.
+    """
+
+    count: int = 4000
+    seed: int = 0
+
+
 class WidthOptions(NamedTuple):
     """How the estimator works.
 
     Attributes:
-        method: how the filter linearises, see `jgait.filtering`.
+        method: how the filter linearises, see `jgait.filtering`, or `Particles()`.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         literal: equations 3 and 6 as printed, misprints included.
         longest_range: readings above it are of something else than the other leg [m].
