@@ -103,7 +103,7 @@ def _horner(terms: tuple[float, ...], x: Any) -> Any:
 
 
 def logarithm(q: Quaternion) -> Vector:
-    """The rotation vector of a unit quaternion, shorter than π; the inverse of `exponential`, smooth at the identity."""
+    """The rotation vector of a unit quaternion, shorter than π: the inverse of `exponential`, smooth at zero."""
     sign = jnp.where(q.w < 0.0, -1.0, 1.0).astype(jnp.result_type(q.w))
     w, square = sign * q.w, q.x * q.x + q.y * q.y + q.z * q.z
     near = square < 1e-4

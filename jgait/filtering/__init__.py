@@ -16,10 +16,9 @@ from jgait.filtering.particle import (
     PARTICLE_FIELDS,
     PARTICLE_KEEP,
     ParticlePosterior,
-    ParticleSmoothed,
     particle_filter,
-    particle_smoother,
 )
+from jgait.filtering.particle_smoother import ParticleSmoothed, particle_smoother
 from jgait.filtering.resampling import Resampling, Soft, Systematic, systematic_ancestors
 from jgait.filtering.smoother import Smoothed, kalman_smoother
 

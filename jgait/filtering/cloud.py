@@ -112,15 +112,29 @@ def drawn(given: Inputs, key: Any, particles: int) -> Cloud:
 def moved(given: Inputs, state: tuple[Any, ...], control: Any, dt: Any, key: Any) -> tuple[tuple[Any, ...], Any]:
     """The particles one interval later, and which of them are sound; the others stay where they were."""
     cm, dtype = given.cm, given.dtype
-    shocks = jax.random.normal(key, (len(given.cov), state[0].shape[0]), dtype)
+    noisy = _noisy(given, state, control, dt)
+    shocks = jax.random.normal(key, (len(noisy), state[0].shape[0]), dtype)
 
     def one(x: tuple[Any, ...], shock: Any) -> tuple[tuple[Any, ...], Any]:
         lower, sound = root(cm.transition_noise(x, control, dt), dtype)
-        after = cm.retract(cm.transition(x, control, dt), [dot(row, list(shock)) for row in lower])
+        step = [dot([row[j] for j in noisy], list(shock)) for row in lower]
+        after = cm.retract(cm.transition(x, control, dt), step)
         sound = jnp.asarray(both(sound, all_finite(after)))
         return tuple(jnp.where(sound, jnp.asarray(a, dtype), b) for a, b in zip(after, x, strict=True)), sound
 
     return jax.vmap(one, in_axes=(0, 1))(state, shocks)
+
+
+def _noisy(given: Inputs, state: tuple[Any, ...], control: Any, dt: Any) -> list[int]:
+    """The columns of the root of the process noise that a trace cannot tell to be zero: the others need no draws."""
+    columns: list[int] = []
+
+    def look(x: tuple[Any, ...]) -> None:
+        lower, _ = root(given.cm.transition_noise(x, control, dt), given.dtype)
+        columns.extend(j for j in range(len(lower)) if not all(is_zero(row[j]) for row in lower))
+
+    jax.eval_shape(look, tuple(jax.ShapeDtypeStruct((), given.dtype) for _ in state))
+    return columns
 
 
 def weighed(given: Inputs, state: tuple[Any, ...], measured: Sequence[Any], control: Any, seen: Sequence[Any]) -> Any:

@@ -1,4 +1,4 @@
-r"""The particle filter (bootstrap), and its smoother along the ancestors of the particles.
+r"""The particle filter, in its bootstrap form: particles drawn from the transition, weighed by the observation.
 
     draw     x_k^i = f(x_{k−1}^i) ⊕ N(0, Q)
     weigh    w_k^i ∝ w_{k−1}^i N(y_k ⊖ h(x_k^i); 0, R),  log p(y_k | y_{<k}) ≈ log Σ_i w_{k−1}^i N(y_k ⊖ h(x_k^i); 0, R)
@@ -15,7 +15,8 @@ likelihood, see `resampling`; its variance grows with the number of times. In re
 particles of about 2 √T samples.
 
 Sources: N. Gordon, D. Salmond, A. Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation",
-IEE Proceedings F 140(2), 1993; G. Kitagawa, JCGS 5(1), 1996, for the smoother and the systematic resampling.
+IEE Proceedings F 140(2), 1993; G. Kitagawa, "Monte Carlo filter and smoother for non-Gaussian nonlinear state space
+models", JCGS 5(1), 1996.
 """
 
 from collections.abc import Callable
@@ -72,22 +73,6 @@ class ParticlePosterior(NamedTuple):
     ancestors: Any = None
 
 
-class ParticleSmoothed(NamedTuple):
-    """A smoothed recording; every leaf has the time axis in front.
-
-    Attributes:
-        mean: smoothed mean in the state's type.
-        cov: its covariance.
-        effective_size: (T,) 1 / Σ v² of the smoothed weights; near 1 the covariance means nothing.
-        filtered: the filter's `ParticlePosterior`.
-    """
-
-    mean: Any
-    cov: Any
-    effective_size: Any
-    filtered: ParticlePosterior
-
-
 PARTICLE_FIELDS = ParticlePosterior._fields
 """What a particle filter can return, see `ParticlePosterior`."""
 
@@ -95,7 +80,7 @@ PARTICLE_KEEP = ("mean", "cov", "log_likelihood", "effective_size", "count", "va
 """What it returns unless told otherwise."""
 
 
-class _Settings(NamedTuple):
+class Settings(NamedTuple):
     particles: int
     resampling: Resampling
     threshold: float
@@ -129,55 +114,12 @@ def particle_filter(
     Raises:
         ValueError: see `kalman_filter`; a key that is none, or fewer than two particles.
     """
-    settings = _checked(model, key, particles, resampling, threshold, keep)
+    settings = checked(model, key, particles, resampling, threshold, keep)
     checks.check_values(observations, controls, dt)
     return _filter(model, params, observations, controls, dt, mask, initial, key, settings)
 
 
-def particle_smoother(
-    model: Model, params: Any, observations: Any, *, key: Any, particles: int = 1000, controls: Any = None,
-    dt: Any = 1.0, mask: Any = None, initial: Belief | None = None, resampling: Resampling = Systematic(),
-    threshold: float = 0.5, keep: tuple[str, ...] = PARTICLE_KEEP,
-) -> ParticleSmoothed:  # fmt: skip
-    """Filter forward, then weigh each particle by what its descendants weigh at the end (Kitagawa 1996).
-
-        v_T^i = w_T^i,  v_k^i = Σ_{j: a_k(j) = i} v_{k+1}^j
-
-    It never asks for the density of a transition, so it serves models whose process noise is singular, where
-    backward simulation would find that a state could only have come from the particle it did come from. The price
-    is that each resampling leaves fewer ancestors: far before the end all particles may descend from a few, and
-    the covariance is then too small. `effective_size` says how many are left; more particles, or a lower threshold
-    where observations are rare, leave more. Models with regular noise and many observations want another smoother.
-
-    The recording is taken twice in segments of about √T samples, forward, and then from the last segment to the
-    first, each drawn again from its start: memory holds the particles of about 2 √T samples.
-
-    Args:
-        model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
-        params: any pytree, passed on to the model's functions; differentiable.
-        observations: observation tuple of (T,) arrays; what the mask hides may be any finite number.
-        key: PRNG key; the same key gives the same particles.
-        particles: N, how many.
-        controls: control tuple of (T,) arrays, or None.
-        dt: interval [s], scalar or (T,), as of `kalman_filter`.
-        mask: observation tuple of (T,) bools, one (T,) bool, or None.
-        initial: belief before the first interval; None takes the model's.
-        resampling: as of `particle_filter`.
-        threshold: as of `particle_filter`.
-        keep: fields of the filter's `ParticlePosterior` to return.
-
-    Returns:
-        Smoothed means and covariances, how many particles they rest on, and the filter's posterior.
-
-    Raises:
-        ValueError: see `particle_filter`.
-    """
-    settings = _checked(model, key, particles, resampling, threshold, keep)
-    checks.check_values(observations, controls, dt)
-    return _smoother(model, params, observations, controls, dt, mask, initial, key, settings)
-
-
-def _checked(model: Any, key: Any, particles: Any, resampling: Any, threshold: Any, keep: tuple[str, ...]) -> _Settings:
+def checked(model: Any, key: Any, particles: Any, resampling: Any, threshold: Any, keep: tuple[str, ...]) -> Settings:
     checks.check_arguments(model, EKF(), keep, PARTICLE_FIELDS)
     check_resampling(resampling)
     if not isinstance(particles, int) or isinstance(particles, bool) or particles < 2:
@@ -188,96 +130,31 @@ def _checked(model: Any, key: Any, particles: Any, resampling: Any, threshold: A
     typed = dtype is not None and jnp.issubdtype(dtype, jax.dtypes.prng_key)
     if not (typed and key.shape == ()) and not (dtype == jnp.uint32 and jnp.ndim(key) == 1):
         raise ValueError(f"key must be one PRNG key, such as jax.random.key(0); got {key!r}")
-    return _Settings(particles, resampling, float(threshold), tuple(keep))
+    return Settings(particles, resampling, float(threshold), tuple(keep))
 
 
 def _filtered(
     model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    key: Any, settings: _Settings,
+    key: Any, settings: Settings,
 ) -> ParticlePosterior:  # fmt: skip
     given = inputs(model, params, observations, controls, dt, mask, initial)
     begin, key = jax.random.split(key)
-    body = jax.checkpoint(_stepper(given, key, settings, settings.keep), prevent_cse=False)
-    leaves = _segments(given)[1]
+    body = jax.checkpoint(stepper(given, key, settings, settings.keep), prevent_cse=False)
+    leaves = segments(given)[1]
 
     @jax.checkpoint
     def segment(cloud: Cloud, part: Any) -> tuple[Cloud, Any]:
         return lax.scan(body, cloud, part)
 
     start = drawn(given, begin, settings.particles)
-    kept = jax.tree.map(lambda leaf: _joined(leaf, given.length), lax.scan(segment, start, leaves)[1])
-    return _posterior(given, kept)
+    kept = jax.tree.map(lambda leaf: joined(leaf, given.length), lax.scan(segment, start, leaves)[1])
+    return particle_posterior(given, kept)
 
 
 _filter = compiled(_filtered, static_argnames=("model", "settings"))
 
 
-def _smoothed(
-    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    key: Any, settings: _Settings,
-) -> ParticleSmoothed:  # fmt: skip
-    given = inputs(model, params, observations, controls, dt, mask, initial)
-    begin, key = jax.random.split(key)
-    needed = ("particles", "ancestors", "resampled")
-    body = _stepper(given, key, settings, tuple(dict.fromkeys((*settings.keep, *needed))))
-    size, leaves = _segments(given)
-    count = jax.tree.leaves(leaves)[0].shape[0]
-
-    # One loop does both passes, the second from the last segment to the first: what is compiled twice may round
-    # differently, and particles drawn again by another program would not be the ones whose ancestors are known.
-    @jax.checkpoint
-    def visit(carry: tuple[Cloud, Any], at: Any, back: Any, starts: Cloud) -> Any:
-        cloud, weights = carry
-        place = jnp.where(back, count - 1 - at, at)
-        again = jax.tree.map(lambda leaf: leaf[place], starts)
-        cloud = jax.tree.map(lambda a, b: jnp.where(back, a, b), again, cloud)
-        end, kept = lax.scan(body, cloud, jax.tree.map(lambda leaf: leaf[place], leaves))
-        told = {name: kept[name] for name in settings.keep}
-        before, found = lax.cond(
-            back, lambda: _traced_back(given, weights, kept), lambda: (weights, _nothing(given, size))
-        )
-        return (end, before), (cloud, told, found)
-
-    def run(carry: tuple[Cloud, Cloud], back: Any) -> Any:
-        starts, last = carry
-        weights = jnp.exp(last.log_weights)
-        indices = jnp.arange(count)
-        (end, _), (begun, told, found) = lax.scan(lambda c, at: visit(c, at, back, starts), (last, weights), indices)
-        return (begun, end), (told, found)
-
-    cloud = drawn(given, begin, settings.particles)
-    starts = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), cloud)
-    _, passes = lax.scan(run, (starts, cloud), jnp.asarray([False, True]))
-    told, (mean, cov, effective) = jax.tree.map(lambda leaf: _joined(leaf[1, ::-1], given.length), passes)
-    return ParticleSmoothed(
-        named_values(list(mean), given.cm.state), named_covariance(list(cov), given.cm.error), effective,
-        _posterior(given, told),
-    )  # fmt: skip
-
-
-_smoother = compiled(_smoothed, static_argnames=("model", "settings"))
-
-
-def _traced_back(given: Inputs, weights: Any, kept: dict[str, Any]) -> Any:
-    """The weights (N,) at the start of a segment from those at its end, and what is smoothed in between."""
-
-    def body(after: Any, sample: Any) -> Any:
-        state, ancestors, moved = sample
-        weights = lax.cond(moved, lambda: jnp.zeros_like(after).at[ancestors].add(after), lambda: after)
-        mean, cov = moments(given.cm, state, weights)
-        return weights, (mean, cov, 1.0 / jnp.sum(weights * weights))
-
-    return lax.scan(body, weights, (kept["particles"], kept["ancestors"], kept["resampled"]), reverse=True)
-
-
-def _nothing(given: Inputs, size: int) -> Any:
-    """In the place of what `_traced_back` finds."""
-    entries = len(given.cov) * (len(given.cov) + 1) // 2
-    zero = jnp.zeros((size,), given.dtype)
-    return (zero,) * len(given.mean), (zero,) * entries, zero
-
-
-def _segments(given: Inputs) -> tuple[int, Any]:
+def segments(given: Inputs) -> tuple[int, Any]:
     """The length L of segments, and what happens in them: arrays (T / L, L).
 
     Samples that fill up the last segment are marked, and change nothing.
@@ -294,12 +171,12 @@ def _segments(given: Inputs) -> tuple[int, Any]:
     return size, (*folded, (jnp.arange(count * size) < length).reshape(count, size))
 
 
-def _joined(leaf: Any, length: int) -> Any:
+def joined(leaf: Any, length: int) -> Any:
     """An array (T / L, L, …) as (T, …)."""
     return leaf.reshape(-1, *leaf.shape[2:])[:length]
 
 
-def _stepper(given: Inputs, key: Any, settings: _Settings, keep: tuple[str, ...]) -> Callable[[Cloud, Any], Any]:
+def stepper(given: Inputs, key: Any, settings: Settings, keep: tuple[str, ...]) -> Callable[[Cloud, Any], Any]:
     """The body of the scan: a sample's particles from those of the sample before, and the fields to keep."""
     particles = settings.particles
     same = jnp.arange(particles, dtype=jnp.int32)
@@ -308,7 +185,7 @@ def _stepper(given: Inputs, key: Any, settings: _Settings, keep: tuple[str, ...]
         leaves, seen, ahead, index, there = sample
         move, pick = jax.random.split(jax.random.fold_in(key, index))
         after, told = _advanced(given, before, leaves, seen, move)
-        size = effective_size(after.log_weights)
+        size = effective_size(jnp.exp(after.log_weights))
 
         def chosen() -> tuple[Cloud, Any]:
             ancestors, log_weights = resampled(pick, after.log_weights, settings.resampling)
@@ -354,7 +231,7 @@ def _advanced(given: Inputs, before: Cloud, leaves: Any, seen: Any, key: Any) ->
     }  # fmt: skip
 
 
-def _posterior(given: Inputs, kept: dict[str, Any]) -> ParticlePosterior:
+def particle_posterior(given: Inputs, kept: dict[str, Any]) -> ParticlePosterior:
     """What a scan kept, under the names it belongs to."""
     names: dict[str, Callable[[Any], Any]] = {
         "mean": lambda value: named_values(list(value), given.cm.state),

@@ -10,7 +10,8 @@ goes on ⌊N q_i⌋ or ⌈N q_i⌉ times, N q_i times on average.
 Indices have no derivative. The gradient goes through w_{a_j}, while the q that a was drawn with is held fixed. So
 the value is that of the ratio, and its gradient that of Σ_i w_i g(x_i), the sum that resampling estimates, in
 expectation; both for λ = 1 and for λ < 1. Karkus et al. also differentiate q, as if what was drawn did not depend on
-it: then nothing is left of the gradient of the weights for λ = 1, and a part of it for λ < 1.
+it: then nothing is left of the gradient of the weights for λ = 1, and a part of it for λ < 1. On 20 samples of a cart
+seen through noise (tests/filtering/test_particle.py) that gave seven times the derivative by the process noise.
 
 Sources: G. Kitagawa, "Monte Carlo filter and smoother for non-Gaussian nonlinear state space models", JCGS 5(1), 1996,
 and R. Douc, O. Cappé, E. Moulines, "Comparison of resampling schemes for particle filtering", ISPA 2005, for systematic
@@ -69,9 +70,8 @@ def normalised(log_weights: Any) -> Any:
     return jnp.maximum(log_weights - jax.nn.logsumexp(log_weights), lowest(log_weights.dtype))
 
 
-def effective_size(log_weights: Any) -> Any:
-    """1 / Σ w²: how many equally weighted particles would be worth as much; of normalised log-weights (N,)."""
-    weights = jnp.exp(log_weights)
+def effective_size(weights: Any) -> Any:
+    """(Σ w)² / Σ w²: how many equally weighted particles would be worth as much as weights (N,)."""
     return jnp.square(jnp.sum(weights)) / jnp.sum(weights * weights)
 
 
