@@ -1,0 +1,72 @@
+"""Butterworth filters against SciPy's, online against offline, and their gradients in the cut-off."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import signal as scipy_signal
+
+from jgait import butterworth
+
+RATE = 100.0
+X = np.cumsum(np.random.default_rng(0).normal(size=(150, 2)), axis=0)
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(2, 4.0), (4, 12.5)])
+def test_both_ways_equals_scipy(order, cutoff):
+    ours = butterworth.low_pass_both_ways(X, cutoff, RATE, order)
+    sos = scipy_signal.butter(order, cutoff, fs=RATE, output="sos")
+    np.testing.assert_allclose(ours, scipy_signal.sosfiltfilt(sos, X, axis=0), rtol=1e-10, atol=1e-10)
+    b, a = scipy_signal.butter(order, cutoff, fs=RATE)
+    np.testing.assert_allclose(ours, scipy_signal.filtfilt(b, a, X, axis=0), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_causal_equals_scipy_from_rest(order):
+    sos = scipy_signal.butter(order, 4.0, fs=RATE, output="sos")
+    zi = scipy_signal.sosfilt_zi(sos)[:, :, None] * X[0]
+    expected = scipy_signal.sosfilt(sos, X, axis=0, zi=zi)[0]
+    np.testing.assert_allclose(butterworth.low_pass(X, 4.0, RATE, order), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_sample_by_sample_as_over_the_recording():
+    cascade = butterworth.sections(4.0, RATE)
+    state, online = butterworth.at_rest(cascade, X[0]), []
+    step = jax.jit(butterworth.step)
+    for sample in X:
+        state, value = step(cascade, state, sample)
+        online.append(value)
+    np.testing.assert_allclose(online, butterworth.low_pass(X, 4.0, RATE), rtol=1e-12, atol=1e-12)
+
+
+def test_a_ramp_leaves_late_by_the_delay():
+    ramp = np.arange(400) / RATE
+    for order in (2, 4):
+        late = ramp[-1] - butterworth.low_pass(ramp, 4.0, RATE, order)[-1]
+        np.testing.assert_allclose(butterworth.delay(4.0, RATE, order), late, rtol=1e-8)
+
+
+@pytest.mark.parametrize("function", [butterworth.low_pass, butterworth.low_pass_both_ways])
+def test_gradient_in_the_cut_off_is_that_of_differences(function):
+    def loss(cutoff):
+        return jnp.sum(function(X, cutoff, RATE) ** 2)
+
+    ours, by = jax.grad(loss)(4.0), 1e-4
+    np.testing.assert_allclose(ours, (loss(4.0 + by) - loss(4.0 - by)) / (2 * by), rtol=1e-6)
+
+
+def test_float32_stays_float32_and_close():
+    single = butterworth.low_pass_both_ways(X.astype(np.float32), 4.0, RATE)
+    assert single.dtype == jnp.float32
+    np.testing.assert_allclose(single, butterworth.low_pass_both_ways(X, 4.0, RATE), atol=2e-4)
+
+
+def test_what_cannot_be_filtered_says_why():
+    with pytest.raises(ValueError, match="half the sampling rate of 100 Hz; got 60"):
+        butterworth.low_pass(X, 60.0, RATE)
+    with pytest.raises(ValueError, match="order must be 2, 4, 6"):
+        butterworth.low_pass(X, 4.0, RATE, 3)
+    with pytest.raises(ValueError, match="at least 10 samples"):
+        butterworth.low_pass_both_ways(X[:9], 4.0, RATE)
+    with pytest.raises(ValueError, match="floating point; got int64"):
+        butterworth.low_pass(np.arange(20), 4.0, RATE)
