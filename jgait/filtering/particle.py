@@ -81,6 +81,8 @@ PARTICLE_KEEP = ("mean", "cov", "log_likelihood", "effective_size", "count", "va
 
 
 class Settings(NamedTuple):
+    """What a particle filter is compiled for; see `particle_filter`."""
+
     particles: int
     resampling: Resampling
     threshold: float
@@ -120,6 +122,7 @@ def particle_filter(
 
 
 def checked(model: Any, key: Any, particles: Any, resampling: Any, threshold: Any, keep: tuple[str, ...]) -> Settings:
+    """The settings; raises ValueError for what is none, see `particle_filter`."""
     checks.check_arguments(model, EKF(), keep, PARTICLE_FIELDS)
     check_resampling(resampling)
     if not isinstance(particles, int) or isinstance(particles, bool) or particles < 2:
