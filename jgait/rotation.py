@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jgait.kinematics import Vector, cross
+from jgait.kinematics import Vector, cross, dot, scale, subtract
 
 
 def rotation(vector: Any) -> Any:
@@ -113,3 +113,91 @@ def logarithm(q: Quaternion) -> Vector:
     series = 2.0 * (1.0 + square / 6.0 + 3.0 * square**2 / 40.0 + 15.0 * square**3 / 336.0)
     factor = sign * jnp.where(near, series, far)
     return Vector(factor * q.x, factor * q.y, factor * q.z)
+
+
+def as_array(q: Quaternion) -> Any:
+    """Components along a last axis, (..., 4), w first; back with `from_array`."""
+    return jnp.stack(q, axis=-1)
+
+
+def from_array(values: Any) -> Quaternion:
+    """The quaternion of an array (..., 4), w first, as in `FootTrajectory.orientation`.
+
+    Raises:
+        ValueError: if the last axis is not of four.
+    """
+    if values.ndim == 0 or values.shape[-1] != 4:
+        raise ValueError(f"a quaternion's array must be (..., 4), w first; got {values.shape}")
+    return Quaternion(*(values[..., i] for i in range(4)))
+
+
+def matrix(q: Quaternion) -> Any:
+    """The rotation matrix (..., 3, 3) of a unit quaternion; its columns are the sensor's axes in the world."""
+    w, x, y, z = q
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion(m: Any) -> Quaternion:
+    """The quaternion of a rotation matrix, w ≥ 0: the longest row of 4 q qᵀ, whose entries are linear in the matrix.
+
+    Args:
+        m: (..., 3, 3), orthonormal and right-handed.
+
+    Source: S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1(3), 1978.
+    """
+    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    ww, xx, yy, zz = 1.0 + a + b + c, 1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c
+    best, longest = Quaternion(ww, wx, wy, wz), ww
+    for row, square in (((wx, xx, xy, xz), xx), ((wy, xy, yy, yz), yy), ((wz, xz, yz, zz), zz)):
+        better = square > longest
+        best = Quaternion(*(jnp.where(better, new, old) for new, old in zip(row, best, strict=True)))
+        longest = jnp.where(better, square, longest)
+    back = best.w < 0.0
+    return normalised(Quaternion(*(jnp.where(back, -part, part) for part in best)))
+
+
+def between(a: Vector, b: Vector) -> Quaternion:
+    """The shortest rotation that takes one direction to another, precise near opposite directions as near equal ones.
+
+    With unit vectors, d = a·b and c = a × b: (1 + d, c) for an angle up to 90°; beyond it (c·p, (1 − d) p) about
+    the axis p = c / |c|, made perpendicular to a once more, for c is small where they are nearly opposite. Where they
+    are exactly opposite it is half a turn about some axis across.
+
+    Args:
+        a: of any length but zero.
+        b: of any length but zero.
+    """
+    a, b = _direction(a), _direction(b)
+    d, c = dot(a, b), cross(a, b)
+    p = subtract(c, scale(dot(c, a), a))
+    square = dot(p, p)
+    none = square < jnp.finfo(jnp.result_type(square)).eps ** 2
+    along = a.x * a.x > 0.5
+    some = Vector(
+        jnp.where(along, -a.z, jnp.zeros_like(a.x)),
+        jnp.where(along, jnp.zeros_like(a.y), a.z),
+        jnp.where(along, a.x, -a.y),
+    )
+    p = _direction(Vector(*(jnp.where(none, new, old) for new, old in zip(some, p, strict=True))))
+    far = Quaternion(dot(c, p), *scale(1.0 - d, p))
+    near = Quaternion(1.0 + d, *c)
+    return normalised(Quaternion(*(jnp.where(d < 0.0, new, old) for new, old in zip(far, near, strict=True))))
+
+
+def _direction(v: Vector) -> Vector:
+    return scale(1.0 / jnp.sqrt(dot(v, v)), v)
+
+
+def heading(q: Quaternion) -> Any:
+    """Where the sensor's x axis points in the world's plane, from the world's x axis to the left [rad], −π to π.
+
+    It has no meaning, and no gradient, where that axis is vertical.
+    """
+    return jnp.arctan2(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -1,0 +1,333 @@
+"""Rotations: the axioms, the conventions by worked examples, and smoothness where filters go."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jgait.kinematics import Vector
+from jgait.rotation import (
+    Quaternion,
+    as_array,
+    between,
+    conjugate,
+    exponential,
+    from_array,
+    heading,
+    logarithm,
+    matrix,
+    normalised,
+    product,
+    quaternion,
+    rotated,
+    rotation,
+    turn,
+)
+
+RNG = np.random.default_rng(0)
+START = RNG.bit_generator.state
+N = 40
+
+
+@pytest.fixture(autouse=True)
+def same_numbers_whichever_tests_run():
+    RNG.bit_generator.state = START
+
+
+def vectors(length=None, dtype=np.float64):
+    """(N, 3) in all directions; of random lengths, or of one."""
+    values = RNG.normal(size=(N, 3))
+    values = values if length is None else length * values / np.linalg.norm(values, axis=1, keepdims=True)
+    return values.astype(dtype)
+
+
+def split(values):
+    """A `Vector` of an array (..., 3)."""
+    return Vector(*jnp.moveaxis(jnp.asarray(values), -1, 0))
+
+
+def joined(vector):
+    return np.stack([np.asarray(part) for part in vector], axis=-1)
+
+
+def quaternions(dtype=np.float64):
+    """N in all directions, both signs."""
+    return normalised(from_array(jnp.asarray(RNG.normal(size=(N, 4)).astype(dtype))))
+
+
+def scipys(q):
+    return Rotation.from_quat(np.asarray(as_array(q), np.float64), scalar_first=True)
+
+
+def close(a, b, tolerance=1e-12):
+    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance)
+
+
+def same_turn(a, b, tolerance=1e-12):
+    """Equal up to the sign, which means nothing."""
+    a, b = joined(a), joined(b)
+    close(a * np.sign(np.sum(a * b, axis=-1, keepdims=True)), b, tolerance)
+
+
+def finite_differences(f, x, step=1e-6):
+    x = np.asarray(x, np.float64)
+    rise = [(np.asarray(f(x + step * e)) - np.asarray(f(x - step * e))) / (2 * step) for e in np.eye(len(x))]
+    return np.stack(rise, axis=-1)
+
+
+# --- matrices ---
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.0099, 0.0101, 1.0, np.pi - 1e-9, np.pi, 5.0])
+def test_rotation_matrix_equals_scipy_at_every_size(angle):
+    v = vectors(angle)
+    close(rotation(jnp.asarray(v)), Rotation.from_rotvec(v).as_matrix())
+
+
+def test_a_quarter_turn_to_the_left_takes_forward_to_left():
+    close(turn(jnp.asarray([0.0, 0.0, 2.0]), np.pi / 2) @ jnp.asarray([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0])
+
+
+# --- axioms of quaternions ---
+
+
+def test_products_are_a_group():
+    a, b, c = quaternions(), quaternions(), quaternions()
+    close(joined(product(product(a, b), c)), joined(product(a, product(b, c))))
+    one = Quaternion(1.0, 0.0, 0.0, 0.0)
+    close(joined(product(a, one)), joined(a))
+    close(joined(product(one, a)), joined(a))
+    close(joined(product(a, conjugate(a))), np.tile([1.0, 0.0, 0.0, 0.0], (N, 1)))
+    close(joined(conjugate(product(a, b))), joined(product(conjugate(b), conjugate(a))))
+
+
+def test_i_j_k():
+    """i j = k, and i² = −1: the right-handed convention."""
+    i, j, k = (Quaternion(0.0, *row) for row in np.eye(3).tolist())
+    assert product(i, j) == k
+    assert product(j, i) == Quaternion(0.0, 0.0, 0.0, -1.0)
+    assert product(i, i) == Quaternion(-1.0, 0.0, 0.0, 0.0)
+
+
+def test_products_turn_as_products_of_matrices_the_right_one_first():
+    a, b, v = quaternions(), quaternions(), vectors()
+    close(matrix(product(a, b)), matrix(a) @ matrix(b))
+    close(joined(rotated(product(a, b), split(v))), joined(rotated(a, rotated(b, split(v)))))
+    close(joined(rotated(a, split(v))), scipys(a).apply(v))
+    close(matrix(a), scipys(a).as_matrix())
+    close(joined(rotated(conjugate(a), rotated(a, split(v)))), v)
+
+
+def test_a_quarter_turn_to_the_left_worked_by_hand():
+    q = exponential(Vector(0.0, 0.0, np.pi / 2))
+    close(joined(q), [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    close(joined(rotated(q, Vector(1.0, 0.0, 0.0))), [0.0, 1.0, 0.0])
+    close(matrix(q), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    close(heading(q), np.pi / 2)
+
+
+def test_normalised_keeps_the_direction():
+    q = quaternions()
+    longer = Quaternion(*(3.0 * part for part in q))
+    close(joined(normalised(longer)), joined(q))
+
+
+def test_arrays_have_w_first_and_come_back():
+    q = quaternions()
+    values = as_array(q)
+    assert values.shape == (N, 4)
+    np.testing.assert_array_equal(values[:, 0], q.w)
+    np.testing.assert_array_equal(joined(from_array(values)), values)
+    with pytest.raises(ValueError, match=r"must be \(..., 4\), w first; got \(3,\)"):
+        from_array(jnp.zeros(3))
+
+
+# --- exponential and logarithm ---
+
+
+@pytest.mark.parametrize(
+    ("angle", "tolerance"), [(0.0, 1e-15), (1e-8, 1e-15), (1e-3, 1e-15), (1.0, 1e-13), (np.pi, 1e-7)]
+)
+def test_exponential_is_as_exact_as_it_says(angle, tolerance):
+    v = vectors(angle)
+    q = exponential(split(v))
+    same_turn(q, Quaternion(*Rotation.from_rotvec(v).as_quat(scalar_first=True).T), tolerance)
+    close(np.linalg.norm(joined(q), axis=-1), 1.0, 1e-15)
+    close(matrix(q), rotation(jnp.asarray(v)), 4.0 * tolerance)
+
+
+def test_logarithm_undoes_exponential():
+    for angle, tolerance in ((0.0, 1e-15), (1e-8, 1e-15), (0.0199, 1e-13), (0.0201, 1e-13), (1.0, 1e-12)):
+        v = vectors(angle)
+        close(joined(logarithm(exponential(split(v)))), v, tolerance)
+
+
+def test_logarithm_near_half_a_turn_takes_the_short_way():
+    """Just below π it comes back; just above it is the rotation the other way; the sign of q means nothing."""
+    direction = vectors(1.0)
+    for angle, expected in ((np.pi - 1e-7, np.pi - 1e-7), (np.pi + 1e-7, -(np.pi - 1e-7))):
+        q = Quaternion(*Rotation.from_rotvec(angle * direction).as_quat(scalar_first=True).T)
+        back = Quaternion(*(-part for part in q))
+        close(joined(logarithm(q)), expected * direction)
+        close(joined(logarithm(back)), expected * direction)
+
+
+def test_half_a_turn_has_a_logarithm():
+    close(joined(logarithm(Quaternion(0.0, 0.0, 1.0, 0.0))), [0.0, np.pi, 0.0])
+
+
+# --- from matrices ---
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-8, 1.0, np.pi - 1e-8, np.pi])
+def test_quaternion_of_a_matrix_at_every_size(angle):
+    v = np.concatenate([vectors(angle), angle * np.eye(3), -angle * np.eye(3)])
+    q = quaternion(jnp.asarray(Rotation.from_rotvec(v).as_matrix()))
+    close(matrix(q), Rotation.from_rotvec(v).as_matrix())
+    close(np.linalg.norm(joined(q), axis=-1), 1.0)
+    assert (np.asarray(q.w) >= 0.0).all()
+
+
+def test_quaternion_undoes_matrix():
+    q = quaternions()
+    same_turn(quaternion(matrix(q)), q)
+
+
+# --- between ---
+
+
+def check_between(a, b, tolerance):
+    q = between(split(a), split(b))
+    across = np.linalg.norm(np.cross(a, b), axis=1)
+    angle = np.arctan2(across, np.sum(a * b, axis=1))
+    length = np.linalg.norm(b, axis=1, keepdims=True)
+    wanted = b / length
+    found = joined(rotated(q, split(a / np.linalg.norm(a, axis=1, keepdims=True))))
+    close(found, wanted, tolerance)
+    close(np.linalg.norm(joined(q), axis=-1), 1.0, tolerance)
+    close(2.0 * np.arctan2(np.linalg.norm(joined(q)[:, 1:], axis=1), joined(q)[:, 0]), angle, 4.0 * tolerance)
+
+
+def test_between_takes_one_direction_to_another_by_the_shortest_way():
+    check_between(vectors(), vectors(), 1e-14)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-8, 1e-6, 1e-3, 0.1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_between_equal_and_opposite_directions(sign, off):
+    a = np.concatenate([vectors(1.0), np.eye(3), -np.eye(3)])
+    b = sign * a + off * RNG.normal(size=a.shape)
+    check_between(a, 7.0 * b, 1e-14)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-7, 1e-6, 1e-4, 1e-2])
+def test_between_opposite_directions_in_float32(off):
+    a = vectors(1.0, np.float32)
+    b = (-a + off * RNG.normal(size=a.shape)).astype(np.float32)
+    q = between(split(a), split(b))
+    assert {part.dtype for part in q} == {jnp.dtype("float32")}
+    found = joined(rotated(q, split(a)))
+    close(found, b / np.linalg.norm(b, axis=1, keepdims=True), 2e-6)
+
+
+def test_between_worked_by_hand():
+    """Levelling a sensor whose z axis points down: half a turn, about an axis that lies level."""
+    q = between(Vector(0.0, 0.0, -9.81), Vector(0.0, 0.0, 1.0))
+    close(joined(rotated(q, Vector(0.0, 0.0, -1.0))), [0.0, 0.0, 1.0])
+    close([q.w, q.z], [0.0, 0.0])
+    same_turn(between(Vector(1.0, 0.0, 0.0), Vector(0.0, 3.0, 0.0)), exponential(Vector(0.0, 0.0, np.pi / 2)))
+
+
+# --- heading ---
+
+
+def test_heading_is_that_of_the_x_axis():
+    q = quaternions()
+    ahead = joined(rotated(q, Vector(*(jnp.full(N, part) for part in (1.0, 0.0, 0.0)))))
+    close(heading(q), np.arctan2(ahead[:, 1], ahead[:, 0]))
+
+
+def test_heading_adds_up_under_turns_about_the_vertical_and_ignores_pitch_and_roll():
+    yaw, pitch, roll = RNG.uniform(-3.0, 3.0, N), RNG.uniform(-1.5, 1.5, N), RNG.uniform(-3.0, 3.0, N)
+    q = Quaternion(*Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1)).as_quat(scalar_first=True).T)
+    close(heading(q), yaw)
+    turned = product(exponential(Vector(0.0, 0.0, 0.1)), q)
+    close(heading(turned), yaw + 0.1)
+
+
+# --- gradients, float32, jit and vmap ---
+
+
+def as_vector(values):
+    return Vector(values[0], values[1], values[2])
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (1e-9, 0.0, 0.0), (0.3, -0.2, 0.5), (2.0, 1.0, -2.0)])
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda v: as_array(exponential(as_vector(v))),
+        lambda v: jnp.stack(logarithm(exponential(as_vector(v)))),
+        lambda v: as_array(quaternion(rotation(v))),
+        lambda v: matrix(exponential(as_vector(v))).ravel(),
+        lambda v: rotation(v).ravel(),
+        lambda v: heading(exponential(as_vector(v))),
+    ],
+    ids=["exponential", "logarithm", "quaternion", "matrix", "rotation", "heading"],
+)
+def test_gradients_equal_finite_differences(function, at):
+    found = jax.jacrev(function)(jnp.asarray(at))
+    close(found, finite_differences(jax.jit(function), at), 1e-8)
+
+
+def test_derivatives_at_no_rotation_worked_by_hand():
+    def near(v):
+        return as_array(exponential(as_vector(v)))
+
+    close(jax.jacfwd(near)(jnp.zeros(3)), np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)]), 1e-15)
+    close(jax.hessian(lambda v: near(v)[0])(jnp.zeros(3)), -0.25 * np.eye(3), 1e-15)
+    slope = jax.jacfwd(lambda q: jnp.stack(logarithm(from_array(q))))(jnp.asarray([1.0, 0.0, 0.0, 0.0]))
+    close(slope, np.concatenate([np.zeros((3, 1)), 2.0 * np.eye(3)], axis=1), 1e-15)
+
+
+@pytest.mark.parametrize(
+    "b", [(1.0, 2.0, 2.0), (1.0, 2.0, 2.1), (2.0, -1.0, 0.0), (-1.0, -2.0, -1.7), (-1.0, 2.0, -2.0)]
+)
+def test_gradient_of_between_equals_finite_differences(b):
+    a = jnp.asarray([1.0, 2.0, 2.0])
+
+    def turned(b):
+        return as_array(between(as_vector(a), as_vector(b)))
+
+    close(jax.jacrev(turned)(jnp.asarray(b)), finite_differences(jax.jit(turned), b), 1e-8)
+
+
+def test_gradient_of_between_is_finite_where_it_jumps():
+    """At opposite directions the shortest way is any: no gradient is right, but none is lost."""
+    for sign in (1.0, -1.0):
+        slope = jax.jacrev(lambda b: as_array(between(Vector(0.6, 0.0, 0.8), as_vector(b))))
+        assert np.isfinite(slope(sign * jnp.asarray([0.6, 0.0, 0.8]))).all()
+
+
+def test_float32_stays_and_is_close_to_float64():
+    v, q = vectors(), quaternions()
+    narrow = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), (split(v), q, rotation(jnp.asarray(v))))
+
+    def everything(v, q, m):
+        return exponential(v), logarithm(q), quaternion(m), rotated(q, v), matrix(q), heading(q), product(q, q)
+
+    wide = everything(split(v), q, rotation(jnp.asarray(v)))
+    for found, expected in zip(jax.tree.leaves(everything(*narrow)), jax.tree.leaves(wide), strict=True):
+        assert found.dtype == jnp.float32
+        close(found, expected, 2e-5)
+
+
+def test_under_jit_and_vmap_as_whole_arrays():
+    a, b, q = split(vectors()), split(vectors()), quaternions()
+
+    def everything(a, b, q):
+        return between(a, b), quaternion(matrix(q)), logarithm(q), heading(q)
+
+    together = everything(a, b, q)
+    jax.tree.map(lambda x, y: close(x, y, 1e-14), jax.jit(jax.vmap(everything))(a, b, q), together)
