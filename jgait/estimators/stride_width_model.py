@@ -6,9 +6,10 @@ r"""Two feet in the plane, carried by their own displacements and tied by the ra
 Δx and Δy are resolved in the frame of the foot's stride, whose x axis is the way from one stance to the next; Δθ is the
 change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
 
-Beside the paper's six states it remembers where each foot stood last (a copy of its place, made when it leaves): the
-width of a stride takes three places at three times, and so their joint covariance is at hand at the stride's end, from
-a filter, a smoother or particles alike.
+Beside the paper's six states it holds how far each foot has moved since it stood last: the width of a stride takes
+three places at three times, and so their joint covariance is at hand at the stride's end, from a filter, a smoother or
+particles alike. (A copy of each place where a foot stood would say the same, but be perfectly correlated with the place
+as long as the foot rests; such a covariance has no inverse, and smoothing loses its digits.)
 
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
@@ -21,7 +22,7 @@ from jgait.filtering import Belief, Covariance, Model
 
 
 class WidthState(NamedTuple):
-    """Equation 1, and where each foot stood last; places [m], headings [rad] from x to y."""
+    """Equation 1, and how far each foot has moved since it stood; places [m], headings [rad] from x to y."""
 
     x_right: Any
     y_right: Any
@@ -29,10 +30,10 @@ class WidthState(NamedTuple):
     x_left: Any
     y_left: Any
     heading_left: Any
-    stance_x_right: Any
-    stance_y_right: Any
-    stance_x_left: Any
-    stance_y_left: Any
+    moved_x_right: Any
+    moved_y_right: Any
+    moved_x_left: Any
+    moved_y_left: Any
 
 
 class FootControl(NamedTuple):
@@ -83,19 +84,21 @@ def _moved(state: WidthState, control: WidthControl, *, literal: bool) -> WidthS
     heading_left = state.heading_left + left.turn
     sin_right, cos_right = jnp.sin(heading_right), jnp.cos(heading_right)
     sin_left, cos_left = jnp.sin(heading_left), jnp.cos(heading_left)
+    x_right, y_right = right.dx * cos_right - right.dy * sin_right, right.dy * cos_right + right.dx * sin_right
     # Equation 3, row 5 as printed takes the foot's way forward off its y.
     ahead = -left.dx if literal else left.dx
+    x_left, y_left = left.dx * cos_left - left.dy * sin_left, left.dy * cos_left + ahead * sin_left
     return WidthState(
-        x_right=state.x_right + right.dx * cos_right - right.dy * sin_right,
-        y_right=state.y_right + right.dy * cos_right + right.dx * sin_right,
+        x_right=state.x_right + x_right,
+        y_right=state.y_right + y_right,
         heading_right=heading_right,
-        x_left=state.x_left + left.dx * cos_left - left.dy * sin_left,
-        y_left=state.y_left + left.dy * cos_left + ahead * sin_left,
+        x_left=state.x_left + x_left,
+        y_left=state.y_left + y_left,
         heading_left=heading_left,
-        stance_x_right=state.stance_x_right + right.leaves * (state.x_right - state.stance_x_right),
-        stance_y_right=state.stance_y_right + right.leaves * (state.y_right - state.stance_y_right),
-        stance_x_left=state.stance_x_left + left.leaves * (state.x_left - state.stance_x_left),
-        stance_y_left=state.stance_y_left + left.leaves * (state.y_left - state.stance_y_left),
+        moved_x_right=(1.0 - right.leaves) * state.moved_x_right + x_right,
+        moved_y_right=(1.0 - right.leaves) * state.moved_y_right + y_right,
+        moved_x_left=(1.0 - left.leaves) * state.moved_x_left + x_left,
+        moved_y_left=(1.0 - left.leaves) * state.moved_y_left + y_left,
     )
 
 
@@ -117,10 +120,15 @@ def _foot_noise(params: WidthModelParams, heading: Any, foot: FootControl, side:
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
     s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
     turned_x, turned_y = -foot.dx * s - foot.dy * c, foot.dx * c - foot.dy * s
+    xx, yy, xy = shift + swing * turned_x**2, shift + swing * turned_y**2, swing * turned_x * turned_y
     x, y, theta = f"x_{side}", f"y_{side}", f"heading_{side}"
+    moved_x, moved_y = f"moved_{x}", f"moved_{y}"
     return {
-        (x, x): shift + swing * turned_x**2, (y, y): shift + swing * turned_y**2, (theta, theta): swing,
-        (x, y): swing * turned_x * turned_y, (x, theta): swing * turned_x, (y, theta): swing * turned_y,
+        (x, x): xx, (x, moved_x): xx, (moved_x, moved_x): xx,
+        (y, y): yy, (y, moved_y): yy, (moved_y, moved_y): yy,
+        (x, y): xy, (x, moved_y): xy, (y, moved_x): xy, (moved_x, moved_y): xy,
+        (x, theta): swing * turned_x, (moved_x, theta): swing * turned_x,
+        (y, theta): swing * turned_y, (moved_y, theta): swing * turned_y, (theta, theta): swing,
     }  # fmt: skip
 
 
@@ -186,12 +194,12 @@ def start_belief(
     zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
     s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)
     x, y = -width * s, width * c
-    mean = WidthState(*(zero + v for v in (0.0, 0.0, heading_right, x, y, heading_left, 0.0, 0.0, x, y)))
+    mean = WidthState(*(zero + v for v in (0.0, 0.0, heading_right, x, y, heading_left, 0.0, 0.0, 0.0, 0.0)))
     side, ahead = across**2, along**2
-    known, copied = 1e-6, 1.0  # the copies are written before they are read
+    known, none = 1e-6, zero
     variances = WidthState(
         known, known, known, side * s * s + ahead * c * c, side * c * c + ahead * s * s, heading_stddev**2,
-        copied, copied, copied, copied,
+        none, none, none, none,
     )  # fmt: skip
     cov = Covariance.from_variances(variances).with_entries({("x_left", "y_left"): (ahead - side) * s * c})
     return Belief(mean, cov)

@@ -94,7 +94,7 @@ class WidthOptions(NamedTuple):
         execution: how the filters compute, see `jgait.filtering`.
     """
 
-    method: Any = filtering.EKF()
+    method: Any = filtering.IteratedEKF()
     smooth: bool = True
     literal: bool = False
     longest_range: float = 0.5
@@ -110,5 +110,7 @@ class WidthOptions(NamedTuple):
 DEFAULT = WidthOptions()
 """The best pipeline."""
 
-PAPER = WidthOptions(smooth=False, outlier=math.inf, align_range=False, check_swap=False)
+PAPER = WidthOptions(
+    method=filtering.EKF(), smooth=False, outlier=math.inf, align_range=False, check_swap=False
+)  # fmt: skip
 """The paper's pipeline, its misprints put right: an EKF, ranges up to 0.5 m, none in turns."""

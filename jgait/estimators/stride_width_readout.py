@@ -49,7 +49,7 @@ def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, 
 def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covariance) -> tuple[Strides, Strides]:
     """Strides of both feet, and their standard deviations.
 
-    At the end of a stride the state holds all three places that it takes: where the foot stands, where it stood
+    At the end of a stride the state tells all three places that it takes: where the foot stands, where it stood
     before, and where the other stood in between. So their joint covariance is that of the state.
 
     Args:
@@ -112,11 +112,13 @@ def _ordered(state: WidthState, *, left: bool) -> WidthState:
 
 def _line(state: WidthState) -> tuple[Any, Any, Any, Any, Any]:
     """Of the right foot's stride: its way, its length, and the way from its start to where the left foot stood."""
-    x, y = state.x_right - state.stance_x_right, state.y_right - state.stance_y_right
+    x, y = state.moved_x_right, state.moved_y_right
     square = x * x + y * y
     some = square > 0.0
     length = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 1e-6)
-    return x, y, length, state.stance_x_left - state.stance_x_right, state.stance_y_left - state.stance_y_right
+    other_x = state.x_left - state.moved_x_left - state.x_right + x
+    other_y = state.y_left - state.moved_y_left - state.y_right + y
+    return x, y, length, other_x, other_y
 
 
 def _length(state: WidthState) -> Any:
