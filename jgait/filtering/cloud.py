@@ -33,7 +33,7 @@ FLAT = 16.0
 """Below this share of its variance what is left of a component is rounding [epsilons of the dtype]."""
 
 ROUNDS = 4
-"""Steps to the mean on a manifold; each leaves about the cube of the spread of what the one before left."""
+"""Steps to the mean on a manifold; each leaves a share of about the particles' variance [rad², for rotations]."""
 
 
 class Cloud(NamedTuple):

@@ -219,6 +219,25 @@ def test_on_a_manifold_means_and_covariances_are_those_of_errors_about_them():
     assert float(jnp.ptp(jnp.arctan2(exact.mean.sin, exact.mean.cos))) > 5.0
 
 
+def test_the_mean_is_where_the_errors_about_it_cancel():
+    model = GROWTH._replace(
+        initial=lambda p: Belief(Growth(0.0), Covariance.from_variances(Growth(0.04))),
+        transition=lambda p, state, control, dt: state,
+        transition_noise=lambda p, state, control, dt: Growth(0.01),
+        retract=lambda state, error: Growth(state.x + jnp.arcsinh(error.x)),
+        local=lambda reference, state: Growth(jnp.sinh(state.x - reference.x)),
+    )
+    found = particle_filter(
+        model, 0.0, Growth(jnp.asarray([0.1, 0.2])), key=KEYS[0], particles=100, keep=PARTICLE_FIELDS
+    )  # fmt: skip
+    weights, x = np.exp(found.log_weights), np.asarray(found.particles.x)
+    mean = 0.5 * np.log((weights * np.exp(x)).sum(axis=1) / (weights * np.exp(-x)).sum(axis=1))
+    np.testing.assert_allclose(found.mean.x, mean, rtol=0, atol=1e-6)  # four steps, see ROUNDS
+    assert np.all(np.abs(mean - (weights * x).sum(axis=1)) > 1e-5)
+    expected = (weights * np.sinh(x - mean[:, None]) ** 2).sum(axis=1)
+    np.testing.assert_allclose(found.cov["x", "x"], expected, rtol=1e-5)
+
+
 # --- masks, padding, keys, types ---
 
 
