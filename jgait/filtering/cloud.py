@@ -32,7 +32,7 @@ from jgait.filtering.resampling import lowest
 FLAT = 16.0
 """Below this share of its variance what is left of a component is rounding [epsilons of the dtype]."""
 
-ROUNDS = 4
+ROUNDS = 6
 """Steps to the mean on a manifold; each leaves a share of about the particles' variance [rad², for rotations]."""
 
 

@@ -232,10 +232,10 @@ def test_the_mean_is_where_the_errors_about_it_cancel():
     )  # fmt: skip
     weights, x = np.exp(found.log_weights), np.asarray(found.particles.x)
     mean = 0.5 * np.log((weights * np.exp(x)).sum(axis=1) / (weights * np.exp(-x)).sum(axis=1))
-    np.testing.assert_allclose(found.mean.x, mean, rtol=0, atol=1e-6)  # four steps, see ROUNDS
+    np.testing.assert_allclose(found.mean.x, mean, rtol=0, atol=1e-7)  # steps are few, see ROUNDS
     assert np.all(np.abs(mean - (weights * x).sum(axis=1)) > 1e-5)
     expected = (weights * np.sinh(x - mean[:, None]) ** 2).sum(axis=1)
-    np.testing.assert_allclose(found.cov["x", "x"], expected, rtol=1e-5)
+    np.testing.assert_allclose(found.cov["x", "x"], expected, rtol=1e-6)
 
 
 # --- masks, padding, keys, types ---
