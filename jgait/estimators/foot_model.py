@@ -23,8 +23,8 @@ the source of their foot trajectories. The pivot and noise that follows the sign
 from typing import Any, NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.kinematics import GRAVITY, Vector, add, scale, subtract
-from jgait.rotation import Quaternion, conjugate, exponential, logarithm, normalised, product, rotated
+from jgait.kinematics import GRAVITY, Vector, add, cross, scale, subtract
+from jgait.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
 
 
 class FootState(NamedTuple):
@@ -97,19 +97,67 @@ AGAIN = 1e-12
 def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> FootState:
     """Strapdown integration over one interval, the force turned by the attitude half way."""
     del p
-    rate = subtract(u.gyr, s.gyr_bias)
-    half = exponential(scale(0.5 * dt, rate))
-    middle = product(s.attitude, half)
-    force = rotated(middle, subtract(u.acc, s.acc_bias))
+    half, middle, force = _midway(s, u, dt)
     acceleration = Vector(force.x, force.y, force.z - GRAVITY)
     went = add(scale(dt, s.velocity), scale(0.5 * dt * dt, acceleration))
     since = scale(1.0 - u.restart, s.position)
     return FootState(
         position=add(since, went),
         velocity=add(s.velocity, scale(dt, acceleration)),
-        attitude=normalised(product(middle, half)),
+        attitude=_near_unit(product(middle, half)),
         gyr_bias=s.gyr_bias,
         acc_bias=s.acc_bias,
+    )
+
+
+def _midway(s: FootState, u: FootControl, dt: Any) -> tuple[Quaternion, Quaternion, Vector]:
+    """The turn of half an interval, the attitude after it, and the specific force there, in the world."""
+    half = _small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
+    middle = product(s.attitude, half)
+    return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
+
+
+def _small_turn(v: Vector) -> Quaternion:
+    """`rotation.exponential` of less than a radian, to 1e-10 of it; what its length is off is left to the caller."""
+    a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
+    half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
+    w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
+    return Quaternion(w, half * v.x, half * v.y, half * v.z)
+
+
+def _near_unit(q: Quaternion) -> Quaternion:
+    """A quaternion of nearly unit length at unit length, by Newton's step to 1/√: no root, no quotient."""
+    factor = 1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
+
+
+def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+    """First the velocity's error and half of the position's, δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
+
+    With φ = h (ω − b_g) and R half way, δ_a = δ_θm × R (f − b_a) − R δ_ba, δ_θm = δ_θ − h R (1/2 − φ×/8 + φ×²/48) δ_bg.
+    """
+    del p
+    _, middle, force = _midway(s, u, dt)
+    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
+    once = cross(phi, e.gyr_bias)
+    bias = add(scale(0.5, e.gyr_bias), subtract(scale(1.0 / 48.0, cross(phi, once)), scale(0.125, once)))
+    attitude = subtract(e.attitude, scale(dt, rotated(middle, bias)))
+    acceleration = subtract(cross(attitude, force), rotated(middle, e.acc_bias))
+    since = scale(1.0 - u.restart, e.position)
+    return e._replace(
+        position=add(since, scale(0.5 * dt, e.velocity)), velocity=add(e.velocity, scale(dt, acceleration))
+    )
+
+
+def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+    """Then the rest: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
+    del p
+    _, middle, _ = _midway(s, u, dt)
+    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
+    bias = add(e.gyr_bias, scale(1.0 / 24.0, cross(phi, cross(phi, e.gyr_bias))))
+    return e._replace(
+        position=add(e.position, scale(0.5 * dt, e.velocity)),
+        attitude=subtract(e.attitude, scale(dt, rotated(middle, bias))),
     )
 
 
@@ -136,6 +184,15 @@ def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObserva
     return FootObservation(Vector(v.x - r * rate.y, v.y + r * rate.x, v.z), s.position.z)
 
 
+def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootObservation:
+    """By how much an error changes the observation: δ_ω = δ_θ × R (ω − b_g) − R δ_bg shows in the pivot's velocity."""
+    rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
+    change = subtract(cross(e.attitude, rate), rotated(s.attitude, e.gyr_bias))
+    r = p.pivot_height
+    v = e.velocity
+    return FootObservation(Vector(v.x - r * change.y, v.y + r * change.x, v.z), e.position.z)
+
+
 def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
     """Of the zero velocity as it comes, and of the level ground."""
     del s
@@ -147,7 +204,7 @@ def retract(s: FootState, e: FootError) -> FootState:
     return FootState(
         add(s.position, e.position),
         add(s.velocity, e.velocity),
-        normalised(product(exponential(e.attitude), s.attitude)),
+        _near_unit(product(exponential(e.attitude), s.attitude)),
         add(s.gyr_bias, e.gyr_bias),
         add(s.acc_bias, e.acc_bias),
     )
@@ -162,6 +219,20 @@ def local(reference: FootState, s: FootState) -> FootError:
         subtract(s.gyr_bias, reference.gyr_bias),
         subtract(s.acc_bias, reference.acc_bias),
     )
+
+
+def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootError:
+    """An error beside another: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ).
+
+    J = I + (1 − cos θ)/θ² δ× + (θ − sin θ)/θ³ δ×² with θ = |δ|, as series of θ²: to 1e-6 up to 1 rad.
+    """
+    del reference
+    d = delta.attitude
+    a = d.x * d.x + d.y * d.y + d.z * d.z
+    once = cross(d, e.attitude)
+    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0))
+    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0))
+    return e._replace(attitude=add(e.attitude, add(scale(first, once), scale(second, cross(d, once)))))
 
 
 def initial(p: FootModelParams) -> Belief:
@@ -189,5 +260,8 @@ def _three(value: Any) -> Vector:
     return Vector(value, value, value)
 
 
-MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
+MODEL = Model(
+    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
+    (turn_error, move_error), error_observation, error_shift,
+)  # fmt: skip
 """One foot."""

@@ -1,0 +1,312 @@
+"""From a recording to what the foot estimator takes: stances, rest, scale, level. NumPy, on the host.
+
+Everything here is a decision: which samples stand, where footholds are, what the gyroscope reads at rest. Nothing
+here carries a gradient; what follows (`foot_ins.run`) is smooth given these decisions.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait import events
+from jgait.estimators.foot_inputs import FootInputs, FootSignals, capacity
+from jgait.kinematics import GRAVITY
+from jgait.signal import true_runs
+from jgait.types import SIDES, Imu, Recording, RecordingError
+
+SLOWEST_HZ = 45.0
+"""A heel strike lasts some 30 ms: below this rate the jolt falls between samples."""
+
+QUIET_WINDOW = 0.5
+"""[s] Over which the spread of the rate tells whether a foot rests."""
+
+QUIET = 1.5
+"""A window rests if its spread is at most this many times the least there is [1]."""
+
+RESTLESS = 0.1
+"""[rad/s] If even the quietest window spreads more than this, the foot never rests."""
+
+OFF_SCALE = 0.08
+"""The accelerometer at rest may differ from gravity by this share [1]; beyond it the unit is in doubt."""
+
+LOST_RATE, LOST_FORCE = 2.0, 15.0
+"""[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
+
+CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
+"""[rad/s], [m/s²] How wrong a clipped reading may be."""
+
+CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
+"""[rad/s], [m/s²] Equal readings in a row at the top of the range count as clipped from here on."""
+
+REACH = 0.3
+"""[s] A stride is timed from at most this long before the foot is seen to leave, to as long after it arrives."""
+
+
+class Preparation(NamedTuple):
+    """Inputs, and in words what was decided or noticed on the way."""
+
+    inputs: FootInputs
+    notes: tuple[str, ...]
+    standing: tuple[int, int] | None
+
+
+def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, ...]:
+    """The sides whose foot wears a sensor.
+
+    Raises:
+        RecordingError: if neither does.
+    """
+    sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
+    if not sides:
+        raise RecordingError(
+            f"{estimator} needs 'foot_right' or 'foot_left'; the recording has {sorted(recording.sensors)}"
+        )
+    return sides
+
+
+def prepare(recording: Recording, detector: str = "adaptive") -> Preparation:
+    """The inputs of `foot_ins.run` for a recording.
+
+    Args:
+        recording: sensors on one or both feet, on one clock.
+        detector: see `FootOptions`.
+
+    Raises:
+        RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, too slow, a unit in doubt, or a foot
+            that never stands.
+    """
+    sides = worn_sides(recording)
+    time = _checked_clock(recording, sides)
+    feet: dict[str, FootSignals | None] = dict.fromkeys(SIDES)
+    notes: list[str] = []
+    standing = None
+    for side in sides:
+        feet[side], said, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
+        notes += said
+        standing = rests if standing is None else standing
+    return Preparation(FootInputs(time, feet["right"], feet["left"]), tuple(notes), standing)
+
+
+def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
+    """The time that all feet share, checked together with the signals."""
+    time = np.asarray(recording.sensors[f"foot_{sides[0]}"].time, np.float64)
+    if time.size < 3:
+        raise RecordingError(f"foot_ins needs a walk; 'foot_{sides[0]}' has {time.size} samples")
+    step = np.diff(time)
+    if not np.all(step > 0):
+        row = int(np.argmin(step > 0)) + 1
+        raise RecordingError(
+            f"time must increase from sample to sample; 'foot_{sides[0]}' has {time[row - 1]:.4f} s, then "
+            f"{time[row]:.4f} s at sample {row}"
+        )
+    rate = 1.0 / float(np.median(step))
+    if rate < SLOWEST_HZ:
+        raise RecordingError(f"foot_ins needs {SLOWEST_HZ:g} Hz or more; the recording has {rate:.1f} Hz")
+    for side in sides:
+        name, imu = f"foot_{side}", recording.sensors[f"foot_{side}"]
+        other = np.asarray(imu.time, np.float64)
+        if other.shape != time.shape or np.max(np.abs(other - time)) > 0.5 * np.median(step):
+            raise RecordingError(
+                f"foot_ins needs both feet on one clock; '{name}' has {other.size} samples from {other[0]:.3f} s, "
+                f"'foot_{sides[0]}' has {time.size} from {time[0]:.3f} s: resample them together first"
+            )
+        if imu.acc is None:
+            raise RecordingError(f"foot_ins needs an accelerometer; '{name}' has only a gyroscope")
+        for what, values in (("gyr", np.asarray(imu.gyr)), ("acc", np.asarray(imu.acc))):
+            if values.shape != (time.size, 3):
+                raise RecordingError(f"{what} of '{name}' must have shape ({time.size}, 3); got {values.shape}")
+            if not np.all(np.isfinite(values)):
+                raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
+    return time
+
+
+class Rest(NamedTuple):
+    """A sensor at rest.
+
+    Attributes:
+        windows: half-open ranges of samples in which it rests; empty if it never does.
+        gyr_bias: (3,) [rad/s].
+        force: mean specific force [m/s²]; 0 if it never rests.
+        time: how long it rests, as √Σ t² of the windows [s].
+    """
+
+    windows: list[tuple[int, int]]
+    gyr_bias: np.ndarray
+    force: float
+    time: float
+
+
+def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
+    """Where a sensor rests, and what it reads there.
+
+    The spread of the rate over half a second tells it, not the rate itself, which a bias shifts. A window's mean errs
+    by how far the foot turns unseen, over its length; so windows weigh as their length squared.
+    """
+    size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
+    if len(gyr) <= size:
+        return Rest([], np.zeros(3), 0.0, 0.0)
+    half = size // 2
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+        return (total[size:] - total[:-size]) / size
+
+    centred = gyr - np.median(gyr, axis=0)
+    spread = np.sqrt(np.maximum(mean(centred**2) - mean(centred) ** 2, 0.0).sum(axis=1))
+    there = mean(np.repeat(mask[:, None], 3, axis=1).astype(np.float64))[:, 0] > 0.99
+    least = np.min(spread[there], initial=np.inf)
+    if not least < RESTLESS:
+        return Rest([], np.zeros(3), 0.0, 0.0)
+    # a window's middle is half a window on; its edges rest as well, half of that is taken
+    quiet = np.zeros(len(gyr), bool)
+    quiet[half : half + len(spread)] = there & (spread <= max(QUIET * least, 1e-9))
+    windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
+    weights = np.array([(b - a) / sampling_rate_hz for a, b in windows]) ** 2
+    biases = np.array([gyr[a:b].mean(axis=0) for a, b in windows])
+    longest = windows[int(np.argmax(weights))]
+    force = float(np.linalg.norm(acc[slice(*longest)].mean(axis=0)))
+    return Rest(windows, weights @ biases / weights.sum(), force, float(np.sqrt(weights.sum())))
+
+
+def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Lost samples on a straight line between their neighbours."""
+    if mask.all():
+        return values
+    index, there = np.arange(len(values)), np.flatnonzero(mask)
+    return np.stack([np.interp(index, there, column[there]) for column in values.T], axis=1)
+
+
+def _largest(values: np.ndarray, size: int) -> np.ndarray:
+    """The largest of a centred window of an odd number of samples."""
+    padded = np.pad(values, size // 2, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1)
+
+
+def _clipped(values: np.ndarray, above: float) -> np.ndarray:
+    """(T,) bool: two equal readings in a row, at the top of what the axis reads and above a limit."""
+    top = np.abs(values).max(axis=0)
+    flat = (np.diff(values, axis=0, prepend=np.nan) == 0.0) & (np.abs(values) >= 0.999 * top) & (top > above)
+    flat[:-1] |= flat[1:]
+    return flat.any(axis=1)
+
+
+def _mean_over_interval(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
+
+
+def _foot(
+    imu: Imu, time: np.ndarray, name: str, detector: str
+) -> tuple[FootSignals, list[str], tuple[int, int] | None]:
+    """One foot's signals and decisions, in words what was noticed, and its longest rest."""
+    notes: list[str] = []
+    mask = np.asarray(imu.mask, bool)
+    if not mask.any():
+        raise RecordingError(f"every sample of '{name}' is masked as lost")
+    gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
+    step = np.diff(time, prepend=time[0])
+    nominal = float(np.median(step[1:]))
+    hz = 1.0 / nominal
+    at_rest = rest(gyr, acc, mask, hz)
+    acc = acc * _scale(at_rest, name, notes)
+    found = events.stances(gyr - at_rest.gyr_bias, hz)
+    if not len(found.start):
+        lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
+        raise RecordingError(
+            f"'{name}' never stands: a foot on the ground turns at less than {events.STANCE:g} rad/s between two "
+            f"swings; its lowest rate is {lowest:.2f} rad/s"
+        )
+    lost = ~mask | (step > 1.5 * nominal)
+    stands = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector) & ~lost
+    clips = _clipped(np.asarray(imu.acc, np.float64), CLIPS_ABOVE_FORCE)
+    turned = _clipped(np.asarray(imu.gyr, np.float64), CLIPS_ABOVE_RATE)
+    for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
+        if flags.any():
+            notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
+    if lost.any():
+        notes.append(f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain")
+    first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
+    until = min(max(found.end[0], first + 1), first + int(hz))
+    up = acc[first:until].mean(axis=0)
+    size = max(3, 2 * int(round(0.0075 * hz)) + 1)
+    jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
+    dt = np.where(np.arange(len(time)) > first, step, 0.0)
+    restart = np.zeros(len(time))
+    restart[np.minimum(found.stillest + 1, len(time) - 1)] = 1.0
+    signals = FootSignals(
+        gyr=_mean_over_interval(gyr),
+        acc=_mean_over_interval(acc),
+        gyr_jump=jumps[0],
+        acc_jump=jumps[1],
+        gyr_doubt=np.maximum(LOST_RATE * lost, CLIPPED_RATE * turned),
+        acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips),
+        rate=np.linalg.norm(gyr - at_rest.gyr_bias, axis=1),
+        stands=stands,
+        restart=restart,
+        dt=dt,
+        valid=np.arange(len(time)) >= first,
+        attitude=_level(up),
+        gyr_bias=at_rest.gyr_bias,
+        up=up / np.linalg.norm(up),
+        still_time=np.asarray(max(at_rest.time, 0.05)),
+        **_footholds(gyr - at_rest.gyr_bias, acc, found, hz, len(time)),
+    )
+    longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
+    return signals, notes, longest
+
+
+def _scale(at_rest: Rest, name: str, notes: list[str]) -> float:
+    """What the accelerometer is multiplied by so that it reads gravity at rest."""
+    if not at_rest.windows:
+        notes.append(f"{name} never rests for half a second: its gyroscope's bias is not known, headings drift more")
+        return 1.0
+    share = at_rest.force / GRAVITY
+    if abs(share - 1.0) > OFF_SCALE:
+        raise RecordingError(
+            f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
+            "sensor that was moved while the rate was low"
+        )
+    if abs(share - 1.0) > 0.01:
+        notes.append(f"the accelerometer of {name} reads {100.0 * (share - 1.0):+.1f} % of gravity at rest; corrected")
+    return 1.0 / share
+
+
+def _standing(
+    gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, found: events.Stances, hz: float, detector: str
+) -> np.ndarray:
+    """(T,) bool: where the foot's velocity is taken to be zero."""
+    if detector == "adaptive":
+        return events.inside(found, len(gyr))
+    from jgait import zero_velocity
+
+    flags = zero_velocity.zero_velocity(gyr, acc, hz, detector=detector, mask=mask)
+    return np.asarray(flags)
+
+
+def _level(up: np.ndarray) -> np.ndarray:
+    """(4,) the shortest rotation that takes a direction in the sensor's axes to the world's z; any if it points down."""
+    x, y, z = up / np.linalg.norm(up)
+    if z < -0.999999:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([1.0 + z, y, -x, 0.0])
+    return q / np.linalg.norm(q)
+
+
+def _footholds(
+    gyr: np.ndarray, acc: np.ndarray, found: events.Stances, hz: float, samples: int
+) -> dict[str, np.ndarray]:
+    """Samples of footholds and contacts, filled up to `capacity` with the last."""
+    rows, reach = capacity(samples), int(REACH * hz)
+    final, initial = events.contacts(gyr, acc, found, hz)
+    last = found.end - 1
+
+    def filled(values: np.ndarray) -> np.ndarray:
+        return np.pad(values.astype(np.int32), (0, rows - len(values)), mode="edge")
+
+    return {
+        "foothold": filled(found.stillest),
+        "leaves": filled(np.maximum(found.stillest, last - reach)),
+        "arrives": filled(np.minimum(found.stillest, found.start + reach)),
+        "final_contact": filled(np.append(final, samples - 1)),
+        "initial_contact": filled(np.append(initial, samples - 1)),
+        "count": np.asarray(len(found.stillest), np.int32),
+    }

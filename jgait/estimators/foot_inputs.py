@@ -1,0 +1,115 @@
+"""What the foot estimator takes: signals and decisions of one or two feet, as arrays that pad, stack and map."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+SHORTEST_STANCE_TO_STANCE = 20
+"""[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
+
+
+class FootSignals(NamedTuple):
+    """One foot's sensor, and what was decided about it.
+
+    Attributes:
+        gyr: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
+        acc: (T, 3) mean specific force over it, scaled to gravity at rest [m/s²].
+        gyr_jump: (T,) change of the rate from sample to sample, the largest near by [rad/s].
+        acc_jump: (T,) the same of the specific force [m/s²].
+        gyr_doubt: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+        acc_doubt: (T,) the same of the specific force [m/s²].
+        rate: (T,) magnitude of the rate, without bias [rad/s].
+        stands: (T,) bool, the foot stands.
+        restart: (T,) 1 at the sample after a foothold's, else 0; in floats.
+        dt: (T,) since the sample before [s]; 0 up to the first stance, where the filter starts.
+        valid: (T,) bool; False before the first stance and in padding.
+        attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
+        gyr_bias: (3,) at rest [rad/s].
+        up: (3,) the vertical at the first stance, in the sensor's axes [1].
+        still_time: how long the foot stood still for the bias [s].
+        foothold: (K,) samples of the footholds, in order; the last repeated.
+        leaves: (K,) sample at which it is last seen to stand there.
+        arrives: (K,) sample at which it is first seen to stand there.
+        final_contact: (K,) sample of the final contact after it.
+        initial_contact: (K,) sample of the next initial contact.
+        count: how many footholds there are.
+    """
+
+    gyr: Any
+    acc: Any
+    gyr_jump: Any
+    acc_jump: Any
+    gyr_doubt: Any
+    acc_doubt: Any
+    rate: Any
+    stands: Any
+    restart: Any
+    dt: Any
+    valid: Any
+    attitude: Any
+    gyr_bias: Any
+    up: Any
+    still_time: Any
+    foothold: Any
+    leaves: Any
+    arrives: Any
+    final_contact: Any
+    initial_contact: Any
+    count: Any
+
+
+class FootInputs(NamedTuple):
+    """All that `foot_ins.run` needs; every leaf is an array.
+
+    Attributes:
+        time: (T,) [s].
+        right: right foot, or None.
+        left: left foot, or None.
+    """
+
+    time: Any
+    right: FootSignals | None
+    left: FootSignals | None
+
+
+_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact")
+
+
+def capacity(samples: int) -> int:
+    """How many footholds there is room for in a recording of some samples."""
+    return samples // SHORTEST_STANCE_TO_STANCE + 2
+
+
+def pad(inputs: FootInputs, samples: int) -> FootInputs:
+    """The same recording with invalid samples behind it, so that recordings of different length stack.
+
+    Args:
+        inputs: of T samples.
+        samples: length wanted, T or more.
+
+    Returns:
+        Inputs of `samples` samples; the estimate at the first T is unchanged.
+
+    Raises:
+        ValueError: if `samples` is less than T.
+    """
+    have = inputs.time.shape[0]
+    if samples < have:
+        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    more, rows = samples - have, capacity(samples) - capacity(have)
+
+    def longer(name: str, values: Any) -> np.ndarray:
+        values = np.asarray(values)
+        if name in _PER_FOOTHOLD:
+            return np.pad(values, (0, rows), mode="edge")
+        if values.ndim == 0 or values.shape[0] != have or name in ("attitude", "gyr_bias", "up"):
+            return values
+        edge = name in ("gyr", "acc")
+        return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge" if edge else "constant")
+
+    def foot(one: FootSignals | None) -> FootSignals | None:
+        return None if one is None else FootSignals(*(longer(*field) for field in one._asdict().items()))
+
+    step = float(np.median(np.diff(inputs.time)))
+    time = np.concatenate([inputs.time, inputs.time[-1] + step * np.arange(1, more + 1)])
+    return FootInputs(time, foot(inputs.right), foot(inputs.left))

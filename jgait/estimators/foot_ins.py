@@ -1,0 +1,263 @@
+r"""Foot trajectories and strides from an inertial sensor on each shoe.
+
+An error-state filter integrates the sensor and corrects it wherever the foot stands; the smoother carries what each
+stance tells back into the swing before it. A foot that counts as standing still rolls over the ground, heel to toe:
+its velocity is that of a turn about a point on the ground below, which takes away a bias of three centimetres a
+stride. Jolts are measured worse than slow motion, so the process noise grows with the change between samples.
+
+Source: the filter that M. Potter, K. Liu, M. Selamet and G. Kumaravelu, "EKF estimation of stride width from
+individual IMU-based foot trajectory estimates", take from L. Ojeda and J. Borenstein, "Non-GPS navigation for security
+personnel and first responders", Journal of Navigation 60(3), 2007, section II there; equations in `foot_model`.
+
+Sensors:
+    `foot_right` or `foot_left` or both, on one clock, gyroscope and accelerometer, 45 Hz or more, mounted in any way.
+    Half a second of quiet standing anywhere gives the gyroscope's bias.
+
+Outputs:
+    Position, velocity and attitude of each sensor, x along the first stride and z up, with standard deviations; strides
+    with length, height, speed, turn, lift and the foot's pitch at contact and push-off, with standard deviations. Each
+    foot has a world of its own: where the other foot is, `stride_width_ekf` says.
+
+Deviations from the paper (which names its filter but does not print it); effects by `experiments/foot_ins.py`:
+    1. The foot turns about a pivot while it stands (`pivot_height`); 0 brings the still foot back.
+    2. Noise of both sensors grows with their change from sample to sample.
+    3. Stances are found by a threshold that follows the stride, see `jgait.events`.
+    4. Heights are not corrected unless `level` says that the ground is.
+    5. Smoothing; `smooth=False` gives the filter.
+
+Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter the belief at the start alone, and what
+decides (stances, footholds, contacts) has none.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import filtering, params
+from jgait.estimators import foot_model, foot_strides
+from jgait.estimators.foot_calibration import Preparation, prepare
+from jgait.estimators.foot_inputs import FootInputs, FootSignals, pad
+from jgait.estimators.foot_model import FootControl, FootError, FootModelParams, FootObservation, FootState
+from jgait.estimators.foot_params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
+from jgait.estimators.interface import Estimator, Prepared
+from jgait.filtering import Belief, Covariance
+from jgait.kinematics import Vector
+from jgait.rotation import Quaternion
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording, Strides
+
+BUCKET = 1024
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
+
+__all__ = [
+    "DEFAULT",
+    "TEXTBOOK",
+    "TRANSFORMS",
+    "FootOptions",
+    "FootParams",
+    "estimate",
+    "estimator",
+    "prepared",
+    "run",
+    "with_body",
+]
+
+
+def vector(values: Any) -> Vector:
+    """The last axis (3,) of an array as named components."""
+    return Vector(values[..., 0], values[..., 1], values[..., 2])
+
+
+def model_params(p: FootParams) -> FootModelParams:
+    """The model's parameters."""
+    return FootModelParams(p.pivot_height, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
+
+
+def controls(p: FootParams, foot: FootSignals) -> FootControl:
+    """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
+    h = foot.dt
+    return FootControl(
+        gyr=vector(foot.gyr),
+        acc=vector(foot.acc),
+        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * foot.gyr_jump) ** 2 + foot.gyr_doubt**2) * h,
+        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * foot.acc_jump) ** 2 + foot.acc_doubt**2) * h,
+        velocity_variance=p.velocity_noise**2 + (p.rate_noise * foot.rate) ** 2,
+        restart=foot.restart,
+    )
+
+
+def prior_of(p: FootParams, foot: FootSignals) -> Belief:
+    """The belief at the first stance: level, at rest, the gyroscope's bias as it was read at rest.
+
+    Gravity corrects a bias about horizontal axes and nothing one about the vertical: there a foot that turned unseen
+    while it seemed to rest would count, so the bias is known best about the vertical.
+    """
+    dtype = foot.gyr.dtype
+    zero = jnp.zeros((), dtype)
+    tilt, still = jnp.asarray(p.tilt, dtype) ** 2, jnp.asarray(1e-6, dtype)
+    vertical = p.gyr_bias**2 + (p.sway / foot.still_time) ** 2
+    level = jnp.maximum(vertical, p.gyr_bias_tilt**2)
+    up = vector(foot.up)
+    bias = {
+        (f"gyr_bias.{a}", f"gyr_bias.{b}"): (level if a == b else 0.0)
+        + (vertical - level) * getattr(up, a) * getattr(up, b)
+        for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+    }
+    variances = FootError(
+        position=Vector(zero + foot_model.AGAIN, zero + foot_model.AGAIN, zero + foot_model.AGAIN),
+        velocity=Vector(100.0 * still, 100.0 * still, 100.0 * still),
+        attitude=Vector(tilt, tilt, 1e-2 * still),
+        gyr_bias=Vector(zero, zero, zero),
+        acc_bias=Vector(*(zero + p.acc_bias**2,) * 3),
+    )
+    attitude = Quaternion(*(foot.attitude[i] for i in range(4)))
+    belief = foot_model.standing_belief(attitude, vector(foot.gyr_bias), variances)
+    return belief._replace(cov=belief.cov.with_entries(bias))
+
+
+class _Filtered(NamedTuple):
+    """One foot's states, their covariance, and what the filter says of itself."""
+
+    mean: FootState
+    cov: Covariance
+    log_likelihood: Any
+    nis: Any
+    valid: Any
+
+
+def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
+    zero = jnp.zeros_like(foot.rate)
+    off = jnp.zeros_like(foot.stands)
+    observed = FootObservation(Vector(zero, zero, zero), zero)
+    stands = foot.stands & foot.valid
+    seen = FootObservation(Vector(stands, stands, stands), stands if options.level else off)
+    settings: dict[str, Any] = {
+        "controls": controls(p, foot),
+        "dt": foot.dt,
+        "mask": seen,
+        "method": options.method,
+        "initial": prior_of(p, foot),
+        "execution": options.execution,
+    }
+    if options.smooth:
+        told = ("log_likelihood", "nis", "count", "valid")
+        smoothed = filtering.kalman_smoother(foot_model.MODEL, model_params(p), observed, keep=told, **settings)
+        mean, cov, posterior = smoothed.mean, smoothed.cov, smoothed.filtered
+    else:
+        posterior = filtering.kalman_filter(foot_model.MODEL, model_params(p), observed, **settings)
+        mean, cov = posterior.mean, posterior.cov
+    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
+    return _Filtered(mean, cov, jnp.sum(posterior.log_likelihood), nis, posterior.valid)
+
+
+def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
+        options: which parts are on; static under jit.
+
+    Returns:
+        `feet`, `strides` and their standard deviations; `distance` is the mean way of the feet worn, along their
+        footholds; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
+    """
+    feet: list[FootTrajectory | None] = [None, None]
+    spread: list[FootTrajectory | None] = [None, None]
+    strides, deviations, ways, flags = [], [], [], []
+    diagnostics: dict[str, Any] = {}
+    for side, foot in enumerate((inputs.right, inputs.left)):
+        if foot is None:
+            continue
+        found = _foot(p, foot, options)
+        path = foot_strides.path_of(p, foot, inputs.time, found.mean, found.cov, side)
+        feet[side], spread[side] = path.trajectory, path.stddev
+        strides.append(path.strides)
+        deviations.append(path.strides_stddev)
+        ways.append(_walked(path.strides, foot, inputs.time))
+        flags.append(foot.valid & found.valid)
+        diagnostics[f"log_likelihood_{SIDES[side]}"] = found.log_likelihood
+        diagnostics[f"nis_{SIDES[side]}"] = found.nis
+        diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
+    together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
+    certain = jax.tree.map(lambda *rows: jnp.concatenate(rows), *deviations)
+    valid = flags[0] if len(flags) == 1 else flags[0] | flags[1]
+    return Estimate(
+        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together,
+        Feet(*feet), Feet(*spread), certain,
+    )  # fmt: skip
+
+
+def _walked(strides: Strides, foot: FootSignals, time: Any) -> Any:
+    """Way along the footholds (T,) [m], each stride's length spread evenly over its swing."""
+    lengths = jnp.where(strides.valid, strides.length, 0.0)
+    knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
+    done = jnp.cumsum(lengths)
+    values = jnp.stack([done - lengths, done], axis=1).ravel()
+    rows = jnp.arange(lengths.shape[0]).repeat(2)
+    real = rows < foot.count - 1
+    # behind the last stride the knots go on, each a little later, where nothing more is walked
+    beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
+    total = jnp.where(real, values, done[jnp.maximum(foot.count - 2, 0)])
+    return jnp.interp(time, jnp.where(real, knots, beyond), total)
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Preparation:
+    """The inputs of `run` for a recording; raises `RecordingError` as `foot_calibration.prepare`."""
+    return prepare(recording, options.detector)
+
+
+def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInputs]:
+    """This estimator as a record of functions, for cohorts."""
+
+    def ready(recording: Recording) -> Prepared[FootInputs]:
+        preparation = prepared(recording, options)
+        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
+
+    return Estimator("foot_ins", FootParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT) -> Estimate:
+    """Trajectories and strides of the feet of one recording.
+
+    Args:
+        p: parameters.
+        recording: sensors on one or both feet.
+        options: which parts are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way.
+
+    Raises:
+        RecordingError: see `foot_calibration.prepare`.
+        ValueError: a parameter outside its range.
+    """
+    params.check_params(p, TRANSFORMS)
+    preparation = prepared(recording, options)
+    samples = preparation.inputs.time.size
+    padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
+    trimmed = _trimmed(result, samples)
+    diagnostics = {**trimmed.diagnostics, "notes": preparation.notes, "standing": preparation.standing}
+    return trimmed._replace(diagnostics=diagnostics)
+
+
+def _trimmed(result: Estimate, samples: int) -> Estimate:
+    """Without padding: samples behind the recording, and rows that are no stride; strides in order of time."""
+    padded = result.time.size
+
+    def shorter(leaf: Any) -> Any:
+        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
+
+    own = {name: jax.tree.map(shorter, getattr(result, name))
+           for name in ("time", "distance", "valid", "diagnostics", "feet", "feet_stddev")}  # fmt: skip
+    rows = np.flatnonzero(result.strides.valid)
+    rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
+    tables = {name: jax.tree.map(lambda column: column[rows], getattr(result, name))
+              for name in ("strides", "strides_stddev")}  # fmt: skip
+    return result._replace(**own, **tables)
