@@ -132,7 +132,7 @@ def shoe(
     Raises:
         ValueError: as `ared`.
 
-    Source: as `ared`, eq. 20, with scales in place of the sensors' noise.
+    Source: as `ared`, with scales in place of the sensors' noise.
     """
     rate, force = _both(gyr, acc)
     window = _Window.of(force, sampling_rate_hz, window_s, mask)
