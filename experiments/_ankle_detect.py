@@ -1,0 +1,101 @@
+"""Strides of a leg found by five detectors, and how they compare with the reference."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from _ankle_legs import SHIFTED, Leg
+
+from jgait import shank_baselines, shank_events
+
+TOLERANCE = 0.4  # [s] between a detection and the contact it is taken for; strides last 0.9 to 1.6 s
+DETECTORS = ("swings", "machine", "paper's machine", "Jiménez", "Feliz")
+
+
+class Score(NamedTuple):
+    """Detections against contacts: found, not found, and what was no stride; and errors of time [s]."""
+
+    hit: int
+    missed: int
+    extra: int
+    late: np.ndarray
+    stride_time: np.ndarray
+
+
+def f1(scores: list[Score]) -> float:
+    """F1 of all together."""
+    hit, missed, extra = (sum(score[k] for score in scores) for k in range(3))
+    return 2.0 * hit / max(2 * hit + missed + extra, 1)
+
+
+def padded(values: np.ndarray, least: int = 4096) -> np.ndarray:
+    """The samples with the last repeated up to a power of two, so that few programs are compiled."""
+    count = least
+    while count < len(values):
+        count *= 2
+    return np.concatenate([values, np.repeat(values[-1:], count - len(values), axis=0)])
+
+
+_swings = jax.jit(shank_events.swings, static_argnums=1)
+_phases = jax.jit(shank_events.phases, static_argnums=1)
+_jimenez = jax.jit(shank_baselines.jimenez, static_argnums=1)
+_feliz = jax.jit(shank_baselines.feliz, static_argnums=1)
+
+
+def found(leg: Leg, detector: str = "swings") -> shank_events.Found:
+    """What a detector found, strides only; the baselines' instants are both start and end."""
+    rows = leg.axes.rows
+    rate, count = np.asarray(leg.imu.gyr) @ rows[1], len(leg.imu.time)
+    calls: dict[str, Callable[[], Any]] = {
+        "swings": lambda: _swings(padded(rate), leg.rate_hz),
+        "machine": lambda: _phases(padded(rate), leg.rate_hz),
+        "paper's machine": lambda: _phases(padded(rate), leg.rate_hz, shank_events.PAPER),
+        "Jiménez": lambda: _jimenez(padded(np.asarray(leg.imu.acc)), leg.rate_hz),
+        "Feliz": lambda: _feliz(padded(np.asarray(leg.imu.gyr)), leg.rate_hz),
+    }
+    told = calls[detector]()
+    if isinstance(told, shank_events.Found):
+        there = np.flatnonzero(np.asarray(told.stride)[:count])
+        return shank_events.Found(*(np.asarray(field)[there] for field in told))
+    at = np.flatnonzero(np.asarray(told)[:count])
+    none = np.zeros(len(at))
+    return shank_events.Found(none == 0.0, at / leg.rate_hz, at / leg.rate_hz, at / leg.rate_hz, none, none)
+
+
+def pairs(ours: np.ndarray, theirs: np.ndarray) -> list[tuple[int, int]]:
+    """Indices of detections and contacts that belong together, the nearest first, each used once."""
+    apart = np.abs(ours[:, None] - theirs[None, :])
+    joined, used_ours, used_theirs = [], set(), set()
+    for flat in np.argsort(apart, axis=None, kind="stable"):
+        i, j = np.unravel_index(flat, apart.shape)
+        if apart[i, j] > TOLERANCE:
+            break
+        if int(i) not in used_ours and int(j) not in used_theirs:
+            joined.append((int(i), int(j)))
+            used_ours.add(int(i))
+            used_theirs.add(int(j))
+    return sorted(joined)
+
+
+def score(leg: Leg, ends: np.ndarray, *, half_steps: bool) -> Score:
+    """Detections against the reference, in its window.
+
+    A detection that is taken for a stride which is not counted (a half-step, unless they are; a shifted foot) counts
+    neither way.
+    """
+    reference = leg.reference
+    first, last = reference.window
+    ours = ends[(ends >= first) & (ends <= last)]
+    counted = reference.length >= SHIFTED if half_steps else reference.full
+    joined = pairs(ours, reference.contact)
+    hits = [(i, j) for i, j in joined if counted[j]]
+    late = np.array([ours[i] - reference.contact[j] for i, j in hits])
+    following = [(late[k], late[k + 1]) for k in range(len(hits) - 1) if hits[k + 1][1] == hits[k][1] + 1]
+    apart = np.array([b - a for a, b in following])
+    return Score(len(hits), int(counted.sum()) - len(hits), len(ours) - len(joined), late, apart)
+
+
+def table(legs: list[Leg], *, half_steps: bool) -> dict[str, list[Score]]:
+    """Detector → score of each leg."""
+    return {name: [score(leg, found(leg, name).end, half_steps=half_steps) for leg in legs] for name in DETECTORS}
