@@ -18,9 +18,10 @@ Outputs:
 How far to trust it:
     A width without ranges is a guess whose standard deviation grows with the way walked: `diagnostics["width_valid"]`
     is False for each stride whose standard deviation is above `WidthOptions.widest_stddev`.
-    Feet taken for each other walk straight just as well. Only in a turn, where the outer foot goes farther, do their
-    trajectories say which is which: `diagnostics["swap_evidence"]` is how many nats better the feet explain the ranges
-    as they are labelled than exchanged; near 0 nothing is known.
+    Feet taken for each other are told apart by a turn, in which the outer foot goes farther, and by steps that vary: a
+    foot that lands farther out must lengthen the range and not shorten it. `diagnostics["swap_evidence"]` is how many
+    nats better the feet explain the ranges as they are labelled than exchanged; near 0 (a short straight walk with even
+    steps) nothing is known. Below −6 the notes say that the feet seem to be exchanged; the estimate stays as labelled.
     A range whose clock is late makes the feet pass alternately before and behind each other; that is estimated and
     taken off. Feet whose clocks differ by δ are not told from feet of unequal steps: the range's clock is put between
     them, and the steps of one foot come out too long, those of the other too short, by v δ / 2 with v the speed at
