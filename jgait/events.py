@@ -42,6 +42,10 @@ FIRST_JOLT = 0.4
 """Share of the largest jolt before a stance at which the foot meets the ground [1]; the largest may be the ball's."""
 
 
+EROSION = (0.06, 0.02)
+"""[s] A foot that has just been set down still comes down: taken for still, every foothold is 5 mm too high."""
+
+
 class Stances(NamedTuple):
     """Stances of one foot, in order; every field is (n,).
 
@@ -60,7 +64,7 @@ class Stances(NamedTuple):
 
 def moving_rate(gyr: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
     """Root mean square of the angular rate over a centred window (T,) [rad/s]; the ends are repeated."""
-    size = max(3, 2 * int(round(window_s * sampling_rate_hz / 2)) + 1)
+    size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
     half = size // 2
     power = np.pad((np.asarray(gyr, np.float64) ** 2).sum(axis=1), (half, half), mode="edge")
     total = np.concatenate([[0.0], np.cumsum(power)])
@@ -68,8 +72,9 @@ def moving_rate(gyr: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> 
 
 
 def stances(
-    gyr: Any, sampling_rate_hz: float, *, still: float = STILL, factor: float = 1.5, erosion_s: float = 0.02
-) -> Stances:
+    gyr: Any, sampling_rate_hz: float, *, still: float = STILL, factor: float = 1.5,
+    erosion_s: tuple[float, float] = EROSION,
+) -> Stances:  # fmt: skip
     """Where a foot stands, at any speed of gait.
 
     Args:
@@ -77,14 +82,14 @@ def stances(
         sampling_rate_hz: rate of the samples [Hz].
         still: a stance reaches from its valley to where the rate passes this [rad/s],
         factor: or this many times the valley's own rate, whichever is more [1].
-        erosion_s: by how much both ends are then drawn in [s], except at the ends of the recording.
+        erosion_s: by how much its start and its end are then drawn in [s], except at the ends of the recording.
 
     Returns:
         The stances; empty if the foot never moves enough, or never comes to rest.
     """
     rate = moving_rate(gyr, sampling_rate_hz)
     valleys = _suppressed(*_valleys(rate), sampling_rate_hz)
-    erosion = int(round(erosion_s * sampling_rate_hz))
+    after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in erosion_s)
     starts, ends = [], []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
@@ -93,8 +98,8 @@ def stances(
         first = before + 1 + (above[-1] + 1 if above.size else 0)
         over = np.flatnonzero(rate[at:after] >= high)
         last = at + (over[0] - 1 if over.size else after - at - 1)
-        starts.append(min(first + erosion, at) if first > 0 else 0)
-        ends.append((max(last - erosion, at) if last < len(rate) - 1 else last) + 1)
+        starts.append(min(first + after_start, at) if first > 0 else 0)
+        ends.append((max(last - before_end, at) if last < len(rate) - 1 else last) + 1)
     return Stances(np.array(starts, int), np.array(ends, int), valleys, rate[valleys])
 
 
@@ -166,9 +171,7 @@ def inside(found: Stances, samples: int) -> np.ndarray:
     return np.cumsum(change[:-1]) > 0
 
 
-def contacts(
-    gyr: Any, acc: Any, found: Stances, sampling_rate_hz: float
-) -> tuple[np.ndarray, np.ndarray]:
+def contacts(gyr: Any, acc: Any, found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Final and initial contact of every stride, between one stance and the next.
 
     The toes leave where the foot is pitched down most, after the heel has risen; the foot meets the ground at the
@@ -192,7 +195,7 @@ def contacts(
     swinging = ~inside(found, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     about = gyr @ axis
-    smooth = max(1, int(round(0.02 * sampling_rate_hz)))
+    smooth = max(1, round(0.02 * sampling_rate_hz))
     jolt = np.convolve(np.linalg.norm(np.diff(acc, axis=0, prepend=acc[:1]), axis=1), np.ones(smooth) / smooth, "same")
     for k in range(count):
         # from the last quarter second of one stance to the first of the next

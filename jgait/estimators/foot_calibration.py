@@ -4,7 +4,7 @@ Everything here is a decision: which samples stand, where footholds are, what th
 here carries a gradient; what follows (`foot_ins.run`) is smooth given these decisions.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -227,7 +227,7 @@ def _foot(
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
     until = min(max(found.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
-    size = max(3, 2 * int(round(0.0075 * hz)) + 1)
+    size = max(3, 2 * round(0.0075 * hz) + 1)
     jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     dt = np.where(np.arange(len(time)) > first, step, 0.0)
     restart = np.zeros(len(time))
@@ -283,7 +283,7 @@ def _standing(
 
 
 def _level(up: np.ndarray) -> np.ndarray:
-    """(4,) the shortest rotation that takes a direction in the sensor's axes to the world's z; any if it points down."""
+    """(4,) the shortest rotation q_ws that takes a direction in the sensor's axes to the world's z."""
     x, y, z = up / np.linalg.norm(up)
     if z < -0.999999:
         return np.array([0.0, 1.0, 0.0, 0.0])

@@ -22,7 +22,7 @@ Deviations from the paper (which names its filter but does not print it); effect
     1. The foot turns about a pivot while it stands (`pivot_height`); 0 brings the still foot back.
     2. Noise of both sensors grows with their change from sample to sample.
     3. Stances are found by a threshold that follows the stride, see `jgait.events`.
-    4. Heights are not corrected unless `level` says that the ground is.
+    4. The filter takes the ground for level only if `level` says so.
     5. Smoothing; `smooth=False` gives the filter.
 
 Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter the belief at the start alone, and what
@@ -132,7 +132,7 @@ def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
     off = jnp.zeros_like(foot.stands)
     observed = FootObservation(Vector(zero, zero, zero), zero)
     stands = foot.stands & foot.valid
-    seen = FootObservation(Vector(stands, stands, stands), stands if options.level else off)
+    seen = FootObservation(Vector(stands, stands, stands), stands if options.level is True else off)
     settings: dict[str, Any] = {
         "controls": controls(p, foot),
         "dt": foot.dt,
@@ -164,6 +164,8 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the mean way of the feet worn, along their
         footholds; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
+    if options.level not in (True, False, "auto"):
+        raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     strides, deviations, ways, flags = [], [], [], []
@@ -172,7 +174,7 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         if foot is None:
             continue
         found = _foot(p, foot, options)
-        path = foot_strides.path_of(p, foot, inputs.time, found.mean, found.cov, side)
+        path = foot_strides.path_of(p, foot, inputs.time, found.mean, found.cov, side, flatten=options.level == "auto")
         feet[side], spread[side] = path.trajectory, path.stddev
         strides.append(path.strides)
         deviations.append(path.strides_stddev)

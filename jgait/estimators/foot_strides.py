@@ -37,7 +37,13 @@ class Path(NamedTuple):
     pitch: Any
 
 
-def path_of(p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int) -> Path:
+FLAT_RISE, FLAT_STEP = 0.015, 0.08
+"""[m] Ground whose strides rise by less than this on average, and by less than that each, cannot be told from level."""
+
+
+def path_of(
+    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int, *, flatten: bool
+) -> Path:
     """Trajectory and strides of one foot.
 
     Args:
@@ -47,6 +53,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: 
         state: smoothed (or filtered) states, (T,) leaves; positions from the last foothold.
         cov: their covariance.
         side: 0 right, 1 left.
+        flatten: where the ground cannot be told from level, put footholds at one height in the trajectory.
     """
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0]) < foot.count - 1
@@ -57,7 +64,10 @@ def path_of(p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: 
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
     strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
-    since = jnp.stack(_turned(_accumulated(state.position, foot), heading), axis=1)
+    way_since = _accumulated(state.position, foot)
+    if flatten:
+        way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
+    since = jnp.stack(_turned(way_since, heading), axis=1)
     start = since[foot.foothold[0]]
     trajectory = FootTrajectory(
         position=jnp.where(foot.valid[:, None], since - start[None, :], jnp.zeros_like(since)),
@@ -114,6 +124,18 @@ def _strides(
         push_off_angle=pitch_deviation[final], step_length=nothing,
     )  # fmt: skip
     return strides, deviations
+
+
+def _flattened(height: Any, foot: FootSignals, time: Any, rise: Any, valid: Any) -> Any:
+    """Heights (T,) with every foothold at zero, if the ground cannot be told from level."""
+    count = jnp.maximum(jnp.sum(valid), 1).astype(rise.dtype)
+    mean = jnp.sum(jnp.where(valid, rise, 0.0)) / count
+    most = jnp.max(jnp.where(valid, jnp.abs(rise), 0.0))
+    flat = (jnp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
+    # rows behind the last foothold repeat it: an interpolation needs times that grow
+    behind = jnp.maximum(jnp.arange(foot.foothold.shape[0]) - foot.count + 1, 0)
+    knots = time[foot.foothold] + behind.astype(time.dtype)
+    return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
 
 
 def _lift(height: Any, foot: FootSignals, rise: Any) -> Any:
