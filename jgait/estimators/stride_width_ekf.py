@@ -25,7 +25,7 @@ How far to trust it:
     A range whose clock is late makes the feet pass alternately before and behind each other; that is estimated and
     taken off. Feet whose clocks differ by δ are not told from feet of unequal steps: the range's clock is put between
     them, and the steps of one foot come out too long, those of the other too short, by v δ / 2 with v the speed at
-    which the feet pass (8 cm for 50 ms in the paper's protocol); widths stay within 2 mm.
+    which the feet pass (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
     The same holds, for steps, of a range sensor that looks forward or back (`WidthParams.passing_offset`).
 
 Deviations from the paper; `WidthOptions.literal` brings the first back:
