@@ -230,8 +230,8 @@ def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootErr
     d = delta.attitude
     a = d.x * d.x + d.y * d.y + d.z * d.z
     once = cross(d, e.attitude)
-    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0))
-    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0))
+    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
+    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
     return e._replace(attitude=add(e.attitude, add(scale(first, once), scale(second, cross(d, once)))))
 
 

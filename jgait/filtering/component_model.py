@@ -5,6 +5,7 @@ the model says otherwise. The checks run while tracing, once for each compilatio
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,10 @@ class ComponentModel(NamedTuple):
         curved: whether the model brings its own retract and local.
         wrapped: whether it brings its own residual.
         names: what to call its functions in messages.
+        error_transition: the steps that an error is moved in, (x, delta, control, dt) → delta each; empty where the
+            model states none.
+        error_observation: (x, delta, control) → observation, or None.
+        error_shift: (x, delta, error) → error, or None.
     """
 
     state: Any
@@ -40,6 +45,9 @@ class ComponentModel(NamedTuple):
     retract: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
     local: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
     residual: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
+    error_transition: tuple[Callable[[Sequence[Any], Sequence[Any], Any, Any], list[Any]], ...]
+    error_observation: Callable[[Sequence[Any], Sequence[Any], Any], list[Any]] | None
+    error_shift: Callable[[Sequence[Any], Sequence[Any], Sequence[Any]], list[Any]] | None
 
 
 def scalars(tree: Any, structure: Any, dtype: Any, what: str) -> list[Any]:
@@ -144,7 +152,34 @@ def component_model(model: Model, params: Any, mean: Any, observation: Any, dtyp
     return ComponentModel(
         state, error, observed, model.local is not None, model.residual is not None, names, transition,
         transition_noise, predicted, observation_noise, retract, local, residual,
+        *_error_functions(model, params, state, error, observed, dtype),
     )  # fmt: skip
+
+
+def _error_functions(model: Model, params: Any, state: Any, error: Any, observed: Any, dtype: Any) -> Any:
+    """What the model states of its errors, on lists of scalars."""
+    stated = model.error_transition
+    steps = stated if isinstance(stated, tuple) else () if stated is None else (stated,)
+    if model.local is None and (steps or model.error_observation or model.error_shift):
+        raise ValueError("a model that states how errors move gives retract and local; this one gives neither")
+
+    def moved(step: Callable[..., Any], x: Sequence[Any], delta: Sequence[Any], control: Any, dt: Any) -> list[Any]:
+        after = step(params, state.unflatten(x), error.unflatten(delta), control, dt)
+        return scalars(after, error, dtype, f"what {_named('error_transition', step)} returns")
+
+    def shown(x: Sequence[Any], delta: Sequence[Any], control: Any) -> list[Any]:
+        difference = model.error_observation(params, state.unflatten(x), error.unflatten(delta), control)  # type: ignore[misc]
+        return scalars(difference, observed, dtype, "what error_observation returns")
+
+    def shifted(x: Sequence[Any], delta: Sequence[Any], e: Sequence[Any]) -> list[Any]:
+        after = model.error_shift(state.unflatten(x), error.unflatten(delta), error.unflatten(e))  # type: ignore[misc]
+        return scalars(after, error, dtype, "what error_shift returns")
+
+    return (
+        tuple(partial(moved, step) for step in steps),
+        None if model.error_observation is None else shown,
+        None if model.error_shift is None else shifted,
+    )
 
 
 def _named(field: str, function: Any) -> str:

@@ -85,7 +85,12 @@ def symmetric(size: int, entry: Callable[[int, int], Any]) -> Matrix:
 def congruence(a: Matrix, p: Matrix) -> Matrix:
     """The matrix a p aᵀ for symmetric p."""
     left = product(a, p)
-    return symmetric(len(a), lambda i, j: dot(left[i], a[j]))
+    filled = [sum(not is_zero(e) for e in row) for row in a]
+
+    def entry(i: int, j: int) -> Any:
+        return dot(left[j], a[i]) if filled[i] < filled[j] else dot(left[i], a[j])
+
+    return symmetric(len(a), entry)
 
 
 def added(p: Matrix, q: Matrix) -> Matrix:

@@ -21,7 +21,7 @@ from jgait.filtering.linear_algebra import (
     product,
     solve_covariance,
 )
-from jgait.filtering.linearise import CKF, UKF, Method, linearise
+from jgait.filtering.linearise import CKF, EKF, KF, UKF, Affine, Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -82,6 +82,8 @@ def affine_transition(vm: VectorModel, before: Moments, control: Any, dt: Any, m
     moved = vm.transition(x, control, dt)
 
     def g(delta: Any) -> Any:
+        if vm.error_transition is not None and isinstance(method, KF | EKF):
+            return vm.error_transition(x, delta, control, dt)
         return vm.local(moved, vm.transition(vm.retract(x, delta), control, dt))
 
     affine = linearise(method, g, jnp.zeros_like(cov[0]), cov, vm.names["transition"])
@@ -144,11 +146,7 @@ def _linear_update(
     x, cov = prior
     expected = vm.observation(vm.retract(x, at), control)
 
-    def g(delta: Any) -> Any:
-        # As a difference from the prediction at `at`, so that wrapped angles stay small.
-        return vm.residual(vm.observation(vm.retract(x, delta), control), expected)
-
-    affine = linearise(method, g, at, around, vm.names["observation"])
+    affine = affine_observation(vm, x, control, expected, method, at, around)
     residual = vm.residual(jnp.where(seen, measured, expected), expected) - affine.value
     # A masked component is one that the state does not show in and whose innovation is 0 ± 1: it tells nothing.
     innovation = jnp.where(seen, residual, 0.0)
@@ -172,6 +170,21 @@ def _linear_update(
     stddev = jnp.sqrt(jnp.where(variance > 0.0, variance, 1.0))
     log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(lower)))
     return _Terms(product(gain, error), joseph, innovation, stddev, jnp.sum(white * white), log_det, good)
+
+
+def affine_observation(
+    vm: VectorModel, x: Any, control: Any, expected: Any, method: Method, at: Any, around: Any
+) -> Affine:
+    """How what is observed differs from `expected`, that at error `at` (n,) with covariance `around` (n, n)."""
+
+    def g(delta: Any) -> Any:
+        # What the model states of errors holds at the state itself, where iterations do not stay.
+        if vm.error_observation is not None and isinstance(method, KF | EKF) and method.iterations == 1:
+            return vm.error_observation(x, delta, control)
+        # As a difference from the prediction at `at`, so that wrapped angles stay small.
+        return vm.residual(vm.observation(vm.retract(x, delta), control), expected)
+
+    return linearise(method, g, at, around, vm.names["observation"])
 
 
 def advanced(

@@ -18,6 +18,7 @@ from jgait.filtering.components import Matrix, from_upper, known, plus, sound, t
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.linearise import EKF, KF, depends_on_place, reached
+from jgait.filtering.sharing import shared
 from jgait.filtering.structured import (
     Components,
     Noise,
@@ -97,6 +98,7 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
+    body = shared(body)
     start = carried(Components(given.mean, given.cov), given.dtype)
     leaves = series(given)
     kept = segmented(body, start, leaves, given.length) if segments else lax.scan(body, start, leaves)[1]

@@ -47,7 +47,7 @@ from jgait.filtering.fast import (
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.inverse_factor import generalised_inverse_factor
 from jgait.filtering.linearise import EKF, KF
-from jgait.filtering.structured import Components, Sample, affine_transition
+from jgait.filtering.structured import Components, Sample, affine_transition, turn
 from jgait.filtering.tracing import Expansion
 
 
@@ -66,8 +66,9 @@ def bryson_frazier(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tu
             [minus(a, dot(column, weights)) for a, column in zip(after, zip(*g.matrix, strict=True), strict=True)]
         )[0]
         mean = [minus(m, dot(row, adjoint)) for m, row in zip(step.predicted.mean, step.predicted.cov, strict=True)]
-        turned = [dot(column, adjoint) for column in zip(*step.transition.matrix, strict=True)]
-        return arrays(turned, given.dtype), arrays(mean, given.dtype)
+        for matrix in reversed(step.transition.steps):
+            adjoint = [dot(column, adjoint) for column in zip(*matrix, strict=True)]
+        return arrays(adjoint, given.dtype), arrays(mean, given.dtype)
 
     start = tuple(jnp.zeros((), given.dtype) for _ in range(size))
     mean, kept = _there_and_back(given, noises, method, keep, start, back)
@@ -97,16 +98,16 @@ def smoothed_moments(
     trace = Expansion(given.dtype)
     step, ahead = trace.call(cm.local, transition.mean, following.mean), following.cov
     if cm.curved:
-        turn = trace.jacobian(lambda d: cm.local(transition.mean, cm.retract(following.mean, d)), [0.0] * size)[1]
-        ahead = congruence(barred(turn)[0], ahead)
-    cross = barred(product(transition.matrix, cov))[0]
-    prior = symmetric(size, lambda i, j: plus(dot(cross[i], transition.matrix[j]), transition.noise[i][j]))
+        back = trace.jacobian(lambda d: cm.local(transition.mean, cm.retract(following.mean, d)), [0.0] * size)[1]
+        ahead = congruence(barred(back)[0], ahead)
+    matrix = barred(transition.matrix)[0]
+    cross = barred(product(matrix, cov))[0]
+    prior = symmetric(size, lambda i, j: plus(dot(cross[i], matrix[j]), transition.noise[i][j]))
     inverse = barred(generalised_inverse_factor(barred(prior)[0], float(jnp.finfo(given.dtype).eps)))[0]
     gain = barred(product(transposed(barred(product(inverse, cross))[0]), inverse))[0]
     delta = [dot(row, step) for row in gain]
     left = [
-        [minus(1.0 if i == j else 0.0, e) for j, e in enumerate(row)]
-        for i, row in enumerate(product(gain, transition.matrix))
+        [minus(1.0 if i == j else 0.0, e) for j, e in enumerate(row)] for i, row in enumerate(product(gain, matrix))
     ]
     left = barred(left)[0]
     kept = barred(product(left, cov))[0]
@@ -118,8 +119,7 @@ def smoothed_moments(
     if not cm.curved:
         return Components([plus(a, d) for a, d in zip(x, delta, strict=True)], smoothed)
     mean = barred(trace.call(cm.retract, x, delta))[0]
-    turn = trace.jacobian(lambda d: cm.local(mean, cm.retract(x, d)), delta)[1]
-    return Components(mean, congruence(barred(turn)[0], smoothed))
+    return Components(mean, congruence(barred(turn(cm, trace, x, delta, mean))[0], smoothed))
 
 
 def _there_and_back(

@@ -31,6 +31,17 @@ class Model(NamedTuple):
         retract: (state, error) → state, for states on a manifold; None adds.
         local: (reference, state) → error with retract(reference, local(reference, state)) = state; None subtracts.
         residual: (measured, predicted) → their difference, for angles that wrap; None subtracts.
+
+    A model with `retract` and `local` may state how errors move, so that their structure (what is zero, what is one)
+    can be seen; otherwise it is found through those two, at several times the cost. To first order in `error`:
+
+    Attributes:
+        error_transition: (params, state, error, control, dt) → error after dt about the state after dt; or a tuple of
+            such functions, the next taking the error that the one before gives: where each changes but a few
+            components of the error, they take fewer operations than all at once.
+        error_observation: (params, state, error, control) → observation tuple, by how much it differs.
+        error_shift: (reference, delta, error) → error about reference ⊕ delta of the state reference ⊕ (delta +
+            error).
     """
 
     initial: Callable[..., Belief]
@@ -41,3 +52,6 @@ class Model(NamedTuple):
     retract: Callable[..., Any] | None = None
     local: Callable[..., Any] | None = None
     residual: Callable[..., Any] | None = None
+    error_transition: Callable[..., Any] | tuple[Callable[..., Any], ...] | None = None
+    error_observation: Callable[..., Any] | None = None
+    error_shift: Callable[..., Any] | None = None

@@ -22,11 +22,11 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jgait.filtering.dense import LOG_2PI, Correction, affine_transition
+from jgait.filtering.dense import LOG_2PI, Correction, affine_observation, affine_transition
 from jgait.filtering.factors import added, changed, covariance, reduced, rooted, squares, triangularised
 from jgait.filtering.inputs import Prepared
 from jgait.filtering.linear_algebra import backward_substitution, forward_substitution, product
-from jgait.filtering.linearise import Method, linearise
+from jgait.filtering.linearise import Method
 from jgait.filtering.vectors import Moments, VectorModel
 
 SINGULAR = 8.0
@@ -155,10 +155,7 @@ def _linear_update(
     size = seen.shape[0]
     expected = vm.observation(vm.retract(x, at), control)
 
-    def g(delta: Any) -> Any:
-        return vm.residual(vm.observation(vm.retract(x, delta), control), expected)
-
-    affine = linearise(method, g, at, around, vm.names["observation"])
+    affine = affine_observation(vm, x, control, expected, method, at, around)
     residual = vm.residual(jnp.where(seen, measured, expected), expected) - affine.value
     eye = jnp.eye(size, dtype=factor.dtype)
     innovation = jnp.where(seen, residual, 0.0)

@@ -5,7 +5,8 @@ told by a float that is finite if they are: compared where it is used, it costs 
 would break up the vector loops.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -69,12 +70,24 @@ class Noise(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """An affine transition, as `dense.Prediction`; `health` is finite where it was."""
+    """An affine transition, as `dense.Prediction`.
+
+    Attributes:
+        mean: the predicted state.
+        steps: matrices that move the error, the first one first.
+        noise: Q.
+        health: finite where the transition was.
+    """
 
     mean: list[Any]
-    matrix: Matrix
+    steps: list[Matrix]
     noise: Matrix
     health: Any
+
+    @property
+    def matrix(self) -> Matrix:
+        """The product of the steps."""
+        return reduce(lambda before, step: product(step, before), self.steps)
 
 
 class Told(NamedTuple):
@@ -100,28 +113,47 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
     trace = Expansion(dtype_of(before))
     if cm.curved:
         mean = trace.call(lambda x: cm.transition(x, control, dt), x)
-        matrix = trace.jacobian(
-            lambda delta: cm.local(mean, cm.transition(cm.retract(x, delta), control, dt)), [0.0] * size
-        )[1]
+        steps = _moving_steps(cm, trace, x, mean, control, dt)
     else:
         mean, matrix = trace.jacobian(lambda x: cm.transition(x, control, dt), x)
+        steps = [matrix]
     if noise is None:
         entries = trace.call(lambda x: upper(cm.transition_noise(x, control, dt)), x)
         noise = Noise(from_upper(entries, size), _summary(entries, set()))
     safe = {id(value) for value in (*x, dt)}
-    health = plus(_summary((*mean, *(e for row in matrix for e in row)), safe), noise.health)
+    health = plus(_summary((*mean, *(e for step in steps for row in step for e in row)), safe), noise.health)
     health = barred(health)[0]
     good = sound(health)
-    matrix = [
-        [a if known(a) and a == b else where(good, a, b) for a, b in zip(row, unit, strict=True)]
-        for row, unit in zip(matrix, identity(size), strict=True)
+    steps = [
+        [
+            [a if known(a) and a == b else where(good, a, b) for a, b in zip(row, unit, strict=True)]
+            for row, unit in zip(step, identity(size), strict=True)
+        ]
+        for step in steps
     ]
     return Transition(
         [where(good, a, b) for a, b in zip(mean, x, strict=True)],
-        barred(matrix)[0],
+        barred(steps)[0],
         symmetric(size, lambda i, j: where(good, noise.matrix[i][j], 0.0)),
         health,
     )
+
+
+def _moving_steps(
+    cm: ComponentModel, trace: Expansion, x: list[Any], mean: list[Any], control: Any, dt: Any
+) -> list[Matrix]:
+    """The matrices that move an error, as the model states them or as its functions do it."""
+
+    def found(delta: Sequence[Any]) -> list[Any]:
+        return cm.local(mean, cm.transition(cm.retract(x, delta), control, dt))
+
+    def stated(step: Any, delta: Sequence[Any]) -> list[Any]:
+        return list(step(x, delta, control, dt))
+
+    steps = [partial(stated, step) for step in cm.error_transition]
+    functions: list[Callable[..., list[Any]]] = [*steps] if steps else [found]
+    zero = [0.0] * cm.error.num_leaves
+    return [trace.jacobian(function, zero)[1] for function in functions]
 
 
 def _summary(values: Sequence[Any], safe: set[int]) -> Any:
@@ -132,7 +164,9 @@ def _summary(values: Sequence[Any], safe: set[int]) -> Any:
 
 def predicted(transition: Transition, cov: Matrix) -> Components:
     """The belief after the interval."""
-    return Components(transition.mean, added(congruence(transition.matrix, cov), transition.noise))
+    for step in transition.steps[:-1]:
+        cov = barred(congruence(step, cov))[0]
+    return Components(transition.mean, added(congruence(transition.steps[-1], cov), transition.noise))
 
 
 def corrected(
@@ -161,9 +195,7 @@ def corrected(
         good = sound(health)
         cov = updated_covariance(prior.cov, last, sample.seen)
         if cm.curved:
-            state = barred(mean)[0]
-            turn = trace.jacobian(lambda d: cm.local(state, cm.retract(prior.mean, d)), delta)[1]
-            cov = congruence(turn, cov)
+            cov = congruence(turn(cm, trace, prior.mean, delta, mean), cov)
         after = Components(
             [where(good, a, b) for a, b in zip(mean, prior.mean, strict=True)],
             symmetric(size, lambda i, j: where(good, cov[i][j], prior.cov[i][j])),
@@ -173,6 +205,15 @@ def corrected(
             [plus(a, d) for a, d in zip(mean, delta, strict=True)], updated_covariance(prior.cov, last, sample.seen)
         )
     return after, last, _told(first, sample.seen, health)
+
+
+def turn(cm: ComponentModel, trace: Expansion, reference: list[Any], delta: list[Any], state: list[Any]) -> Matrix:
+    """∂/∂δ of ((reference ⊕ δ) ⊖ state) at `delta`, where the state is reference ⊕ delta."""
+    if cm.error_shift is not None:
+        shift = cm.error_shift
+        return barred(trace.jacobian(lambda e: shift(reference, delta, e), [0.0] * len(delta))[1])[0]
+    state = barred(state)[0]
+    return trace.jacobian(lambda d: cm.local(state, cm.retract(reference, d)), delta)[1]
 
 
 def _delta(g: Gains) -> list[Any]:
@@ -246,6 +287,12 @@ def _linearised(
         expected, matrix = trace.jacobian(lambda x: cm.observation(x, control), point)
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
     expected = trace.call(lambda x: cm.observation(x, control), point)
-    matrix = trace.jacobian(lambda delta: cm.residual(cm.observation(cm.retract(x, delta), control), expected), at)[1]
+    if cm.error_observation is not None and point is x:
+        shown = cm.error_observation
+        matrix = trace.jacobian(lambda delta: shown(x, delta, control), at)[1]
+    else:
+        matrix = trace.jacobian(lambda delta: cm.residual(cm.observation(cm.retract(x, delta), control), expected), at)[
+            1
+        ]
     measured = [where(s, y, e) for s, y, e in zip(sample.seen, sample.measured, expected, strict=True)]
     return expected, matrix, trace.call(cm.residual, measured, expected)

@@ -31,7 +31,7 @@ _NUMPY: dict[str, Callable[..., Any]] = {
     "gt": operator.gt, "ge": operator.ge, "sin": np.sin, "cos": np.cos, "square": lambda a: a * a,
     "stop_gradient": lambda a: a, "copy": lambda a: a,
 }  # fmt: skip
-_INLINED = ("jit", "pjit", "closed_call", "core_call")
+INLINED = ("jit", "pjit", "closed_call", "core_call")
 
 
 class Expansion:
@@ -87,7 +87,7 @@ class Expansion:
 
     def _equation(self, equation: Any, inputs: list[Any]) -> Sequence[Any]:
         name = equation.primitive.name
-        if name in _INLINED:
+        if name in INLINED:
             body = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
             return self._evaluate(body.jaxpr, body.consts, inputs)
         folded = _folded(name, equation, inputs)

@@ -34,6 +34,9 @@ class VectorModel(NamedTuple):
     retract: Callable[[Any, Any], Any]
     local: Callable[[Any, Any], Any]
     residual: Callable[[Any, Any], Any]
+    error_transition: Callable[[Any, Any, Any, Any], Any] | None
+    error_observation: Callable[[Any, Any, Any], Any] | None
+    error_shift: Callable[[Any, Any, Any], Any] | None
 
     def recentred(self, reference: Any, delta: Any, cov: Any) -> Any:
         """The covariance about `reference`, turned into one about the state at `delta` from it."""
@@ -43,6 +46,9 @@ class VectorModel(NamedTuple):
 
     def turn(self, reference: Any, delta: Any) -> Any:
         """∂/∂δ of ((reference ⊕ δ) ⊖ (reference ⊕ delta)) at `delta` (n, n)."""
+        if self.error_shift is not None:
+            shift = self.error_shift
+            return jax.jacfwd(lambda e: shift(reference, delta, e))(jnp.zeros_like(delta))
         state = self.retract(reference, delta)
         return jax.jacfwd(lambda d: self.local(state, self.retract(reference, d)))(delta)
 
@@ -90,4 +96,20 @@ def on_vectors(cm: ComponentModel, dtype: Any) -> VectorModel:
         if cm.curved else (lambda reference, x: x - reference),
         (lambda measured, expected: stacked(cm.residual(list(measured), list(expected)), dtype))
         if cm.wrapped else jnp.subtract,
+        *_error_functions(cm, dtype),
     )  # fmt: skip
+
+
+def _error_functions(cm: ComponentModel, dtype: Any) -> Any:
+    def moved(x: Any, delta: Any, control: Any, dt: Any) -> Any:
+        error = list(delta)
+        for step in cm.error_transition:
+            error = step(list(x), error, control, dt)
+        return stacked(error, dtype)
+
+    shown, shifted = cm.error_observation, cm.error_shift
+    return (
+        moved if cm.error_transition else None,
+        shown and (lambda x, delta, control: stacked(shown(list(x), list(delta), control), dtype)),
+        shifted and (lambda x, delta, e: stacked(shifted(list(x), list(delta), list(e)), dtype)),
+    )

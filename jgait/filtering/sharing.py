@@ -1,0 +1,124 @@
+"""What is used more than once is computed once.
+
+XLA's fusion for CPUs writes one loop for each result that is stored, and repeats in each what they share: of a step
+of a filter with 15 states ten times as much was computed as written, and compiled. `shared` traces a function of
+scalars and puts an `optimization_barrier` behind each value that several others use and that costs more than its
+store and load.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import jax
+from jax import lax
+from jax.extend.core import Literal
+
+from jgait.filtering.tracing import EXPENSIVE, INLINED
+
+WORTH = 2
+"""Operations from which on a value that is used again is stored."""
+
+_FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})
+
+
+def shared(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function of pytrees, with barriers behind what is used again.
+
+    Args:
+        function: of arrays, typically the body of a scan; loops and branches in it are left as they are.
+    """
+
+    def run(*arguments: Any) -> Any:
+        closed, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        leaves = jax.tree.leaves(arguments)
+        flat, counts = _flattened(closed)
+        return jax.tree.unflatten(jax.tree.structure(shapes), _evaluated(flat, counts, leaves))
+
+    return run
+
+
+class _Flat:
+    """Equations without calls, on numbered values."""
+
+    def __init__(self) -> None:
+        self.equations: list[tuple[Any, list[Any], list[int]]] = []
+        self.values: dict[int, Any] = {}
+        self.size = 0
+        self.inputs: list[int] = []
+        self.outputs: list[Any] = []
+
+    def new(self) -> int:
+        self.size += 1
+        return self.size - 1
+
+
+def _flattened(closed: Any) -> tuple[_Flat, Counter[int]]:
+    """A jaxpr with its calls inlined, and how often each value is used."""
+    flat = _Flat()
+
+    def constant(value: Any) -> int:
+        place = flat.new()
+        flat.values[place] = value
+        return place
+
+    def inline(jaxpr: Any, consts: Any, arguments: list[Any]) -> list[Any]:
+        names: dict[Any, Any] = dict(zip(jaxpr.constvars, map(constant, consts), strict=True))
+        names.update(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(variable: Any) -> Any:
+            return variable if isinstance(variable, Literal) else names[variable]
+
+        for equation in jaxpr.eqns:
+            inputs = [read(variable) for variable in equation.invars]
+            if equation.primitive.name in INLINED:
+                body = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+                names.update(zip(equation.outvars, inline(body.jaxpr, body.consts, inputs), strict=True))
+                continue
+            places = [flat.new() for _ in equation.outvars]
+            flat.equations.append((equation, inputs, places))
+            names.update(zip(equation.outvars, places, strict=True))
+        return [read(variable) for variable in jaxpr.outvars]
+
+    flat.inputs = [flat.new() for _ in closed.jaxpr.invars]
+    flat.outputs = inline(closed.jaxpr, closed.consts, list(flat.inputs))
+    counts: Counter[int] = Counter()
+    for _, inputs, _ in flat.equations:
+        counts.update({place for place in inputs if isinstance(place, int)})
+    counts.update({place for place in flat.outputs if isinstance(place, int)})
+    return flat, counts
+
+
+def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[Any]) -> list[Any]:
+    values = dict(flat.values)
+    costs: dict[int, int] = dict.fromkeys(values, 0)
+    for place, argument in zip(flat.inputs, arguments, strict=True):
+        # A slice of what a scan runs over is repeated, too.
+        values[place] = lax.optimization_barrier(argument) if counts[place] > 1 else argument
+        costs[place] = 0
+
+    def read(place: Any) -> Any:
+        return values[place] if isinstance(place, int) else place.val
+
+    for equation, inputs, places in flat.equations:
+        primitive = equation.primitive
+        results = primitive.bind(*map(read, inputs), **primitive.get_bind_params(equation.params))
+        outputs = list(results) if primitive.multiple_results else [results]
+        below = sum(costs[place] for place in set(inputs_of(inputs)))
+        cost = 0 if primitive.name == "optimization_barrier" else below + _cost(primitive.name)
+        for place, output in zip(places, outputs, strict=True):
+            stored = counts[place] > 1 and cost >= WORTH
+            values[place] = lax.optimization_barrier(output) if stored else output
+            costs[place] = 0 if stored else cost
+    return [read(place) for place in flat.outputs]
+
+
+def inputs_of(inputs: list[Any]) -> list[int]:
+    """The places among inputs, without literals."""
+    return [place for place in inputs if isinstance(place, int)]
+
+
+def _cost(name: str) -> int:
+    if name in _FREE:
+        return 0
+    return 8 if name in EXPENSIVE else 1
