@@ -13,7 +13,6 @@ from _gait_figures import low_pass
 
 from jgait import datasets, shank_axes
 from jgait.shank_axes import Axes
-from jgait.signal import true_runs
 from jgait.types import SIDES, Imu, Walk, as_float
 
 FULL = 0.65  # of the recording's median: a shorter stride is a half-step
@@ -52,7 +51,7 @@ class Leg(NamedTuple):
         walk: name of the recording.
         subject: who walked.
         side: "right" or "left".
-        imu: the sensor, in its own axes.
+        imu: the sensor, in its own axes, without the bias that its gyroscope has while standing.
         axes: told from the walk.
         rate_hz: of the samples.
         leg_length: [m], or None.
@@ -89,7 +88,7 @@ def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:
                 note = None
                 if placement.startswith("shank"):
                     placement, note = shank_axes.worn_on_shank(walk.recording, side)
-                imu = walk.recording.sensors[placement]
+                imu = rested(walk.recording.sensors[placement], walk.recording.sampling_rate_hz)
                 axes = shank_axes.functional_axes(imu)
                 reference = _REFERENCES[name](walk, side)
                 if axes is None or reference is None or not len(reference.contact):
@@ -101,6 +100,12 @@ def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:
                 rate_hz = who.sampling_rate_hz
                 found.append(Leg(group, who.name, who.subject, side, imu, axes, rate_hz, tall, reference, notes))
     return found
+
+
+def rested(imu: Imu, rate_hz: float) -> Imu:
+    """The sensor without the bias that it has while the leg stands, where it does."""
+    bias = shank_axes.rest_bias(imu, rate_hz)
+    return imu if bias is None else imu._replace(gyr=np.where(imu.mask[:, None], as_float(imu.gyr) - bias, 0.0))
 
 
 def _placements(name: str, walk: Walk, side: str) -> list[tuple[str, str]]:

@@ -10,10 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.signal import longest_still
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 MOVING = 1.0
 """[rad/s] A shank that turns more slowly is not swinging."""
+
+RESTING = 0.1
+"""[rad/s] Root mean square rate of a leg at rest, its gyroscope's bias in it."""
 
 LEAST_ASYMMETRY = 0.3
 """Skewness of the sagittal rate below which its sign is not believed; walks have 1.0 to 2.6."""
@@ -70,6 +74,23 @@ def functional_axes(imu: Imu) -> Axes | None:
     left = -np.sign(skew) * left if skew != 0.0 else left
     share = float(np.sum((gyr[moving] @ left) ** 2) / np.sum(gyr[moving] ** 2))
     return Axes(np.stack([np.cross(left, up), left, up]), share, -abs(skew))
+
+
+def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
+    """What the gyroscope reads while the leg stands, as the paper calibrates it: (3,) [rad/s].
+
+    The median over the longest stretch of half a second or more in which nothing moves; None if there is none. Strides
+    between stances have no other hold on it: 0.02 rad/s change their length by 2 %.
+
+    Args:
+        imu: the sensor.
+        sampling_rate_hz: of its samples [Hz].
+    """
+    run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
+    if run is None:
+        return None
+    kept = np.asarray(imu.mask, bool)[run[0] : run[1]]
+    return np.asarray(np.median(as_float(imu.gyr)[run[0] : run[1]][kept], axis=0))
 
 
 def asymmetry(rate: Any) -> float:
