@@ -1,13 +1,18 @@
 """Published estimators, one method a file; `get` finds one by name."""
 
+from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import leg_ekf
+from jgait.estimators import foot_ins, leg_ekf, stride_width_ekf
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]
 
-_ESTIMATORS = {"leg_ekf": leg_ekf.estimator}
+_ESTIMATORS: dict[str, Callable[..., Estimator]] = {
+    "leg_ekf": leg_ekf.estimator,
+    "foot_ins": foot_ins.estimator,
+    "stride_width_ekf": stride_width_ekf.estimator,
+}
 
 
 def names() -> tuple[str, ...]:

@@ -233,7 +233,8 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
         options: which parts are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way.
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `footholds_right` and
+        `footholds_left` are the samples at which each foot stands stillest.
 
     Raises:
         RecordingError: see `foot_calibration.prepare`.
@@ -245,7 +246,10 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
     padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
     result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
     trimmed = _trimmed(result, samples)
-    diagnostics = {**trimmed.diagnostics, "notes": preparation.notes, "standing": preparation.standing}
+    feet = zip(SIDES, (preparation.inputs.right, preparation.inputs.left), strict=True)
+    footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
+    told = {"notes": preparation.notes, "standing": preparation.standing}
+    diagnostics = {**trimmed.diagnostics, **footholds, **told}
     return trimmed._replace(diagnostics=diagnostics)
 
 

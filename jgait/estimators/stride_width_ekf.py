@@ -8,8 +8,9 @@ Source: M. Potter, K. Liu, M. Selamet, G. Kumaravelu, "EKF estimation of stride 
 trajectory estimates". The model is in `stride_width_model`, decisions about a recording in `stride_width_calibration`.
 
 Sensors:
-    Both feet's trajectories with the middles of their stances (as of any zero-velocity method), and the distance from
-    the inner side of the left ankle to the right leg, heard at least every few strides.
+    `foot_right` and `foot_left`, as of `foot_ins`, or both feet's trajectories with the middles of their stances by any
+    other zero-velocity method (`estimate_from_feet`); and the distance from the inner side of the left ankle to the
+    right leg, heard at least every few strides (`Recording.feet_range`).
 
 Outputs:
     Strides of both feet with width, step length and length [m] and their standard deviations; z₁ and z₂ at stances,
@@ -44,7 +45,6 @@ Deviations from the paper; `WidthOptions.literal` brings the first back:
 """
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -52,7 +52,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait import filtering, params
-from jgait.estimators import stride_width_model, stride_width_readout
+from jgait.estimators import foot_ins, stride_width_model, stride_width_readout
+from jgait.estimators.foot_params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.stride_width_calibration import prepare_from_feet
 from jgait.estimators.stride_width_inputs import WidthInputs, exchanged, pad
@@ -65,6 +66,7 @@ from jgait.estimators.stride_width_params import (
     WidthOptions,
     WidthParams,
 )
+from jgait.estimators.stride_width_sensors import feet_of, merged
 from jgait.filtering import Belief, Covariance
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
 
@@ -82,6 +84,7 @@ __all__ = [
     "WidthInputs",
     "WidthOptions",
     "WidthParams",
+    "estimate",
     "estimate_from_feet",
     "estimator",
     "pad",
@@ -213,19 +216,52 @@ def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
 
 
 def estimator(
-    ready: Callable[[Recording, WidthOptions], Prepared[WidthInputs]], options: WidthOptions = DEFAULT
-) -> Estimator[WidthParams, WidthInputs]:
-    """This estimator as a record of functions, for cohorts.
+    options: WidthOptions = DEFAULT,
+    foot_params: FootParams = FootParams(),
+    foot_options: FootOptions = foot_ins.DEFAULT,
+) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
+    """This estimator as a record of functions, for cohorts: trajectories are made while a recording is prepared.
 
     Args:
-        ready: (recording, options) → what `prepare_from_feet` gives, with trajectories of whatever method.
-        options: how to estimate.
+        options: how to estimate widths.
+        foot_params: of the trajectories.
+        foot_options: how to estimate them.
     """
 
-    def prepared(recording: Recording) -> Prepared[WidthInputs]:
-        return ready(recording, options)
+    def ready(recording: Recording) -> Prepared[WidthInputs]:
+        own, stances = feet_of(recording, foot_params, foot_options)
+        assert own.feet is not None
+        found = prepare_from_feet(own.time, own.feet, stances, recording.feet_range, options)
+        return found._replace(notes=(*own.diagnostics["notes"], *found.notes), standing=own.diagnostics["standing"])
 
-    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, prepared, pad, run, with_body)
+    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+def estimate(
+    p: WidthParams, recording: Recording, options: WidthOptions = DEFAULT, *, foot_params: FootParams = FootParams(),
+    foot_options: FootOptions = foot_ins.DEFAULT,
+) -> Estimate:  # fmt: skip
+    """Both feet in one world, with stride widths, from the sensors of one recording.
+
+    Args:
+        p: parameters; at least the range's offset should be the person's own.
+        recording: sensors on both feet, and `feet_range`; without a range every width is flagged.
+        options: how to estimate widths.
+        foot_params: of the feet's trajectories, see `foot_ins`.
+        foot_options: how to estimate them.
+
+    Returns:
+        As `foot_ins.estimate`, trajectories in one world and strides with width and step length; of the diagnostics
+        that `run` gives, `width_valid` goes by stride, and `z1` and the others by `moment_time`.
+
+    Raises:
+        RecordingError: see `foot_ins.estimate` and `prepare_from_feet`.
+        ValueError: a parameter outside its range.
+    """
+    own, stances = feet_of(recording, foot_params, foot_options)
+    assert own.feet is not None
+    together = estimate_from_feet(p, own.time, own.feet, stances, recording.feet_range, options)
+    return merged(own, stances, together)
 
 
 def estimate_from_feet(
