@@ -5,9 +5,12 @@ from jgait.evaluate.consistency import Consistency, Whiteness, nees_consistency,
 from jgait.evaluate.errors import (
     FIELDS,
     DistanceError,
+    PositionError,
     Window,
     distance_error,
+    foot_position_error,
     trajectory_errors,
+    yaw_aligned,
 )
 from jgait.evaluate.reliability import Icc, Limits, icc, icc21, limits_of_agreement
 from jgait.evaluate.scores import Scores
@@ -32,6 +35,7 @@ __all__ = [
     "Icc",
     "Limits",
     "PairedDifference",
+    "PositionError",
     "Scores",
     "Whiteness",
     "Window",
@@ -40,6 +44,7 @@ __all__ = [
     "cluster_bootstrap",
     "cohort",
     "distance_error",
+    "foot_position_error",
     "icc",
     "icc21",
     "limits_of_agreement",
@@ -50,4 +55,5 @@ __all__ = [
     "trajectory_errors",
     "whiteness",
     "with_errors",
+    "yaw_aligned",
 ]

@@ -256,8 +256,8 @@ def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
     def cut(leaf: Any) -> Any:
         return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
 
-    whole = jax.tree.map(cut, estimate._replace(strides=None))
-    return whole._replace(time=ready.time, strides=estimate.strides)
+    whole = jax.tree.map(cut, estimate._replace(strides=None, strides_stddev=None))
+    return whole._replace(time=ready.time, strides=estimate.strides, strides_stddev=estimate.strides_stddev)
 
 
 def _unusable(estimate: Estimate) -> str | None:
@@ -265,7 +265,8 @@ def _unusable(estimate: Estimate) -> str | None:
     valid = np.asarray(estimate.valid, bool)
     if not valid.any():
         return "the estimate is valid at no sample"
-    for name, values in (("legs", estimate.legs), ("stddev", estimate.stddev), ("distance", estimate.distance)):
+    for name in ("legs", "stddev", "distance", "feet", "feet_stddev"):
+        values = getattr(estimate, name)
         for leaf in jax.tree.leaves(values):
             lost = int(np.sum(~np.isfinite(leaf[valid])))
             if lost:

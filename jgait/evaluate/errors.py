@@ -41,6 +41,18 @@ class DistanceError(NamedTuple):
     rmse: float
 
 
+class PositionError(NamedTuple):
+    """Root mean square distance of two ways of a foot [m].
+
+    Attributes:
+        plan: seen from above, after the turn about the vertical and the shift that fit best.
+        height: after the shift that fits best.
+    """
+
+    plan: float
+    height: float
+
+
 def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
     """Which samples of the reference are valid and lie between valid samples of the estimate.
 
@@ -157,3 +169,66 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
     error = float(ours[-1] - theirs[-1])
     rmse = float(np.sqrt(np.mean((ours - theirs) ** 2)))
     return DistanceError(float(ours[-1]), float(theirs[-1]), error, abs(error), error / float(theirs[-1]), rmse)
+
+
+def foot_position_error(
+    estimate: Estimate, reference: Estimate, side: str, window: Window = None
+) -> PositionError | None:
+    """How far one foot's place is off, after turning the estimate about the vertical and shifting it.
+
+    Neither heading nor place of the world is known to a sensor on a foot, so neither counts. Where one of the two
+    speaks of fewer moments, both are compared at those.
+
+    Args:
+        estimate: with `feet` as trajectories or at single moments.
+        reference: the same.
+        side: "right" or "left".
+        window: stretch of the reference to judge on; None for all of it.
+
+    Returns:
+        The error; None where one of them says nothing of that foot.
+
+    Raises:
+        ValueError: if they share no time, or no sample of the window.
+    """
+    if estimate.feet is None or reference.feet is None:
+        return None
+    ways = [getattr(feet, side) for feet in (estimate.feet, reference.feet)]
+    if any(way is None for way in ways):
+        return None
+    times = [as_float(one.time) for one in (estimate, reference)]
+    coarser = 0 if np.median(np.diff(times[0])) > 1.5 * np.median(np.diff(times[1])) else 1
+    pair = (reference, estimate) if coarser == 0 else (estimate, reference)
+    common = common_samples(*pair)
+    judged = _samples(reference, window, "window")
+    common &= judged if coarser == 1 else np.interp(times[0], times[1], judged.astype(float)) > 1.0 - 1e-9
+    if not common.any():
+        raise ValueError("window holds no sample where estimate and reference are both valid")
+    at = times[coarser][common]
+    ours, theirs = (
+        np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)
+        for time, way in zip(times, ways, strict=True)
+    )
+    gap = yaw_aligned(ours, theirs) - theirs
+    return PositionError(
+        float(np.sqrt(np.mean(np.sum(gap[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(gap[:, 2] ** 2)))
+    )
+
+
+def yaw_aligned(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Places turned about the vertical and shifted so that they come nearest to others, in the least squares sense.
+
+    Args:
+        ours: (n, 3) [m].
+        theirs: (n, 3) [m].
+
+    Returns:
+        (n, 3) [m].
+    """
+    a, b = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
+    along = np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])
+    across = np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    yaw = np.arctan2(across, along)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned = np.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
+    return turned + theirs.mean(axis=0)

@@ -1,19 +1,30 @@
 """What is told of one recording: its quantities and its strides, estimate against reference; in NumPy, lean."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.evaluate.errors import FIELDS, common_samples
+from jgait.evaluate.errors import FIELDS, common_samples, foot_position_error
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
-STRIDE_QUANTITIES: dict[str, Callable[[Strides], np.ndarray]] = {
-    "stride_length_m": lambda s: as_float(s.length),
-    "stride_duration_s": lambda s: as_float(s.end) - as_float(s.start),
-    "stride_width_m": lambda s: as_float(s.width),
+DEGREES = 180.0 / np.pi
+STRIDE_QUANTITIES: dict[str, tuple[str, float]] = {
+    "stride_length_m": ("length", 1.0),
+    "stride_duration_s": ("", 1.0),
+    "stride_width_m": ("width", 1.0),
+    "step_length_m": ("step_length", 1.0),
+    "stride_height_m": ("height", 1.0),
+    "walking_speed_mps": ("speed", 1.0),
+    "turn_deg": ("turn", DEGREES),
+    "lift_m": ("lift", 1.0),
+    "contact_angle_deg": ("contact_angle", DEGREES),
+    "push_off_angle_deg": ("push_off_angle", DEGREES),
 }
-"""Quantity of a stride → how it is read from `Strides`; the first also from `distance`, see `stride_rows`."""
+"""Quantity of a stride → field of `Strides` and what its SI unit is multiplied by; the duration is end − start. The
+length is also read from `distance`, see `stride_rows`."""
+
+WITHIN = 100.0 * 0.9544997361
+"""Share of a normal distribution within two standard deviations [%]."""
 
 
 class Scores(NamedTuple):
@@ -43,6 +54,10 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
         hip_rmse_deg_right …: root mean square error of each angle and of the foot path of each leg that both have;
             its reference is 0, so that bias and limits of agreement are those of the RMSE over recordings. That of a
             whole walk is absolute: offsets while standing are in it.
+        foot_rmse_cm_right, foot_height_rmse_cm_right …: of the place of each foot that both have, seen from above and
+            in height, the estimate turned about the vertical and shifted to fit.
+        stride_length_within_2sd_percent …: how many strides of the reference lie within two standard deviations of
+            the estimate's, where it states them; its reference is the share of a normal distribution.
     Every single number among the estimate's diagnostics (`nis_right`, `log_likelihood_right` …), with the reference's
     of the same name. Every valid stride of the reference, see `stride_rows`.
 
@@ -62,6 +77,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
+        quantities |= _places(estimate, reference) | within_two_sd(estimate, reference)
         strides = stride_rows(estimate, reference)
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
@@ -108,16 +124,26 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
     return found
 
 
+def _places(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, float]]:
+    found = {}
+    for side in SIDES:
+        error = foot_position_error(estimate, reference, side)
+        if error is not None:
+            found[f"foot_rmse_cm_{side}"] = (100.0 * error.plan, 0.0)
+            found[f"foot_height_rmse_cm_{side}"] = (100.0 * error.height, 0.0)
+    return found
+
+
 def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
-    """A row for each valid stride of the reference and each quantity that the estimate can say something of.
+    """A row for each valid stride of the reference and each quantity that both say something of.
 
     Where the estimate has strides, a stride of the reference goes with that of the same foot whose middle is nearest,
-    if each is the other's nearest and they are less than half a stride apart; length, duration and width are compared.
-    Where it has none, its length is what `distance` gains between the stride's start and end, the estimate valid all
-    the while: from one contact to the next on a straight way, the hip goes as far as the foot. It does not in the
-    first stride from standing, in the last that closes up, and in tight turns: where the reference's own distance
-    gains another length than the foot's by a tenth and more, there is no comparison. NaN for a stride that the
-    estimate does not have or cannot be compared in.
+    if each is the other's nearest and they are less than half a stride apart; every quantity that both have anywhere
+    is compared. Where it has none, its length is what `distance` gains between the stride's start and end, the
+    estimate valid all the while: from one contact to the next on a straight way, the hip goes as far as the foot. It
+    does not in the first stride from standing, in the last that closes up, and in tight turns: where the reference's
+    own distance gains another length than the foot's by a tenth and more, there is no comparison. NaN for a stride
+    that the estimate does not have or cannot be compared in.
 
     Returns:
         Columns as of `Scores.strides`; `s_id` counts the strides of the reference in the order in which they start.
@@ -126,47 +152,100 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     if strides is None or not np.any(strides.valid):
         return {}
     theirs = _ordered(strides)
+    known: dict[str, np.ndarray] = {}
     own: dict[str, np.ndarray] = {}
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
         match = matched(ours, theirs)
-        for name, read in STRIDE_QUANTITIES.items():
-            values = np.append(read(ours), NAN)[match]
-            if np.isfinite(values).any() or name == "stride_length_m":
-                own[name] = values
+        for name in STRIDE_QUANTITIES:
+            values, truth = values_of(ours, name), values_of(theirs, name)
+            if values is None or truth is None:
+                continue
+            values = np.append(values, NAN)[match]
+            if name == "stride_length_m" or (np.isfinite(values).any() and np.isfinite(truth).any()):
+                own[name], known[name] = values, truth
     elif estimate.distance is not None:
         own["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
-    count = len(theirs.start)
-    fixed = {
-        "s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": theirs.start, "end": theirs.end,
-    }  # fmt: skip
+        known["stride_length_m"] = theirs.length
     if not own:
         return {}
+    count = len(theirs.length)
+    start, end = _span(theirs, standing=theirs.start is None)
+    fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
     return {name: np.concatenate([values] * len(own)) for name, values in fixed.items()} | {
         "quantity": np.repeat(list(own), count),
         "estimate": np.concatenate(list(own.values())),
-        "reference": np.concatenate([STRIDE_QUANTITIES[name](theirs) for name in own]),
+        "reference": np.concatenate(list(known.values())),
     }
 
 
-def _ordered(strides: Strides) -> Strides:
-    """The valid strides, in the order in which they start."""
-    valid = np.flatnonzero(np.asarray(strides.valid, bool))
-    order = valid[np.argsort(as_float(strides.start)[valid], kind="stable")]
-    kept = {name: as_float(getattr(strides, name))[order] for name in Strides._fields[1:-1]}
-    return Strides(side=np.asarray(strides.side)[order].astype(int), valid=np.ones(order.size, bool), **kept)
+def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, float]]:
+    """For each quantity of the strides the share of errors within two stated standard deviations [%], and `WITHIN`."""
+    if estimate.strides is None or estimate.strides_stddev is None or reference.strides is None:
+        return {}
+    ours, theirs = _ordered(estimate.strides), _ordered(reference.strides)
+    stated = _ordered(estimate.strides_stddev._replace(valid=estimate.strides.valid), like=estimate.strides)
+    match = matched(ours, theirs)
+    found = {}
+    for name, (field, _) in STRIDE_QUANTITIES.items():
+        values, truth = values_of(ours, name), values_of(theirs, name)
+        spread = values_of(stated, name) if field else None
+        if values is None or truth is None or spread is None:
+            continue
+        error = np.append(values, NAN)[match] - truth
+        allowed = 2.0 * np.append(spread, NAN)[match]
+        told = np.isfinite(error) & (allowed > 0.0)
+        if told.any():
+            share = 100.0 * float(np.mean(np.abs(error[told]) <= allowed[told]))
+            found[f"{name.rpartition('_')[0]}_within_2sd_percent"] = (share, WITHIN)
+    return found
+
+
+def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
+    """A quantity of every stride in the unit that its name ends with; None where the source does not give it."""
+    field, scale = STRIDE_QUANTITIES[quantity]
+    if field:
+        values = getattr(strides, field)
+        return None if values is None else scale * as_float(values)
+    if strides.start is None or strides.end is None:
+        return None
+    return as_float(strides.end) - as_float(strides.start)
+
+
+def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
+    """The valid strides, in the order in which they start; or in that in which those of another table do."""
+    by = strides if like is None else like
+    valid = np.flatnonzero(np.asarray(by.valid, bool))
+    order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
+    kept = {name: None if column is None else as_float(column)[order] for name, column in strides._asdict().items()}
+    return Strides(**kept | {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)})
+
+
+def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:
+    """From when to when strides last [s]: from contact to contact, or from standing to standing."""
+    return (
+        (as_float(strides.standing), as_float(strides.standing_end))
+        if standing
+        else (as_float(strides.start), as_float(strides.end))
+    )
 
 
 def matched(ours: Strides, theirs: Strides) -> np.ndarray:
-    """For each stride of the second which one of the first it goes with, −1 for none; see `stride_rows`."""
-    none = np.full(theirs.start.size, -1)
-    if not ours.start.size:
+    """For each stride of the second which one of the first it goes with, −1 for none; see `stride_rows`.
+
+    Strides are compared from standing to standing where both say when that is, and else from contact to contact; a
+    source that knows no contacts goes by its standing.
+    """
+    none = np.full(theirs.side.size, -1)
+    if not ours.side.size:
         return none
-    apart = np.abs(0.5 * (theirs.start + theirs.end)[:, None] - 0.5 * (ours.start + ours.end)[None, :])
+    both = ours.standing is not None and theirs.standing is not None
+    (first, last), (start, end) = (_span(s, standing=both or s.start is None) for s in (ours, theirs))
+    apart = np.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
     apart = np.where(theirs.side[:, None] == ours.side[None, :], apart, np.inf)
     nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
-    rows = np.arange(theirs.start.size)
-    good = (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (theirs.end - theirs.start))
+    rows = np.arange(theirs.side.size)
+    good = (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
     return np.where(good, nearest, none)
 
 

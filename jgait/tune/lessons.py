@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.types import Estimate, Legs, LegTrajectory, RecordingError, Strides, Walk, as_float
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, RecordingError, Strides, Walk, as_float
 
 
 class Windows(NamedTuple):
@@ -102,7 +102,7 @@ def resampled(estimate: Estimate, time: Any) -> Estimate:
         time: (T,) [s].
 
     Returns:
-        Angles, path and distance at `time`; valid where it lies between valid samples. Of the diagnostics only single
+        Angles, paths and distance at `time`; valid where it lies between valid samples. Of the diagnostics only single
         numbers remain; strides stay as they are.
     """
     theirs, ours = as_float(estimate.time), as_float(time)
@@ -117,7 +117,25 @@ def resampled(estimate: Estimate, time: Any) -> Estimate:
     legs = Legs(*(None if leg is None else LegTrajectory(*(here(field) for field in leg)) for leg in estimate.legs))
     numbers = {name: as_float(v) for name, v in estimate.diagnostics.items() if _is_number(v)}
     way = None if estimate.distance is None else here(estimate.distance)
-    return Estimate(ours, legs, None, way, valid, numbers, estimate.strides)
+    feet = None if estimate.feet is None else Feet(*(_foot(foot, here) for foot in estimate.feet))
+    return Estimate(ours, legs, None, way, valid, numbers, estimate.strides, feet)
+
+
+def _foot(foot: FootTrajectory | None, here: Callable[[Any], np.ndarray]) -> FootTrajectory | None:
+    """A foot's trajectory at other times; of an attitude's two signs the one that goes on from the sample before."""
+    if foot is None:
+        return None
+
+    def columns(values: Any) -> Any:
+        return None if values is None else np.stack([here(column) for column in as_float(values).T], axis=1)
+
+    attitude = foot.orientation
+    if attitude is not None:
+        q = as_float(attitude)
+        kept = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
+        attitude = columns(q * np.concatenate([[1.0], np.cumprod(kept)])[:, None])
+        attitude = attitude / np.maximum(np.linalg.norm(attitude, axis=1, keepdims=True), 1e-12)
+    return FootTrajectory(columns(foot.position), columns(foot.velocity), attitude)
 
 
 def _is_number(value: Any) -> bool:
@@ -192,8 +210,8 @@ def _odd(item: _Item, usual: _Item) -> str:
     return f"it cannot be stacked with most of the walks ({told or 'shapes differ'})"
 
 
-def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: int | None, known: set[str]) -> Lesson:
-    """A lesson with invalid samples behind it, rows that are no strides, and the diagnostics that all have."""
+def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: "_Rows | None", known: set[str]) -> Lesson:
+    """A lesson with invalid samples behind it, rows that are no strides, and what all have of both."""
     more = samples - lesson.look.size
     inputs = estimator.pad(lesson.inputs, samples)
     truth = lesson.reference
@@ -201,7 +219,7 @@ def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: int | N
         rows = None if strides is None else _strides(truth.strides, strides)
         numbers = {name: truth.diagnostics[name] for name in sorted(known)}
         bare = truth._replace(time=None, valid=None, diagnostics=None, strides=None)
-        longer = jax.tree.map(lambda values: np.pad(values, (0, more), mode="edge"), bare)
+        longer = jax.tree.map(lambda v: np.pad(v, [(0, more)] + [(0, 0)] * (np.ndim(v) - 1), mode="edge"), bare)
         truth = longer._replace(
             time=as_float(inputs.time), valid=np.pad(truth.valid, (0, more)), diagnostics=numbers, strides=rows
         )
@@ -209,12 +227,27 @@ def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: int | N
     return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
 
 
-def _strides(strides: Strides | None, count: int) -> Strides:
-    """Strides with rows that are none behind them."""
-    if strides is None:
-        none = np.zeros(0)
-        strides = Strides(none.astype(int), none, none, none, none, none, none, none.astype(bool))
-    return Strides(*(np.pad(np.asarray(column), (0, count - np.size(column))) for column in strides))
+class _Rows(NamedTuple):
+    """What the strides of all references have in common: how many rows the longest has, and the fields of all."""
+
+    rows: int
+    fields: frozenset[str]
+
+
+def _rows(tables: list[Strides]) -> _Rows | None:
+    if not tables:
+        return None
+    told = (frozenset(name for name, column in table._asdict().items() if column is not None) for table in tables)
+    return _Rows(max(np.size(table.valid) for table in tables), frozenset.intersection(*told))
+
+
+def _strides(strides: Strides | None, common: _Rows) -> Strides:
+    """Strides with rows that are none behind them, and no field that another reference lacks."""
+    columns = {} if strides is None else strides._asdict()
+    kinds = {"side": np.zeros(0, int), "valid": np.zeros(0, bool)}
+    held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in common.fields}
+    longer = {name: np.pad(column, (0, common.rows - column.size)) for name, column in held.items()}
+    return Strides(**{name: longer.get(name) for name in Strides._fields})
 
 
 def lessons(
@@ -241,8 +274,8 @@ def lessons(
         samples: length that all are padded to; None for that of the longest.
 
     Returns:
-        The lessons, stacked; strides of the reference padded to the most that one has, and of its diagnostics the
-        single numbers that all have.
+        The lessons, stacked; strides of the reference padded to the most that one has, with the fields that all have,
+        and of its diagnostics the single numbers that all have.
 
     Raises:
         ValueError: if no walk can be used; the message says why.
@@ -271,9 +304,9 @@ def lessons(
     ]
     longest = samples or max(item.lesson.look.size for item in kept)
     truths = [item.lesson.reference for item in kept if item.lesson.reference is not None]
-    rows = [np.size(truth.strides.valid) for truth in truths if truth.strides is not None]
+    rows = _rows([truth.strides for truth in truths if truth.strides is not None])
     known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
-    padded = [_padded(estimator, item.lesson, longest, max(rows, default=None), known) for item in kept]
+    padded = [_padded(estimator, item.lesson, longest, rows, known) for item in kept]
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
     names, subjects = (tuple(getattr(item, field) for item in kept) for field in ("name", "subject"))
     return Lessons(data, kept[0].options, subjects, names, tuple(failures))

@@ -14,7 +14,7 @@ from jgait import evaluate, protocols, signal
 from jgait.estimators import leg_calibration, leg_ekf
 from jgait.evaluate import buckets, scores, spread
 from jgait.evaluate.store import Folder, described
-from jgait.types import Estimate, Legs, Strides, Walk
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
 
 ERRORS = ["error", "abs_error", "rel_error"]
 
@@ -95,9 +95,59 @@ def test_strides_of_an_estimate_go_with_those_of_the_same_foot_and_time():
     length = rows[rows["quantity"] == "stride_length_m"]
     np.testing.assert_allclose(length["estimate"], [1.5, 2.5, 3.5, np.nan, 4.5])
     np.testing.assert_allclose(length["reference"], [1, 2, 3, 5, 4])
-    assert set(rows["quantity"]) == {"stride_length_m", "stride_duration_s", "stride_width_m"}
+    assert set(rows["quantity"]) == {"stride_length_m", "stride_duration_s", "stride_width_m", "stride_height_m"}
     none = scores.stride_rows(reference._replace(strides=strides([], [], [])), reference)
     assert np.isnan(none["estimate"]).all() and len(none["estimate"]) == 5
+
+
+def foot_strides(count, **more):
+    """Strides of the right foot, a second each; the first contact half a second before the first standing."""
+    at = np.arange(float(count))
+    nothing = np.full(count, np.nan)
+    return Strides(np.zeros(count, int), at, at + 0.6, at + 1.0, 1.0 + 0.01 * at, nothing, nothing,
+                   np.ones(count, bool), standing=at + 0.4, standing_end=at + 1.4, **more)  # fmt: skip
+
+
+def test_what_both_say_of_a_stride_is_compared_and_nothing_else():
+    time = np.arange(0.0, 9.0, 0.01)
+    bare = Estimate(time, Legs(None, None), None, None, time >= 0.0, {})
+    spread = np.array([0.02, 0.02, 0.02, 0.0, 0.02])
+    ours = foot_strides(5, speed=np.full(5, 1.5), contact_angle=np.full(5, 0.3), step_length=np.full(5, np.nan))
+    stated = ours._replace(start=None, final_contact=None, end=None, length=spread, speed=np.full(5, 0.1))
+    errors = np.array([0.0, 0.039, -0.041, 0.0, 0.1])
+    # a source of footprints: when the foot stood, and no contacts; the third is no stride
+    theirs = foot_strides(5, speed=np.full(5, 1.2), push_off_angle=np.full(5, -1.0), step_length=np.full(5, 0.6))
+    theirs = theirs._replace(start=None, final_contact=None, end=None, length=ours.length - errors)
+    theirs = theirs._replace(valid=np.array([True, True, True, True, False]))
+    known = bare._replace(strides=theirs)
+    estimate = bare._replace(strides=ours, strides_stddev=stated)
+    rows = pd.DataFrame(scores.stride_rows(estimate, known))
+    assert list(rows["quantity"].unique()) == ["stride_length_m", "walking_speed_mps"]
+    length = rows[rows["quantity"] == "stride_length_m"]
+    np.testing.assert_allclose(length["estimate"] - length["reference"], errors[:4], atol=1e-12)
+    np.testing.assert_allclose(length["start"], theirs.standing[:4])
+    told = scores.score(estimate, Walk(walk(1).recording, known, {})).quantities
+    # of those that state one: 0 and 0.039 are within 2 × 0.02, −0.041 is not
+    assert told["stride_length_within_2sd_percent"] == pytest.approx((200.0 / 3.0, 95.45), abs=1e-3)
+    assert told["walking_speed_within_2sd_percent"][0] == 0.0
+    angles = known._replace(strides=theirs._replace(contact_angle=np.full(5, 0.2)))
+    rows = pd.DataFrame(scores.stride_rows(estimate, angles)).set_index("quantity")
+    np.testing.assert_allclose(rows.loc["contact_angle_deg", "estimate"], np.rad2deg(0.3))
+    np.testing.assert_allclose(rows.loc["contact_angle_deg", "reference"], np.rad2deg(0.2))
+
+
+def test_feet_are_scored_where_both_have_them():
+    time = np.arange(0.0, 4.0, 0.01)
+    place = np.stack([time, np.sin(time), 0.0 * time], axis=1)
+    foot = FootTrajectory(place, None, None)
+    bare = Estimate(time, Legs(None, None), None, time, time >= 0.0, {})
+    estimate = bare._replace(feet=Feet(foot, FootTrajectory(place + 0.03 * np.sign(time - 2.0)[:, None], None, None)))
+    told = scores.score(estimate, Walk(walk(1).recording, bare._replace(feet=Feet(foot, foot)), {})).quantities
+    assert told["foot_rmse_cm_right"] == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert told["foot_height_rmse_cm_left"][0] == pytest.approx(3.0, rel=1e-2)
+    assert 0.1 < told["foot_rmse_cm_left"][0] < 4.3
+    told = scores.score(estimate, Walk(walk(1).recording, bare._replace(feet=Feet(None, foot)), {})).quantities
+    assert "foot_rmse_cm_right" not in told and "foot_rmse_cm_left" in told
 
 
 def test_no_length_of_a_stride_whose_way_is_not_as_long():

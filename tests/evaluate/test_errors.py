@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jgait import evaluate
-from jgait.types import Estimate, Legs, LegTrajectory
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory
 
 DEGREE = np.pi / 180.0
 
@@ -98,3 +98,35 @@ def test_refusals_say_what_was_wrong():
         evaluate.distance_error(walk(TIME), walk(TIME, distance=TIME))
     with pytest.raises(ValueError, match="reference distance is 0 m"):
         evaluate.distance_error(walk(TIME, distance=TIME), walk(TIME, distance=0.0 * TIME))
+
+
+def feet(time, *places):
+    both = [None if place is None else FootTrajectory(place, None, None) for place in places]
+    return Estimate(time, Legs(None, None), None, None, np.ones(time.size, bool), {}, feet=Feet(*both))
+
+
+def test_a_foot_in_a_world_turned_about_the_vertical_has_no_error():
+    place = np.stack([TIME, np.sin(TIME), 0.1 * np.cos(3.0 * TIME)], axis=1)
+    c, s = np.cos(2.0), np.sin(2.0)
+    turned = place @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T + np.array([5.0, -3.0, 0.7])
+    exact = evaluate.foot_position_error(feet(TIME, turned, None), feet(TIME, place, place), "right")
+    np.testing.assert_allclose(exact, 0.0, atol=1e-12)
+    assert evaluate.foot_position_error(feet(TIME, turned, None), feet(TIME, place, place), "left") is None
+    assert evaluate.foot_position_error(walk(TIME), feet(TIME, place, place), "left") is None
+    # one tilted, or seen from below, cannot be turned away
+    tilted = turned + np.array([0.0, 0.0, 1.0]) * (0.04 * (-1.0) ** np.arange(TIME.size))[:, None]
+    off = evaluate.foot_position_error(feet(TIME, tilted, None), feet(TIME, place, None), "right")
+    assert off.plan < 1e-12 and off.height == pytest.approx(0.04, rel=1e-3)
+    below = evaluate.foot_position_error(feet(TIME, turned * [1.0, -1.0, 1.0], None), feet(TIME, place, None), "right")
+    assert below.plan > 0.3
+
+
+def test_a_foot_known_at_moments_is_judged_at_them():
+    place = np.stack([TIME, np.round(TIME), 0.0 * TIME], axis=1)
+    few = feet(TIME[::50], place[::50], None)
+    for pair in ((few, feet(TIME, place, None)), (feet(TIME, place, None), few)):
+        np.testing.assert_allclose(evaluate.foot_position_error(*pair, "right"), 0.0, atol=1e-9)
+    late = evaluate.foot_position_error(few, feet(TIME, place, None), "right", window=(1.0, 2.0))
+    np.testing.assert_allclose(late, 0.0, atol=1e-9)
+    with pytest.raises(ValueError, match="window holds no sample"):
+        evaluate.foot_position_error(few, feet(TIME, place, None), "right", window=(1.01, 1.02))
