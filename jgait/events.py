@@ -2,8 +2,8 @@
 
 A fixed threshold on the angular rate loses stances of fast gait, where the foot never comes to rest, and finds false
 ones in slow swings. Here the threshold follows the stride: a stance is a valley of the rate between two swings that
-are `RATIO` times as high, and its threshold is its own lowest rate times a factor. Nothing but the gyroscope's
-magnitude is used, so the sensor may be mounted in any way.
+are `RATIO` times as high, and its threshold is its own lowest rate times a factor. Only magnitudes are used, so the
+sensor may be mounted in any way.
 """
 
 from typing import Any, NamedTuple
@@ -27,6 +27,9 @@ STANCE = 2.5
 
 STILL = 0.8
 """[rad/s] Below this a foot stands in any case; between heel-off and contact the rate is above 2."""
+
+JOLT = 10.0
+"""[m/s²] Spread of the specific force that counts as much as 1 rad/s."""
 
 SHORTEST = 0.45
 """[s] From one stance to the next; a run has 0.65."""
@@ -71,14 +74,29 @@ def moving_rate(gyr: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> 
     return np.sqrt(np.maximum(total[size:] - total[:-size], 0.0) / size)
 
 
+def unrest(gyr: Any, acc: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
+    """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
+    size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
+    force = np.asarray(acc, np.float64)
+    force = np.pad(force - force.mean(axis=0), ((size // 2, size // 2), (0, 0)), mode="edge")
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+        return (total[size:] - total[:-size]) / size
+
+    variance = np.maximum(mean(force**2) - mean(force) ** 2, 0.0).sum(axis=1)
+    return np.sqrt(moving_rate(gyr, sampling_rate_hz, window_s) ** 2 + variance / JOLT**2)
+
+
 def stances(
-    gyr: Any, sampling_rate_hz: float, *, still: float = STILL, factor: float = 1.5,
+    gyr: Any, acc: Any, sampling_rate_hz: float, *, still: float = STILL, factor: float = 1.5,
     erosion_s: tuple[float, float] = EROSION,
 ) -> Stances:  # fmt: skip
     """Where a foot stands, at any speed of gait.
 
     Args:
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
+        acc: (T, 3) specific force [m/s²], finite; a foot that comes down without turning is told by it.
         sampling_rate_hz: rate of the samples [Hz].
         still: a stance reaches from its valley to where the rate passes this [rad/s],
         factor: or this many times the valley's own rate, whichever is more [1].
@@ -87,20 +105,29 @@ def stances(
     Returns:
         The stances; empty if the foot never moves enough, or never comes to rest.
     """
-    rate = moving_rate(gyr, sampling_rate_hz)
+    rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _suppressed(*_valleys(rate), sampling_rate_hz)
     after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in erosion_s)
-    starts, ends = [], []
+    rows = []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
-        high = max(still, factor * rate[at])
-        above = np.flatnonzero(rate[before + 1 : at] >= high)
-        first = before + 1 + (above[-1] + 1 if above.size else 0)
-        over = np.flatnonzero(rate[at:after] >= high)
-        last = at + (over[0] - 1 if over.size else after - at - 1)
-        starts.append(min(first + after_start, at) if first > 0 else 0)
-        ends.append((max(last - before_end, at) if last < len(rate) - 1 else last) + 1)
-    return Stances(np.array(starts, int), np.array(ends, int), valleys, rate[valleys])
+        first, last = _around(rate, at, (before + 1, after), max(still, factor * rate[at]))
+        first = min(first + after_start, at) if first > 0 else first
+        last = max(last - before_end, at) if last < len(rate) - 1 else last
+        middle = first + int(np.argmin(restless[first : last + 1]))
+        limit = max(still, factor * restless[middle])
+        first, last = _around(restless, middle, (first, last + 1), limit)
+        rows.append((first, last + 1, middle))
+    start, end, stillest = np.array(rows, int).reshape(-1, 3).T
+    return Stances(start, end, stillest, rate[stillest])
+
+
+def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) -> tuple[int, int]:
+    """First and last sample of the stretch about one in which values stay below a limit."""
+    before, after = values[within[0] : at] >= limit, values[at + 1 : within[1]] >= limit
+    first = at - int(np.argmax(before[::-1])) if before.any() else within[0]
+    last = at + int(np.argmax(after)) if after.any() else within[1] - 1
+    return first, last
 
 
 def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

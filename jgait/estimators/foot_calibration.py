@@ -26,8 +26,11 @@ QUIET = 1.5
 RESTLESS = 0.1
 """[rad/s] If even the quietest window spreads more than this, the foot never rests."""
 
-OFF_SCALE = 0.08
+OFF_SCALE = 0.12
 """The accelerometer at rest may differ from gravity by this share [1]; beyond it the unit is in doubt."""
+
+SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
+"""[1], [m/s²] What accelerometers usually err by: a difference at rest is shared out between scale and bias so."""
 
 LOST_RATE, LOST_FORCE = 2.0, 15.0
 """[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
@@ -207,8 +210,9 @@ def _foot(
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
     at_rest = rest(gyr, acc, mask, hz)
-    acc = acc * _scale(at_rest, name, notes)
-    found = events.stances(gyr - at_rest.gyr_bias, hz)
+    scale, acc_bias = _errors(at_rest, name, notes)
+    acc = acc * scale
+    found = events.stances(gyr - at_rest.gyr_bias, acc, hz)
     if not len(found.start):
         lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
         raise RecordingError(
@@ -246,6 +250,7 @@ def _foot(
         valid=np.arange(len(time)) >= first,
         attitude=_level(up),
         gyr_bias=at_rest.gyr_bias,
+        acc_bias=acc_bias * up / np.linalg.norm(up),
         up=up / np.linalg.norm(up),
         still_time=np.asarray(max(at_rest.time, 0.05)),
         **_footholds(gyr - at_rest.gyr_bias, acc, found, hz, len(time)),
@@ -254,20 +259,25 @@ def _foot(
     return signals, notes, longest
 
 
-def _scale(at_rest: Rest, name: str, notes: list[str]) -> float:
-    """What the accelerometer is multiplied by so that it reads gravity at rest."""
+def _errors(at_rest: Rest, name: str, notes: list[str]) -> tuple[float, float]:
+    """What the accelerometer is multiplied by, and its bias along the vertical [m/s²].
+
+    One attitude cannot tell a scale from a bias; the difference is shared out by what is usual.
+    """
     if not at_rest.windows:
         notes.append(f"{name} never rests for half a second: its gyroscope's bias is not known, headings drift more")
-        return 1.0
-    share = at_rest.force / GRAVITY
-    if abs(share - 1.0) > OFF_SCALE:
+        return 1.0, 0.0
+    off = at_rest.force / GRAVITY - 1.0
+    if abs(off) > OFF_SCALE:
         raise RecordingError(
             f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
             "sensor that was moved while the rate was low"
         )
-    if abs(share - 1.0) > 0.01:
-        notes.append(f"the accelerometer of {name} reads {100.0 * (share - 1.0):+.1f} % of gravity at rest; corrected")
-    return 1.0 / share
+    if abs(off) > 0.01:
+        notes.append(f"the accelerometer of {name} reads {100.0 * off:+.1f} % of gravity at rest; corrected")
+    share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
+    scale = 1.0 / (1.0 + share * off)
+    return scale, scale * at_rest.force - GRAVITY
 
 
 def _standing(

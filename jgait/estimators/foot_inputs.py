@@ -25,6 +25,7 @@ class FootSignals(NamedTuple):
         valid: (T,) bool; False before the first stance and in padding.
         attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
         gyr_bias: (3,) at rest [rad/s].
+        acc_bias: (3,) of the accelerometer, as far as gravity at rest tells it [m/s²].
         up: (3,) the vertical at the first stance, in the sensor's axes [1].
         still_time: how long the foot stood still for the bias [s].
         foothold: (K,) samples of the footholds, in order; the last repeated.
@@ -48,6 +49,7 @@ class FootSignals(NamedTuple):
     valid: Any
     attitude: Any
     gyr_bias: Any
+    acc_bias: Any
     up: Any
     still_time: Any
     foothold: Any
@@ -102,7 +104,7 @@ def pad(inputs: FootInputs, samples: int) -> FootInputs:
         values = np.asarray(values)
         if name in _PER_FOOTHOLD:
             return np.pad(values, (0, rows), mode="edge")
-        if values.ndim == 0 or values.shape[0] != have or name in ("attitude", "gyr_bias", "up"):
+        if values.ndim == 0 or values.shape[0] != have or name in ("attitude", "gyr_bias", "acc_bias", "up"):
             return values
         edge = name in ("gyr", "acc")
         return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge" if edge else "constant")

@@ -110,11 +110,12 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
         velocity=Vector(100.0 * still, 100.0 * still, 100.0 * still),
         attitude=Vector(tilt, tilt, 1e-2 * still),
         gyr_bias=Vector(zero, zero, zero),
-        acc_bias=Vector(*(zero + p.acc_bias**2,) * 3),
+        acc_bias=Vector(*(zero + p.acc_bias**2 + jnp.sum(foot.acc_bias**2),) * 3),
     )
     attitude = Quaternion(*(foot.attitude[i] for i in range(4)))
     belief = foot_model.standing_belief(attitude, vector(foot.gyr_bias), variances)
-    return belief._replace(cov=belief.cov.with_entries(bias))
+    # an accelerometer that is off by so much along the vertical is likely off as much across it
+    return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
 
 
 class _Filtered(NamedTuple):
