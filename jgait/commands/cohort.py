@@ -190,7 +190,7 @@ def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
     Raises:
         ValueError: if it is no table with a column `file`, or a unit is unknown.
     """
-    from jgait.io.read import ACC_UNITS, GYR_UNITS, unit_scale
+    from jgait.io.arrays import ACC_UNITS, GYR_UNITS, unit_scale
 
     unit_scale(gyr_unit, GYR_UNITS, "--gyr-unit")
     unit_scale(acc_unit, ACC_UNITS, "--acc-unit")

@@ -4,9 +4,11 @@ This is the only place where units are converted, NaN is turned into a mask, and
 structure, its clock or its units make useless raises `RecordingError`; what is merely doubtful becomes a note.
 """
 
+from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes, validate
 from jgait.io.params import read_params, units, write_params
-from jgait.io.read import read_csv, recording_from_arrays, recording_from_dataframe
+from jgait.io.read import read_csv, recording_from_dataframe
+from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv
 
 __all__ = [
@@ -16,7 +18,9 @@ __all__ = [
     "recording_from_arrays",
     "recording_from_dataframe",
     "recording_to_dataframe",
+    "strides_to_dataframe",
     "to_dataframe",
+    "to_gaitmap",
     "units",
     "validate",
     "write_csv",

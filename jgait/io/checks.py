@@ -15,6 +15,8 @@ GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer,
 CLIP_RUN = 3  # samples in a row at the extreme value; noise does not repeat itself so exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values without being clipped
 LONG_GAP_S = 0.1
+RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is heard
 
 
 def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
@@ -71,6 +73,38 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
     raise RecordingError(
         f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² in the median (given as {acc_unit}), "
         f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}"
+    )
+
+
+def check_range(distance: np.ndarray, unit: str, name: str) -> None:
+    """Refuse distances that feet cannot have.
+
+    Args:
+        distance: (n,) [m] of the moments at which something was heard.
+        unit: what they were said to be in.
+        name: what messages call the recording.
+
+    Raises:
+        RecordingError: if one is not positive, or their median is not that of feet that pass each other.
+    """
+    if not distance.size:
+        return
+    if distance.min() <= 0.0:
+        raise RecordingError(
+            f"{name}: feet_range must be positive; {int(np.sum(distance <= 0.0))} readings are not. "
+            "Leave the cell empty where nothing was heard"
+        )
+    low, high = FEET_APART
+    middle = float(np.median(distance))
+    if low <= middle <= high:
+        return
+    raw = middle / RANGE_UNITS[unit]
+    meant = min(RANGE_UNITS, key=lambda one: abs(np.log(raw * RANGE_UNITS[one] / np.sqrt(low * high))))
+    fits = low <= raw * RANGE_UNITS[meant] <= high
+    hint = f"it seems to be in {meant}; pass range_unit='{meant}'" if fits else "check the unit"
+    raise RecordingError(
+        f"{name}: feet_range is {middle:.4g} m in the median (given as {unit}), but feet that pass each other are "
+        f"{low:g} to {high:g} m apart: {hint}"
     )
 
 

@@ -1,4 +1,4 @@
-"""A user's CSV, table or arrays to a `Recording` in SI units."""
+"""A user's CSV file or table to a `Recording` in SI units."""
 
 import difflib
 import itertools
@@ -6,123 +6,17 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.checks import GRAVITY, check_alive, check_units, quality_notes
-from jgait.io.clock import Clock, make_clock
-from jgait.types import PLACEMENTS, Imu, Recording, RecordingError, as_float
+from jgait.io.arrays import recording_from_arrays
+from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
-ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY}
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
-
-
-def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
-    """Factor to SI.
-
-    Raises:
-        ValueError: if the unit is not among those known; the message lists them.
-    """
-    if unit not in units:
-        raise ValueError(f"{argument} must be one of {', '.join(map(repr, units))}; got {unit!r}")
-    return units[unit]
-
-
-def recording_from_arrays(
-    sensors: Mapping[str, Mapping[str, Any]],
-    *,
-    time: Any = None,
-    sampling_rate_hz: float | None = None,
-    time_unit: str | None = None,
-    gyr_unit: str = "deg/s",
-    acc_unit: str = "m/s^2",
-    name: str = "recording",
-    subject: str = "subject",
-    check_sizes: bool = True,
-) -> Recording:
-    """A recording from arrays, all sensors on one clock.
-
-    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is
-    interpolated. Gaps in time are filled with masked samples.
-
-    Args:
-        sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
-        time: (T,) time stamps, or None.
-        sampling_rate_hz: rate [Hz], or None to take it from `time`.
-        time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
-        gyr_unit: 'deg/s' or 'rad/s'.
-        acc_unit: 'm/s^2' or 'g'.
-        name: what tables and figures call the recording.
-        subject: who walked.
-        check_sizes: refuse units that the size of the signals contradicts.
-
-    Returns:
-        The recording in SI units; its notes say what was deduced, filled or is doubtful.
-
-    Raises:
-        ValueError: for an unknown unit.
-        RecordingError: if the arrays, the clock or the units make no usable recording; the message says what was
-            expected and what came.
-    """
-    scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
-    if not sensors:
-        raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
-    samples = None
-    for placement, signals in sensors.items():
-        samples = _check_arrays(placement, signals, samples, name)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
-    imus = {placement: _imu(signals, scales, clock) for placement, signals in sensors.items()}
-    for placement, imu in imus.items():
-        check_alive(imu, placement, name)
-    if check_sizes:
-        check_units(imus, gyr_unit, acc_unit, name)
-    recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
-    return recording._replace(notes=clock.notes + quality_notes(recording))
-
-
-def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | None, name: str) -> int:
-    """Number of samples of one sensor, after its names and shapes were found right."""
-    if placement not in PLACEMENTS:
-        near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(PLACEMENTS)}"
-        raise RecordingError(f"{name}: there is no placement {placement!r}{hint}")
-    if signals.get("gyr") is None:
-        raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
-    for kind in ("gyr", "acc"):
-        if signals.get(kind) is None:
-            continue
-        shape = np.shape(signals[kind])
-        if len(shape) != 2 or shape[1] != 3:
-            raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
-        if samples is not None and shape[0] != samples:
-            raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
-        samples = shape[0]
-    return int(samples or 0)
-
-
-def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: Clock) -> Imu:
-    """One sensor in SI on the clock, what is missing masked."""
-    rate = as_float(signals["gyr"]) * scales["gyr"]
-    force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]
-    finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
-    mask = (clock.rows >= 0) & finite[clock.rows]
-    gyr = np.where(mask[:, None], rate[clock.rows], 0.0)
-    acc = None if force is None else _interpolated(clock.time, force[clock.rows], mask)
-    return Imu(clock.time, gyr, acc, mask)
-
-
-def _interpolated(time: np.ndarray, values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Masked samples from their neighbours in time, the ends held; zeros where there is none at all."""
-    if mask.all():
-        return values
-    if not mask.any():
-        return np.zeros_like(values)
-    return np.stack([np.interp(time, time[mask], column[mask]) for column in values.T], axis=1)
 
 
 def recording_from_dataframe(
@@ -135,14 +29,16 @@ def recording_from_dataframe(
     time_unit: str | None = None,
     gyr_unit: str = "deg/s",
     acc_unit: str = "m/s^2",
+    range_unit: str = "m",
     name: str = "recording",
     subject: str = "subject",
     check_sizes: bool = True,
 ) -> Recording:
-    """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z` and perhaps `time`.
+    """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z`, perhaps `time` and `feet_range`.
 
     Names are compared without regard to case and surrounding blanks. Accelerometer columns are optional for each
-    placement, all three or none. Other columns are left out and noted.
+    placement, all three or none. `feet_range` is the distance from the inner side of the left ankle to the right leg,
+    empty where nothing was heard. Other columns are left out and noted.
 
     Args:
         table: one row a sample.
@@ -153,6 +49,7 @@ def recording_from_dataframe(
         time_unit: as `recording_from_arrays`.
         gyr_unit: as `recording_from_arrays`.
         acc_unit: as `recording_from_arrays`.
+        range_unit: as `recording_from_arrays`.
         name: what tables and figures call the recording.
         subject: who walked.
         check_sizes: as `recording_from_arrays`.
@@ -178,13 +75,19 @@ def recording_from_dataframe(
             used.update(indices)
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
     time = _numbers(table.iloc[:, position["time"]], "time", name) if "time" in position else None
+    apart = None
+    if "feet_range" in position:
+        used.add(position["feet_range"])
+        apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     recording = recording_from_arrays(
         sensors,
         time=time,
+        feet_range=apart,
         sampling_rate_hz=sampling_rate_hz,
         time_unit=time_unit,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
+        range_unit=range_unit,
         name=name,
         subject=subject,
         check_sizes=check_sizes,
@@ -270,6 +173,7 @@ def read_csv(
     time_unit: str | None = None,
     gyr_unit: str = "deg/s",
     acc_unit: str = "m/s^2",
+    range_unit: str = "m",
     name: str | None = None,
     subject: str = "subject",
     check_sizes: bool = True,
@@ -285,6 +189,7 @@ def read_csv(
         time_unit: 's' or 'ms'; None: deduced, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
         acc_unit: 'm/s^2' or 'g'.
+        range_unit: 'm', 'cm' or 'mm'.
         name: what tables and figures call it; None: the file's name without its ending.
         subject: who walked.
         check_sizes: as `recording_from_arrays`.
@@ -308,6 +213,7 @@ def read_csv(
         time_unit=time_unit,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
+        range_unit=range_unit,
         name=file.stem if name is None else name,
         subject=subject,
         check_sizes=check_sizes,

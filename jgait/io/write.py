@@ -2,25 +2,30 @@
 
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.types import SIDES, Estimate, Recording
+from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _LEG_COLUMNS = (("hip_angle", "deg"), ("knee_angle", "deg"), ("x", "m"), ("y", "m"))
+_FOOT_COLUMNS = (("position", "xyz", "_m"), ("velocity", "xyz", "_mps"), ("orientation", "wxyz", ""))
 
 
 def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     """An estimate as a table, one row a sample.
 
-    Columns: `time_s`; for each measured side `hip_angle_<side>_deg`, `knee_angle_<side>_deg`, `x_<side>_m`,
-    `y_<side>_m`, and the same with `_std` before the unit where standard deviations are stated; `distance_m`;
-    `valid`. What is not measured has no column; where `valid` is False the numbers are NaN.
+    Columns: `time_s`; for each measured leg `hip_angle_<side>_deg`, `knee_angle_<side>_deg`, `x_<side>_m`,
+    `y_<side>_m`; for each measured foot `position_x_<side>_m` … `position_z`, `velocity_x_<side>_mps` …, and the unit
+    quaternion `orientation_w_<side>` … `orientation_z` that takes the sensor's vectors to the world; where standard
+    deviations are stated, the same with `_std` before the unit, of an orientation `orientation_x_<side>_std_deg` … of
+    the rotation about the world's axes; `distance_m`; `valid`. What is not measured has no column; where `valid` is
+    False the numbers are NaN. Strides are a table of their own, see `strides_to_dataframe`.
 
     Args:
         estimate: of one recording, arrays of (T,).
@@ -42,6 +47,7 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
             for field, unit in _LEG_COLUMNS:
                 values = np.asarray(getattr(leg, field))
                 columns[f"{field}_{side}{suffix}_{unit}"] = np.rad2deg(values) if unit == "deg" else values
+        columns |= _foot_columns(estimate, side)
     if estimate.distance is not None:
         columns["distance_m"] = np.asarray(estimate.distance)
     valid = np.asarray(estimate.valid, bool)
@@ -52,10 +58,27 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     return table
 
 
+def _foot_columns(estimate: Estimate, side: str) -> dict[str, np.ndarray]:
+    """Columns of one foot, and of its standard deviations; none if it was not measured."""
+    columns: dict[str, np.ndarray] = {}
+    for feet, suffix in ((estimate.feet, ""), (estimate.feet_stddev, "_std")):
+        foot = None if feet is None else getattr(feet, side)
+        for field, axes, unit in _FOOT_COLUMNS:
+            values = None if foot is None else getattr(foot, field)
+            if values is None:
+                continue
+            values = np.asarray(values)
+            if suffix and field == "orientation":
+                axes, unit, values = "xyz", "_deg", np.rad2deg(values)
+            columns |= {f"{field}_{axis}_{side}{suffix}{unit}": values[:, i] for i, axis in enumerate(axes)}
+    return columns
+
+
 def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc_unit: str = "m/s^2") -> "pd.DataFrame":
     """A recording as a table that `recording_from_dataframe` reads back.
 
-    Columns: `time` [s], `<placement>_gyr_x` … `<placement>_acc_z`; missing samples are NaN.
+    Columns: `time` [s], `<placement>_gyr_x` … `<placement>_acc_z`, and `feet_range` [m] if there is one; missing
+    samples are NaN.
 
     Args:
         recording: its sensors on one clock.
@@ -66,11 +89,11 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
         The table.
 
     Raises:
-        ValueError: for an unknown unit, or sensors of different lengths.
+        ValueError: for an unknown unit, sensors of different lengths, or ranges that are not at their samples.
     """
     import pandas as pd
 
-    from jgait.io.read import ACC_UNITS, GYR_UNITS, unit_scale
+    from jgait.io.arrays import ACC_UNITS, GYR_UNITS, unit_scale
 
     scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
     lengths = {placement: len(imu.time) for placement, imu in recording.sensors.items()}
@@ -84,17 +107,36 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
                 continue
             values = np.where(np.asarray(imu.mask)[:, None], np.asarray(signal) / scale, np.nan)
             columns.update({f"{placement}_{kind}_{axis}": values[:, i] for i, axis in enumerate("xyz")})
+    if recording.feet_range is not None:
+        columns["feet_range"] = _ranges(recording.feet_range, columns["time"], recording.name)
     return pd.DataFrame(columns)
 
 
-def write_csv(what: Estimate | Recording, path: str | os.PathLike[str]) -> Path:
-    """Write an estimate, or a recording that `read_csv` reads again, as a CSV file, whole or not at all.
+def _ranges(read: RangeReadings, time: np.ndarray, name: str) -> np.ndarray:
+    """Ranges at the samples of the sensors [m], NaN where nothing was heard."""
+    heard = np.asarray(read.mask, bool)
+    at = np.asarray(read.time)[heard]
+    sample = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+    sample = np.where(at - time[sample - 1] < time[sample] - at, sample - 1, sample)
+    step = float(np.median(np.diff(time)))
+    if np.unique(sample).size < sample.size or np.any(np.abs(time[sample] - at) > 0.5 * step + 1e-9):
+        raise ValueError(f"a table has room for one range a sample; those of {name} come oftener, or at other times")
+    column = np.full(time.size, np.nan)
+    column[sample] = np.asarray(read.distance)[heard]
+    return column
+
+
+def write_csv(
+    what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
+) -> Path:
+    """Write an estimate, a recording that `read_csv` reads again, or a table as a CSV file, whole or not at all.
 
     The table of `to_dataframe`, or of `recording_to_dataframe`, is written beside the target and then takes its place,
     so that a reader never sees half a file and a failure leaves the old one.
 
     Args:
-        what: an estimate of one recording, or a recording.
+        what: an estimate of one recording; a recording; a table, as `strides_to_dataframe` makes it; or tables by
+            sensor, as `to_gaitmap` makes them, which are put into one with a first column `sensor`.
         path: the file; its folder must exist.
 
     Returns:
@@ -106,7 +148,7 @@ def write_csv(what: Estimate | Recording, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist; write_csv makes no folders")
-    table = recording_to_dataframe(what) if isinstance(what, Recording) else to_dataframe(what)
+    table = _table(what)
     handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
@@ -117,3 +159,17 @@ def write_csv(what: Estimate | Recording, path: str | os.PathLike[str]) -> Path:
         Path(temporary).unlink(missing_ok=True)
         raise
     return target
+
+
+def _table(what: Any) -> "pd.DataFrame":
+    import pandas as pd
+
+    if isinstance(what, Recording):
+        return recording_to_dataframe(what)
+    if isinstance(what, Estimate):
+        return to_dataframe(what)
+    if isinstance(what, Mapping):
+        parts = [table.reset_index().assign(sensor=sensor) for sensor, table in what.items()]
+        whole = pd.concat(parts, ignore_index=True)
+        return whole[["sensor", *(name for name in whole.columns if name != "sensor")]]
+    return what if what.index.name is None else what.reset_index()

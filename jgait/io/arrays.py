@@ -1,0 +1,140 @@
+"""Arrays to a `Recording` in SI units, on one clock, what is missing masked."""
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jgait.io.checks import GRAVITY, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
+from jgait.io.clock import Clock, make_clock
+from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
+
+GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY}
+
+
+def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
+    """Factor to SI.
+
+    Raises:
+        ValueError: if the unit is not among those known; the message lists them.
+    """
+    if unit not in units:
+        raise ValueError(f"{argument} must be one of {', '.join(map(repr, units))}; got {unit!r}")
+    return units[unit]
+
+
+def recording_from_arrays(
+    sensors: Mapping[str, Mapping[str, Any]],
+    *,
+    time: Any = None,
+    feet_range: Any = None,
+    sampling_rate_hz: float | None = None,
+    time_unit: str | None = None,
+    gyr_unit: str = "deg/s",
+    acc_unit: str = "m/s^2",
+    range_unit: str = "m",
+    name: str = "recording",
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from arrays, all sensors on one clock.
+
+    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is
+    interpolated. Gaps in time are filled with masked samples.
+
+    Args:
+        sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
+        time: (T,) time stamps, or None.
+        feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where nothing was heard;
+            None for no such sensor.
+        sampling_rate_hz: rate [Hz], or None to take it from `time`.
+        time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
+        gyr_unit: 'deg/s' or 'rad/s'.
+        acc_unit: 'm/s^2' or 'g'.
+        range_unit: 'm', 'cm' or 'mm'.
+        name: what tables and figures call the recording.
+        subject: who walked.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units; its notes say what was deduced, filled or is doubtful.
+
+    Raises:
+        ValueError: for an unknown unit.
+        RecordingError: if the arrays, the clock or the units make no usable recording; the message says what was
+            expected and what came.
+    """
+    scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
+    metres = unit_scale(range_unit, RANGE_UNITS, "range_unit")
+    if not sensors:
+        raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
+    samples = None
+    for placement, signals in sensors.items():
+        samples = _check_arrays(placement, signals, samples, name)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
+    imus = {placement: _imu(signals, scales, clock) for placement, signals in sensors.items()}
+    for placement, imu in imus.items():
+        check_alive(imu, placement, name)
+    if check_sizes:
+        check_units(imus, gyr_unit, acc_unit, name)
+    recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
+    notes = clock.notes + quality_notes(recording)
+    if feet_range is None:
+        return recording._replace(notes=notes)
+    read = _range(feet_range, metres, clock, int(samples or 0), name)
+    if check_sizes:
+        check_range(read.distance[read.mask], range_unit, name)
+    if not read.mask.any():
+        notes = (*notes, "feet_range holds no reading")
+    return recording._replace(notes=notes, feet_range=read)
+
+
+def _range(values: Any, scale: float, clock: Clock, samples: int, name: str) -> RangeReadings:
+    """A range on the clock of the sensors, masked where nothing was heard."""
+    distance = as_float(values)
+    if distance.shape != (samples,):
+        raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")
+    heard = (clock.rows >= 0) & np.isfinite(distance)[clock.rows]
+    return RangeReadings(clock.time, np.where(heard, scale * distance[clock.rows], 0.0), heard)
+
+
+def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | None, name: str) -> int:
+    """Number of samples of one sensor, after its names and shapes were found right."""
+    if placement not in PLACEMENTS:
+        near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(PLACEMENTS)}"
+        raise RecordingError(f"{name}: there is no placement {placement!r}{hint}")
+    if signals.get("gyr") is None:
+        raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
+    for kind in ("gyr", "acc"):
+        if signals.get(kind) is None:
+            continue
+        shape = np.shape(signals[kind])
+        if len(shape) != 2 or shape[1] != 3:
+            raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
+        if samples is not None and shape[0] != samples:
+            raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
+        samples = shape[0]
+    return int(samples or 0)
+
+
+def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: Clock) -> Imu:
+    """One sensor in SI on the clock, what is missing masked."""
+    rate = as_float(signals["gyr"]) * scales["gyr"]
+    force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]
+    finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
+    mask = (clock.rows >= 0) & finite[clock.rows]
+    gyr = np.where(mask[:, None], rate[clock.rows], 0.0)
+    acc = None if force is None else _interpolated(clock.time, force[clock.rows], mask)
+    return Imu(clock.time, gyr, acc, mask)
+
+
+def _interpolated(time: np.ndarray, values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Masked samples from their neighbours in time, the ends held; zeros where there is none at all."""
+    if mask.all():
+        return values
+    if not mask.any():
+        return np.zeros_like(values)
+    return np.stack([np.interp(time, time[mask], column[mask]) for column in values.T], axis=1)

@@ -1,0 +1,150 @@
+"""Strides as tables: jgait's own, in metres and degrees, and gaitmap's stride lists, in samples."""
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.types import SIDES, Estimate, Strides, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DEGREES = 180.0 / np.pi
+TIMES = ("start", "final_contact", "end", "standing", "standing_end")
+MEASURES = (
+    ("length", "stride_length", "m", 1.0),
+    ("width", "stride_width", "m", 1.0),
+    ("step_length", "step_length", "m", 1.0),
+    ("duration", "stride_duration", "s", 1.0),
+    ("speed", "walking_speed", "mps", 1.0),
+    ("height", "stride_height", "m", 1.0),
+    ("lift", "lift", "m", 1.0),
+    ("turn", "turn", "deg", DEGREES),
+    ("contact_angle", "contact_angle", "deg", DEGREES),
+    ("push_off_angle", "push_off_angle", "deg", DEGREES),
+)
+"""Field of `Strides` (the duration is end − start), name and unit of its column, and what its SI unit is multiplied
+by."""
+
+GAITMAP_SENSORS = ("right_sensor", "left_sensor")
+GAITMAP_COLUMNS = ("start", "end", "min_vel", "pre_ic", "tc", "ic")
+GAITMAP_ORDER = ("pre_ic", "min_vel", "tc", "ic")
+
+
+def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
+    """The strides of an estimate, one row each, in the order in which they start.
+
+    Columns: `s_id` from 0; `side`; times [s] `start_s final_contact_s end_s standing_s standing_end_s`;
+    `stride_length_m stride_width_m step_length_m stride_duration_s walking_speed_mps stride_height_m lift_m turn_deg
+    contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
+    `_std` before the unit (`stride_length_std_m`), where one is stated; `width_valid` where the estimator says of each
+    width whether to trust it. What the source does not give has no column, and what it does not give of a stride is
+    empty.
+
+    Args:
+        estimate: of one recording, with `strides`.
+
+    Returns:
+        The table, in metres and degrees; no rows where nobody walked.
+
+    Raises:
+        ValueError: if the estimate says nothing of strides.
+    """
+    import pandas as pd
+
+    rows = _rows(estimate)
+    strides, stated = estimate.strides, estimate.strides_stddev
+    columns: dict[str, Any] = {
+        "s_id": np.arange(rows.size),
+        "side": np.array(SIDES, dtype=object)[np.asarray(strides.side)[rows].astype(int)],
+    }
+    for name in TIMES:
+        if getattr(strides, name) is not None:
+            columns[f"{name}_s"] = as_float(getattr(strides, name))[rows]
+    for field, name, unit, scale in MEASURES:
+        values = _measure(strides, field)
+        if values is None:
+            continue
+        columns[f"{name}_{unit}"] = scale * values[rows]
+        spread = None if stated is None or field == "duration" else getattr(stated, field)
+        if spread is not None:
+            deviation = scale * as_float(spread)[rows]
+            columns[f"{name}_std_{unit}"] = np.where(deviation > 0.0, deviation, np.nan)
+    trusted = estimate.diagnostics.get("width_valid")
+    if trusted is not None and np.shape(trusted) == np.shape(strides.side):
+        columns["width_valid"] = np.asarray(trusted, bool)[rows]
+    return pd.DataFrame(columns)
+
+
+def _measure(strides: Strides, field: str) -> np.ndarray | None:
+    if field == "duration":
+        if strides.start is None or strides.end is None:
+            return None
+        return as_float(strides.end) - as_float(strides.start)
+    values = getattr(strides, field)
+    return None if values is None else as_float(values)
+
+
+def _rows(estimate: Estimate) -> np.ndarray:
+    """The valid strides of an estimate, in the order in which they start."""
+    strides = estimate.strides
+    if strides is None:
+        raise ValueError("the estimate says nothing of strides: it has none, and not an empty table of them")
+    if np.ndim(strides.side) != 1:
+        raise ValueError(f"strides must be of one recording, fields (n,); got shape {np.shape(strides.side)}")
+    valid = np.flatnonzero(np.asarray(strides.valid, bool))
+    first = strides.standing if strides.start is None else strides.start
+    return valid[np.argsort(as_float(first)[valid], kind="stable")]
+
+
+def to_gaitmap(
+    estimate: Estimate,
+    sampling_rate_hz: float,
+    *,
+    first_sample: float = 0.0,
+    sensors: tuple[str, str] = GAITMAP_SENSORS,
+) -> "dict[str, pd.DataFrame]":
+    """The strides of each foot as gaitmap's stride list of type `min_vel`: from standing to standing, in samples.
+
+    Columns, all whole numbers: `start` and `min_vel`, when the foot stands; `end`, when it stands again, the first
+    sample that is no more in the stride; `pre_ic`, the initial contact before; `tc`, the final contact; `ic`, the
+    initial contact that ends the stride. The index is `s_id`, that of `strides_to_dataframe`. As with gaitmap, a
+    stride whose events are not in this order is left out: the first from standing, which has no contact before it.
+
+    Args:
+        estimate: of one recording, with `strides` that know contacts and standing.
+        sampling_rate_hz: of gaitmap's data [Hz].
+        first_sample: time of its first sample [s], on the clock of the estimate.
+        sensors: what gaitmap's data calls the right and the left foot's sensor.
+
+    Returns:
+        Sensor → stride list; a foot that was not measured has an empty one.
+
+    Raises:
+        ValueError: if the estimate says nothing of strides, of contacts or of standing, or the rate is not positive.
+    """
+    import pandas as pd
+
+    if not sampling_rate_hz > 0.0:
+        raise ValueError(f"sampling_rate_hz must be positive; got {sampling_rate_hz}")
+    rows = _rows(estimate)
+    strides = estimate.strides
+    lacking = [name for name in TIMES if getattr(strides, name) is None]
+    if lacking:
+        raise ValueError(f"gaitmap's strides need contacts and standing; these have no {', '.join(lacking)}")
+    start, final_contact, end, standing, standing_end = (
+        np.round((as_float(getattr(strides, name))[rows] - first_sample) * sampling_rate_hz) for name in TIMES
+    )
+    events = {
+        "start": standing, "end": standing_end, "min_vel": standing, "pre_ic": start, "tc": final_contact, "ic": end,
+    }  # fmt: skip
+    ordered = np.logical_and.reduce([events[a] < events[b] for a, b in itertools.pairwise(GAITMAP_ORDER)])
+    side = np.asarray(strides.side)[rows]
+    found = {}
+    for number, sensor in enumerate(sensors):
+        own = np.flatnonzero(ordered & (side == number))
+        table = pd.DataFrame({name: events[name][own].astype(np.int64) for name in GAITMAP_COLUMNS})
+        table.index = pd.Index(own, name="s_id", dtype=np.int64)
+        found[sensor] = table
+    return found
