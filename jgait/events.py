@@ -41,9 +41,11 @@ LONGEST = 2.0
 """[s] Two strides of fast walking; see `WORSE`."""
 
 
-FIRST_JOLT = 0.4
-"""Share of the largest jolt before a stance at which the foot meets the ground [1]; the largest may be the ball's."""
+LANDED = 0.1
+"""Share of their height by which the toes have come down when the heel meets the ground [1]."""
 
+REACH = 0.25
+"""[s] Contacts are looked for from so long before a foot is last seen to stand, to as long after it is seen again."""
 
 EROSION = (0.06, 0.02)
 """[s] A foot that has just been set down still comes down: taken for still, every foothold is 5 mm too high."""
@@ -198,23 +200,23 @@ def inside(found: Stances, samples: int) -> np.ndarray:
     return np.cumsum(change[:-1]) > 0
 
 
-def contacts(gyr: Any, acc: Any, found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def contacts(gyr: Any, found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Final and initial contact of every stride, between one stance and the next.
 
-    The toes leave where the foot is pitched down most, after the heel has risen; the foot meets the ground at the
-    first jolt about the most upward pitch of late swing. Pitch is the integral of the rate about the axis that the
-    foot mostly turns about, so any mounting will do.
+    The toes leave where the foot is pitched down most, after the heel has risen. The heel has met the ground when the
+    toes have come down by `LANDED` from the highest that they were raised in late swing: soft landings have no jolt
+    that swing would not have too. Pitch is the integral of the rate about the axis that the foot mostly turns about, so
+    any mounting will do.
 
     Args:
         gyr: (T, 3) angular rate without bias [rad/s].
-        acc: (T, 3) specific force [m/s²].
         found: from `stances`, n of them.
         sampling_rate_hz: rate of the samples [Hz].
 
     Returns:
         Samples of the final contact and of the initial contact, each (n − 1,).
     """
-    gyr, acc = np.asarray(gyr, np.float64), np.asarray(acc, np.float64)
+    gyr = np.asarray(gyr, np.float64)
     count = max(len(found.stillest) - 1, 0)
     final, initial = np.zeros(count, int), np.zeros(count, int)
     if not count:
@@ -222,22 +224,14 @@ def contacts(gyr: Any, acc: Any, found: Stances, sampling_rate_hz: float) -> tup
     swinging = ~inside(found, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     about = gyr @ axis
-    smooth = max(1, round(0.02 * sampling_rate_hz))
-    jolt = np.convolve(np.linalg.norm(np.diff(acc, axis=0, prepend=acc[:1]), axis=1), np.ones(smooth) / smooth, "same")
+    reach = int(REACH * sampling_rate_hz)
     for k in range(count):
-        # from the last quarter second of one stance to the first of the next
-        reach = int(0.25 * sampling_rate_hz)
         a = max(found.stillest[k], found.end[k] - reach)
         b = min(found.stillest[k + 1], found.start[k + 1] + reach)
         pitch = np.cumsum(about[a:b]) / sampling_rate_hz
         pitch -= np.linspace(0.0, pitch[-1], b - a)
-        first, second = sorted((int(np.argmax(pitch)), int(np.argmin(pitch))))
-        final[k] = a + first
-        after = max(a + second - int(0.05 * sampling_rate_hz), a + first + 1)
-        landing = min(b, found.start[k + 1] + 1)
-        if landing > after + 1:
-            window = jolt[after:landing]
-            initial[k] = after + int(np.argmax(window >= FIRST_JOLT * window.max()))
-        else:
-            initial[k] = min(after, b - 1)
+        down, up = sorted((int(np.argmax(pitch)), int(np.argmin(pitch))))
+        lower = np.flatnonzero(pitch[up:] / pitch[up] < 1.0 - LANDED) if pitch[up] else np.zeros(0, int)
+        final[k] = a + down
+        initial[k] = min(a + up + (lower[0] if lower.size else 0), b - 1)
     return final, initial

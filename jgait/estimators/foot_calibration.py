@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait import events
+from jgait import events, zero_velocity
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, capacity
 from jgait.kinematics import GRAVITY
 from jgait.signal import true_runs
@@ -253,7 +253,7 @@ def _foot(
         acc_bias=acc_bias * up / np.linalg.norm(up),
         up=up / np.linalg.norm(up),
         still_time=np.asarray(max(at_rest.time, 0.05)),
-        **_footholds(gyr - at_rest.gyr_bias, acc, found, hz, len(time)),
+        **_footholds(gyr - at_rest.gyr_bias, found, hz, len(time)),
     )
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
     return signals, notes, longest
@@ -286,8 +286,6 @@ def _standing(
     """(T,) bool: where the foot's velocity is taken to be zero."""
     if detector == "adaptive":
         return events.inside(found, len(gyr))
-    from jgait import zero_velocity
-
     flags = zero_velocity.zero_velocity(gyr, acc, hz, detector=detector, mask=mask)
     return np.asarray(flags)
 
@@ -301,12 +299,10 @@ def _level(up: np.ndarray) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def _footholds(
-    gyr: np.ndarray, acc: np.ndarray, found: events.Stances, hz: float, samples: int
-) -> dict[str, np.ndarray]:
+def _footholds(gyr: np.ndarray, found: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
     """Samples of footholds and contacts, filled up to `capacity` with the last."""
     rows, reach = capacity(samples), int(REACH * hz)
-    final, initial = events.contacts(gyr, acc, found, hz)
+    final, initial = events.contacts(gyr, found, hz)
     last = found.end - 1
 
     def filled(values: np.ndarray) -> np.ndarray:
