@@ -46,14 +46,33 @@ class Foot(NamedTuple):
     position: np.ndarray
 
 
-def feet(name: str) -> list[Foot]:
-    """Every foot of a data set that has a reference."""
-    only = {"gaitmap_example": ["imu_sample"]}.get(name)
-    walks = datasets.load(name, only)
+def feet(name: str, most: int | None = None) -> list[Foot]:
+    """Every foot of a data set that has a reference, of its first `most` recordings; says which could not be read."""
+    reader = {"gaitmap_example": _gaitmap, "neura_sparse": _neura, "footprints": _footprints, "pyshoe_vicon": _vicon}
+    # the other recordings of gaitmap_example are the same walk again, or have no motion capture
+    names = [one for one in datasets.names(name) if name != "gaitmap_example" or one == "imu_sample"]
+    walks = datasets.load(name, names[:most])
     for failure in walks.failures:
         print(f"{name}: {failure.name} left out: {failure.reason}")
-    reader = {"gaitmap_example": _gaitmap, "neura_sparse": _neura, "footprints": _footprints, "pyshoe_vicon": _vicon}
-    return [foot for walk in walks for foot in reader[name](walk)]
+    found = []
+    for walk in walks:
+        try:
+            found += reader[name](walk)
+        except Exception as error:  # whatever is wrong with one recording, the others are still wanted
+            print(f"{name}: {walk.recording.name} left out: {type(error).__name__}: {error}")
+    return [foot for foot in found if len(foot.strides)]
+
+
+def cut(foot: Foot, samples: int) -> Foot:
+    """The first samples of a recording, and the strides in them."""
+    ((placement, imu),) = foot.recording.sensors.items()
+    short = imu._replace(**{name: values[:samples] for name, values in imu._asdict().items() if values is not None})
+    end = short.time[-1]
+    kept, there = foot.strides[:, 1] < end, foot.time < end
+    return foot._replace(
+        recording=foot.recording._replace(sensors={placement: short}), strides=foot.strides[kept],
+        length=foot.length[kept], time=foot.time[there], position=foot.position[there],
+    )  # fmt: skip
 
 
 def _alone(recording: Recording, side: str) -> Recording:
@@ -132,6 +151,7 @@ class Matched(NamedTuple):
         stddev: (n,) that the estimate states [m].
         lost: strides of the reference that were not found.
         rmse: of the position after turning and shifting [m].
+        rows: (n,) which of the reference's strides they are.
     """
 
     error: np.ndarray
@@ -139,6 +159,7 @@ class Matched(NamedTuple):
     stddev: np.ndarray
     lost: int
     rmse: float
+    rows: np.ndarray
 
 
 def matched(foot: Foot, estimate: Estimate) -> Matched:
@@ -153,7 +174,7 @@ def matched(foot: Foot, estimate: Estimate) -> Matched:
     trajectory = getattr(estimate.feet, foot.side).position
     return Matched(
         error, foot.length[pairs[:, 0]], stddev, len(foot.strides) - len(pairs),
-        position_rmse(foot, estimate.time, trajectory),
+        position_rmse(foot, estimate.time, trajectory), pairs[:, 0],
     )  # fmt: skip
 
 
