@@ -194,8 +194,8 @@ def _moved(free: Any, s: Signals, method: str) -> tuple[Any, Any]:
 _moved_jit = jax.jit(_moved, static_argnums=2)
 
 
-def learn(s: Signals, chosen: np.ndarray | None = None, method: str = "3-D") -> Learned:
-    """Height of the sensor and cut-off that make whole strides least wrong, by gradient.
+def learn(s: Signals, chosen: np.ndarray | None = None, method: str = "3-D", *, cutoff: bool = False) -> Learned:
+    """Height of the sensor, and cut-off, that make whole strides least wrong, by gradient.
 
     Gauss and Newton on √(e² + (2 cm)²), so that a wrong reference does not decide, with what was expected before as a
     further measurement.
@@ -204,13 +204,14 @@ def learn(s: Signals, chosen: np.ndarray | None = None, method: str = "3-D") -> 
         s: stacked legs.
         chosen: (legs,) bool, those to learn on; None: all.
         method: whose lengths.
+        cutoff: learn it too; otherwise it is the paper's.
     """
-    prior = np.array([EXPECTED.height, np.log(EXPECTED.cutoff_hz)])
+    prior = np.array([EXPECTED.height, np.log(EXPECTED.cutoff_hz if cutoff else CUTOFF_HZ)])
     free = prior.copy()
     looked = np.asarray(s.full) & (True if chosen is None else np.asarray(chosen)[:, None])
     for _ in range(6):
         error, slope = (np.asarray(v) for v in _moved_jit(jnp.asarray(free), s, method))
-        e, d = error[looked], slope[:, looked]
+        e, d = error[looked], slope[:, looked] * np.array([[1.0], [float(cutoff)]])
         weight = STRIDE_SD**-2 * np.sqrt(0.02**2 / (e**2 + 0.02**2))
         normal = (d * weight) @ d.T + np.diag(1.0 / np.square(SPREAD))
         pull = (d * weight) @ e + (free - prior) / np.square(SPREAD)
