@@ -8,10 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from jgait.plot_feet import foot_height, foot_paths, stride_series
 from jgait.plot_walk import blank, stick_figure, stride_signals
+from jgait.plot_widths import two_feet
 from jgait.types import SIDES, Estimate, LegTrajectory
 
-__all__ = ["distance", "foot_path", "joint_angles", "save", "stick_figure", "stride_signals"]
+__all__ = [
+    "distance",
+    "foot_height",
+    "foot_path",
+    "foot_paths",
+    "joint_angles",
+    "save",
+    "stick_figure",
+    "stride_series",
+    "stride_signals",
+    "two_feet",
+]
 
 ESTIMATE = {"color": "#c0392b", "linewidth": 1.4}
 REFERENCE = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
