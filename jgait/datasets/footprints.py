@@ -12,8 +12,8 @@ and trajectory are those of a z down, that is the same half turn, and here it is
 shoe turns left where the footprints do, and the footprints are the ruler's (`own/*.mat`), only turned. What remains
 between a trajectory and the footprints is a rotation about the vertical and a shift. No walk closes a loop.
 
-Reference: the distance along the footprints, even in time from one to the next. Lengths of single strides are
-better taken from `footprints`.
+Reference: the distance along the footprints, even in time from one to the next, and the strides between them, from
+the end of one stance to the end of the next; contacts are not known.
 
 Keys of `Walk.info`:
     footprints: {"samples": (n,) int, the last sample of each stance (by the publisher, the shoe turns at up to
@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.one_foot import FLIP, foot_imu, read_mat, way
+from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 ROOT = "data/LLIO_training_data"
@@ -74,7 +74,8 @@ def load_one(name: str) -> Walk:
         distance = way(imu.time, prints["position"], prints["time"], prints["time"])
         valid = imu.time <= prints["time"][-1]
         source = {"source": "path along the footprints"}
-        reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source)
+        strides = footprint_strides("right", prints["position"], prints["time"], prints["time"])
+        reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source, strides)
         speed = float(distance[-1] / (prints["time"][-1] - prints["time"][0]))
     recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(notes))
     return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": all(flags)})

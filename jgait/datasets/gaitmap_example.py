@@ -7,7 +7,8 @@ left and right are not synchronised, so each is a recording of its own). Upstrea
 clip at 16 g.
 
 Reference: heel, toe and fifth metatarsal of both feet, 100 Hz, mm; no lag against the IMUs. The distance is the path
-of the middle of the heels, smoothed so that sway adds nothing; there are no joint angles.
+of the middle of the heels, smoothed so that sway adds nothing. A foot is the middle of its markers; its velocity and
+orientation are not told. Strides are those of the events. There are no joint angles.
 
 Keys of `Walk.info`; the reference's are {} (or None) where there is none:
     mocap: {"right": {"heel" | "toe" | "fm5": (M, 3) [m]}, "left": …}, z up, 100 Hz.
@@ -15,22 +16,24 @@ Keys of `Walk.info`; the reference's are {} (or None) where there is none:
     stride_borders: {"right": (n, 2) [samples], "left": …}, by hand, at the gyroscope's extremum before toe-off.
     events: {"right": {"start", "end", "ic", "tc", "min_vel", "pre_ic": (n,) [samples]}, "left": …}: a stride from
         standing to standing, in it the terminal and initial contact, before it the previous initial contact.
-    strides: {"right": {"length", "width", "width_toe" [m], "time" [s], "stance_fraction" [1], "straight" (bool):
-        (n,)}, "left": …}: of the events' strides. Length: horizontal way of the heel from standing to standing; width:
-        distance of the other heel, standing, from the line of that way, NaN where the other foot does not stand in
-        between; `width_toe` the same of the toes, twice as wide, for the feet are turned out; time: from initial
-        contact to initial contact; `straight` leaves out the turn and the steps next to it.
+    strides: {"right": {"length", "width", "width_toe", "step_length", "height" [m], "time" [s], "stance_fraction" [1],
+        "straight" (bool): (n,)}, "left": …}: of the events' strides. Length: horizontal way of the heel from standing
+        to standing; width: distance of the other heel, standing, from the line of that way, NaN where the other foot
+        does not stand in between; step_length: how far along that way it stands; `width_toe` the width by the toes,
+        twice as wide, for the feet are turned out; height: rise of the heel; time: from initial contact to initial
+        contact; `straight` leaves out the turn and the steps next to it.
     no_reference: why there is no reference; None where there is one.
     verified: whether every file's sha256 was known and agreed.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data"
 RATE_HZ = 204.8
@@ -127,6 +130,8 @@ def _add_reference(
         distance=np.interp(time, mocap_time, walked),
         valid=time <= mocap_time[-1],
         diagnostics={"source": "path of the middle of the heel markers"},
+        strides=_table(details["events"], details["strides"], rate_hz) if details["strides"] else None,
+        feet=Feet(*(_foot(details["mocap"][side], mocap_time, time) for side in SIDES)),
     )
     return estimate, None, all(known)
 
@@ -202,10 +207,15 @@ def _strides(
         length = np.linalg.norm(end - start, axis=1)
         other = "left" if side == "right" else "right"
         cosine = np.abs((end - start) @ walkway) / np.maximum(length, 1e-9)
+        first, last = of["start"] / rate_hz, of["end"] / rate_hz
+        width, step = _across(first, last, stands[other], mocap[side]["heel"], mocap[other]["heel"], mocap_time)
+        heights = mocap[side]["heel"][:, 2]
         strides[side] = {
             "length": length,
-            "width": _width(of, stands[other], mocap, side, "heel", mocap_time, rate_hz),
-            "width_toe": _width(of, stands[other], mocap, side, "toe", mocap_time, rate_hz),
+            "width": width,
+            "width_toe": _across(first, last, stands[other], mocap[side]["toe"], mocap[other]["toe"], mocap_time)[0],
+            "step_length": step,
+            "height": np.interp(last, mocap_time, heights) - np.interp(first, mocap_time, heights),
             "time": (of["ic"] - of["pre_ic"]) / rate_hz,
             "stance_fraction": (of["tc"] - of["pre_ic"]) / (of["ic"] - of["pre_ic"]),
             "straight": (cosine > np.cos(STRAIGHT)) & (length > SHORT * typical),
@@ -213,21 +223,53 @@ def _strides(
     return strides
 
 
-def _width(
-    of: dict[str, np.ndarray], stands: np.ndarray, mocap: dict[str, dict[str, np.ndarray]], side: str, marker: str,
-    mocap_time: np.ndarray, rate_hz: float,
-) -> np.ndarray:  # fmt: skip
-    """How far the other foot's marker stands from the line of each stride [m]; NaN where it does not in between."""
-    own, other = mocap[side][marker], mocap["left" if side == "right" else "right"][marker]
-    start, end = (_at(own, mocap_time, of[key] / rate_hz) for key in ("start", "end"))
-    width = np.full(len(start), np.nan)
-    for k, (first, last) in enumerate(zip(of["start"] / rate_hz, of["end"] / rate_hz, strict=True)):
-        between = stands[(stands > first) & (stands < last)]
+def _across(
+    first: np.ndarray, last: np.ndarray, stands: np.ndarray, own: np.ndarray, other: np.ndarray, mocap_time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far the other foot's marker stands from the line of each stride, and along it from its start [m].
+
+    NaN where the other foot does not stand in between.
+    """
+    start, end = _at(own, mocap_time, first), _at(own, mocap_time, last)
+    width, step = np.full(len(start), np.nan), np.full(len(start), np.nan)
+    for k, (begins, ends) in enumerate(zip(first, last, strict=True)):
+        between = stands[(stands > begins) & (stands < ends)]
         way = end[k] - start[k]
         if len(between) and np.linalg.norm(way) > 0:
             there = _at(other, mocap_time, between[:1])[0] - start[k]
             width[k] = abs(way[0] * there[1] - way[1] * there[0]) / np.linalg.norm(way)
-    return width
+            step[k] = way @ there / np.linalg.norm(way)
+    return width, step
+
+
+def _table(
+    events: dict[str, dict[str, np.ndarray]], strides: dict[str, dict[str, np.ndarray]], rate_hz: float
+) -> Strides:
+    """The strides of both feet as the reference tells them, from contact to contact."""
+
+    def column(of: Callable[[str], np.ndarray]) -> np.ndarray:
+        return np.concatenate([of(side) for side in SIDES])
+
+    def times(event: str) -> np.ndarray:
+        return column(lambda side: events[side][event] / rate_hz)
+
+    def measure(name: str) -> np.ndarray:
+        return column(lambda side: strides[side][name])
+
+    length, standing, standing_end = measure("length"), times("start"), times("end")
+    return Strides(
+        side=column(lambda side: np.full(len(strides[side]["length"]), SIDES.index(side))), start=times("pre_ic"),
+        final_contact=times("tc"), end=times("ic"), length=length, width=measure("width"), height=measure("height"),
+        valid=np.ones(length.size, bool), standing=standing, standing_end=standing_end,
+        speed=length / (standing_end - standing), step_length=measure("step_length"),
+    )  # fmt: skip
+
+
+def _foot(markers: dict[str, np.ndarray], mocap_time: np.ndarray, time: np.ndarray) -> FootTrajectory:
+    """The middle of a foot's markers on the clock of the sensors; held where there is no motion capture any more."""
+    middle = np.mean(list(markers.values()), axis=0)
+    position = np.stack([np.interp(time, mocap_time, middle[:, axis]) for axis in range(3)], axis=1)
+    return FootTrajectory(position, None, None)
 
 
 def _at(marker: np.ndarray, mocap_time: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -6,10 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from jgait.types import Imu, RecordingError
+from jgait.types import SIDES, Imu, RecordingError, Strides
 
 FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: what a sensor reads whose z points down, in axes of which z points up."""
+
+
+SHORTEST = 0.1
+"""[m] Footprints that are nearer to each other are one foot set down again where it stood."""
 
 
 def read_mat(path: Path, names: Sequence[str]) -> dict[str, Any]:
@@ -68,3 +72,27 @@ def way(time: np.ndarray, position: np.ndarray, arrived: np.ndarray, left: np.nd
         return np.zeros_like(time)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
     return np.interp(time, np.stack([arrived, left], axis=1).ravel(), np.repeat(along, 2))
+
+
+def footprint_strides(
+    side: str, position: np.ndarray, arrived: np.ndarray, left: np.ndarray, whole: np.ndarray | None = None
+) -> Strides:
+    """Strides from footprint to footprint; contacts, widths and heights are not known.
+
+    Args:
+        side: "right" or "left".
+        position: (n, 2) or (n, 3) [m] of the footprints; height does not count.
+        arrived: (n,) [s] when the foot comes to stand on each.
+        left: (n,) [s] when it leaves.
+        whole: (n − 1,) bool, False between footprints that may have another between them; None: all are known.
+
+    Returns:
+        Fields (n − 1,).
+    """
+    length = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
+    valid = (length > SHORTEST) & (True if whole is None else whole)
+    nothing = np.full(length.size, np.nan)
+    return Strides(
+        side=np.full(length.size, SIDES.index(side)), start=None, final_contact=None, end=None, length=length,
+        width=nothing, height=nothing, valid=valid, standing=left[:-1], standing_end=arrived[1:],
+    )  # fmt: skip

@@ -15,7 +15,8 @@ Vicon is 3 to 12 ms behind the sensor, differently in each trial: compare where 
 Reference: where the foot is, z up, on the sensor's time; velocity and orientation are not known. `valid` is False at
 both ends of a jump faster than 10 m/s and where Vicon held a value for three samples or more (0.4 s in
 2017-11-22-11-22-03). Lesser jumps remain, up to 5 cm. The height of a standing shoe differs by up to 6 cm from place to
-place, also between two long stands, so judge lengths and not heights. The distance is the path from stance to stance.
+place, also between two long stands, so judge lengths and not heights. The distance is the path from stance to stance,
+the strides those between the footprints; contacts are not known.
 
 Keys of `Walk.info`:
     footprints: {"samples": (n,) int, the middle of each stance, "time": (n,) [s], "position": (n, 3) [m], "start",
@@ -30,15 +31,16 @@ Keys of `Walk.info`:
     verified: whether the file's sha256 was known and agreed.
 """
 
+import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.one_foot import FLIP, foot_imu, read_mat, way
+from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
 from jgait.signal import true_runs
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Walk
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "data/vicon/processed"
 DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
@@ -49,6 +51,8 @@ STILL = 0.5  # [m/s] a standing foot's sensor still rolls and creeps; a swing th
 MEDIAN = 9  # samples over which the speed's median is taken, for single samples are off by some centimetres
 FLICKER = 0.1  # [s] a shorter movement is none
 SHORTEST = 0.05  # [s] a shorter stance is none
+REACH = 0.3  # [s] a stride is timed from at most so long before the foot leaves, to so long after it arrives
+SEEN = 0.8  # share of the samples between two footprints in which Vicon must have seen the foot
 NOTES = (
     "z down upstream: sensor axes turned half a turn about x",
     "Vicon's axes are left-handed upstream: y changed sign",
@@ -88,6 +92,7 @@ def load_one(name: str) -> Walk:
         distance=distance,
         valid=valid,
         diagnostics={"source": "Vicon; distance from stance to stance"},
+        strides=_strides(prints, valid, imu.time),
         feet=Feet(FootTrajectory(position, None, None), None),
     )
     notes = (*NOTES, *((f"{(~valid).sum()} samples of Vicon masked",) if not valid.all() else ()))
@@ -101,6 +106,14 @@ def load_one(name: str) -> Walk:
         "verified": known,
     }
     return Walk(recording, reference, details)
+
+
+def _strides(prints: dict[str, np.ndarray], valid: np.ndarray, time: np.ndarray) -> Strides:
+    """Strides between footprints; one during which Vicon lost the foot for long may hide another, and is not valid."""
+    left = np.maximum(prints["time"], time[prints["end"] - 1] - REACH)
+    arrived = np.minimum(prints["time"], time[prints["start"]] + REACH)
+    whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
+    return footprint_strides("right", prints["position"], arrived, left, whole)
 
 
 def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:

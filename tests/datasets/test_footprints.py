@@ -66,6 +66,12 @@ def test_axes_footprints_and_distance(folder):
     along = walk.reference.distance[[0, 400, 500, 600, 850, 1000, 1199]]
     np.testing.assert_allclose(along, [0, 0, 0.35, 0.7, 1.9, 2.9, 2.9])
     assert walk.reference.valid[1000] and not walk.reference.valid[1001]
+    strides = walk.reference.strides
+    np.testing.assert_allclose(strides.length, [0.7, 1.2, 1.0])
+    np.testing.assert_allclose(strides.standing, (SAMPLES * 0.005)[:-1])
+    np.testing.assert_allclose(strides.standing_end, (SAMPLES * 0.005)[1:])
+    assert strides.start is strides.end is strides.final_contact is None and np.isnan(strides.width).all()
+    assert (strides.side == 0).all() and strides.valid.all()
     assert walk.info["speed"] == pytest.approx(2.9 / 3.0)
 
 

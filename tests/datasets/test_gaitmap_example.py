@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jgait import datasets
+from jgait import datasets, io
 
 real = pytest.mark.skipif(
     not datasets.available("gaitmap_example"), reason=datasets.unavailable_reason("gaitmap_example")
@@ -181,3 +181,25 @@ def test_axes_and_clock_of_the_shoes_are_the_markers(walk):
         agreement = {lag: np.corrcoef(np.roll(gyr, -lag), rate)[0, 1] for lag in range(-3, 4)}
         assert agreement[0] > 0.97
         assert max(agreement, key=lambda lag: agreement[lag]) == 0
+
+
+def test_the_reference_speaks_of_feet_and_strides(folder, monkeypatch):
+    walk = written(folder, monkeypatch)[0]
+    known, rate = walk.reference, walk.recording.sampling_rate_hz
+    strides = known.strides
+    count = {side: len(walk.info["strides"][side]["length"]) for side in ("right", "left")}
+    assert np.bincount(strides.side).tolist() == list(count.values()) and strides.valid.all()
+    np.testing.assert_allclose(strides.length, LENGTH, atol=1e-9)
+    np.testing.assert_allclose(strides.speed, LENGTH / PERIOD, atol=1e-6)
+    there = np.isfinite(strides.step_length)  # the left foot leads, and the right one closes up
+    np.testing.assert_allclose(strides.step_length[there], np.where(strides.side[there] == 0, LENGTH, 0.0), atol=1e-9)
+    lists = io.to_gaitmap(known, rate)
+    for side, own in (("right", lists["right_sensor"]), ("left", lists["left_sensor"])):
+        events = walk.info["events"][side]
+        for name in own.columns:
+            np.testing.assert_array_equal(own[name], np.round(events[name]))
+        marks = walk.info["mocap"][side]
+        middle = (marks["heel"] + marks["toe"] + marks["fm5"]) / 3.0
+        foot = getattr(known.feet, side)
+        at = np.interp(known.time[100], walk.info["mocap_time"], middle[:, 1])
+        assert foot.position[100, 1] == pytest.approx(at) and foot.velocity is None and foot.orientation is None

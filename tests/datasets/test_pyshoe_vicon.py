@@ -63,6 +63,12 @@ def test_axes_stances_and_distance(folder):
     np.testing.assert_allclose(prints["time"][1:-1], np.arange(1, STRIDES) + 1.25, atol=0.03)
     assert np.all(prints["start"] <= prints["samples"]) and np.all(prints["samples"] < prints["end"])
     middle = prints["samples"][1]
+    strides = walk.reference.strides
+    np.testing.assert_allclose(strides.length, LENGTH, atol=2e-3)
+    assert strides.valid.all() and strides.valid.size == STRIDES and strides.start is None
+    middles = walk.info["footprints"]["time"]
+    assert (strides.standing >= middles[:-1]).all() and (strides.standing_end <= middles[1:]).all()
+    assert (strides.standing_end - strides.standing < 1.2).all()  # however long the foot stood before
     assert walk.reference.distance[0] == 0 and walk.reference.distance[-1] == pytest.approx(STRIDES * LENGTH, abs=1e-3)
     assert walk.reference.distance[middle] == walk.reference.distance[middle + 10] == pytest.approx(LENGTH, abs=1e-3)
     assert {name: of.all() for name, of in walk.info["zero_velocity"].items()} == {
@@ -90,6 +96,7 @@ def test_what_vicon_lost_is_masked(folder):
 def test_a_foot_that_is_never_seen_has_no_footprints(folder):
     walk = loaded(folder, gt=np.full((SAMPLES, 3), np.nan))
     assert not walk.reference.valid.any() and len(walk.info["footprints"]["samples"]) == 0
+    assert walk.reference.strides.valid.size == 0
     assert np.all(walk.reference.distance == 0) and walk.info["speed"] is None
 
 
