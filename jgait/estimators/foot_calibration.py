@@ -234,8 +234,8 @@ def _foot(
     size = max(3, 2 * round(0.0075 * hz) + 1)
     jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     dt = np.where(np.arange(len(time)) > first, step, 0.0)
-    restart = np.zeros(len(time))
-    restart[np.minimum(found.stillest + 1, len(time) - 1)] = 1.0
+    restart = np.zeros(len(time) + 1)
+    restart[found.stillest + 1] = 1.0
     signals = FootSignals(
         gyr=_mean_over_interval(gyr),
         acc=_mean_over_interval(acc),
@@ -245,7 +245,7 @@ def _foot(
         acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips),
         rate=np.linalg.norm(gyr - at_rest.gyr_bias, axis=1),
         stands=stands,
-        restart=restart,
+        restart=restart[: len(time)],
         dt=dt,
         valid=np.arange(len(time)) >= first,
         attitude=_level(up),

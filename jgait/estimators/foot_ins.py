@@ -199,7 +199,7 @@ def _walked(strides: Strides, foot: FootSignals, time: Any) -> Any:
     knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
     done = jnp.cumsum(lengths)
     values = jnp.stack([done - lengths, done], axis=1).ravel()
-    rows = jnp.arange(lengths.shape[0]).repeat(2)
+    rows = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2)
     real = rows < foot.count - 1
     # behind the last stride the knots go on, each a little later, where nothing more is walked
     beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)

@@ -56,7 +56,7 @@ def path_of(
         flatten: where the ground cannot be told from level, put footholds at one height in the trajectory.
     """
     here, there = foot.foothold[:-1], foot.foothold[1:]
-    real = jnp.arange(here.shape[0]) < foot.count - 1
+    real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
     way = _at(state.position, there)
     length = _root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST)
@@ -133,7 +133,7 @@ def _flattened(height: Any, foot: FootSignals, time: Any, rise: Any, valid: Any)
     most = jnp.max(jnp.where(valid, jnp.abs(rise), 0.0))
     flat = (jnp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
     # rows behind the last foothold repeat it: an interpolation needs times that grow
-    behind = jnp.maximum(jnp.arange(foot.foothold.shape[0]) - foot.count + 1, 0)
+    behind = jnp.maximum(jnp.arange(foot.foothold.shape[0], dtype=jnp.int32) - foot.count + 1, 0)
     knots = time[foot.foothold] + behind.astype(time.dtype)
     return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
 
