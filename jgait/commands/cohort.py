@@ -3,7 +3,7 @@
 import csv
 import difflib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 import typer
 
 from jgait.commands.console import stop
+from jgait.commands.pipeline import MEASURES
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 File = Annotated[
@@ -19,7 +20,7 @@ File = Annotated[
     typer.Argument(
         metavar="[COHORT.csv]",
         help="A row a recording. Columns: file (from the table's folder), and if known subject, thigh_length_m, "
-        "shank_length_m, distance_m (walked, by a reference), sampling_rate_hz.",
+        "shank_length_m, pivot_height_m, range_offset_m, distance_m (walked, by a reference), sampling_rate_hz.",
     ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
@@ -27,19 +28,27 @@ Simulated = Annotated[int | None, typer.Option(min=1, help="So many simulated pe
 Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds.")]
 GyrUnit = Annotated[str, typer.Option(help="Of the files: deg/s or rad/s.")]
 AccUnit = Annotated[str, typer.Option(help="Of the files: m/s^2 or g.")]
-EstimatorName = Annotated[str, typer.Option("--estimator", help="Which estimator.")]
+EstimatorName = Annotated[
+    str, typer.Option("--estimator", help="Which estimator: leg_ekf, foot_ins or stride_width_ekf.")
+]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")]
 Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
 
 NUMBERS = {
     "thigh_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
     "shank_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
+    "pivot_height_m": ("a height in metres, between 0 and 0.3", 0.0, 0.3),
+    "range_offset_m": ("a length in metres, between -0.2 and 0.4", -0.2, 0.4),
     "distance_m": ("a distance in metres above 0", 0.0, math.inf),
     "sampling_rate_hz": ("a rate in Hz above 0", 0.0, math.inf),
 }
 """Column → what its numbers are, and between which they lie."""
 
 COLUMNS = ("file", "subject", *NUMBERS)
+LENGTHS = ("thigh_length", "shank_length")
+ASKED_FOR = (*LENGTHS, "range_offset")
+"""Measures whose default is worth a word: the result is in proportion to them, or off by their error."""
+
 AT_ENDS = 0.25
 """How long a recording's distance is taken to stand at its first and last value [s]."""
 
@@ -77,17 +86,29 @@ class Source(NamedTuple):
                 yield walk
 
 
-def body(walk: Walk) -> dict[str, Any]:
-    """What is known of the person's measures."""
+def body(walk: Walk, measures: Sequence[str] = LENGTHS) -> dict[str, Any]:
+    """What is known of those of a person's measures that an estimator takes."""
     from jgait import datasets
 
-    return dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
+    known = dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
+    return {name: value for name, value in known.items() if name in measures}
 
 
 def source(
-    table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str, acc_unit: str
-) -> Source:
-    """The cohort that was asked for; leaves with 2 where there is none."""
+    table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str, acc_unit: str,
+    measures: Sequence[str] = LENGTHS,
+) -> Source:  # fmt: skip
+    """The cohort that was asked for; leaves with 2 where there is none.
+
+    Args:
+        table: of files, or None.
+        dataset: name of a public set, or None.
+        simulated: how many people to simulate, or None.
+        seed: of simulated people.
+        gyr_unit: of the files.
+        acc_unit: of the files.
+        measures: of a person, that the estimator takes; where they are missing it is noted.
+    """
     given = [name for name, one in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if one]
     if len(given) != 1:
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
@@ -95,7 +116,7 @@ def source(
 
     try:
         if table is not None:
-            return _of_table(table, gyr_unit, acc_unit)
+            return _of_table(table, gyr_unit, acc_unit, measures)
         return _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
     except (datasets.DatasetUnavailable, ValueError, OSError) as error:
         stop(str(error))
@@ -156,7 +177,7 @@ class _Files:
             path, sampling_rate_hz=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
             gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
         )  # fmt: skip
-        lengths = {name: numbers[f"{name}_m"] for name in ("thigh_length", "shank_length")}
+        lengths = {name: numbers[f"{name}_m"] for name in MEASURES}
         known = {name: value for name, value in lengths.items() if value is not None}
         way = numbers["distance_m"]
         return Walk(recording, None if way is None else _walked(recording, way), {"body": known})
@@ -184,7 +205,7 @@ def _walked(recording: Recording, way: float) -> Estimate:
     return Estimate(time, Legs(None, None), None, distance, (start | end) & (start != end), {})
 
 
-def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
+def _of_table(path: Path, gyr_unit: str, acc_unit: str, measures: Sequence[str]) -> Source:
     """Rows of a table, by file.
 
     Raises:
@@ -221,12 +242,12 @@ def _of_table(path: Path, gyr_unit: str, acc_unit: str) -> Source:
             failures.append((f"line {number}", f"{file} is listed twice" if file else "it names no file"))
         else:
             rows[file] = row
-    notes = _notes(names, rows)
+    notes = _notes(names, rows, measures)
     marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes)
 
 
-def _notes(names: list[str], rows: dict[str, dict[str, str]]) -> list[str]:
+def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[str]:
     """What the user may not have meant."""
     notes = []
     others = [name for name in names if name not in COLUMNS]
@@ -235,10 +256,10 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]]) -> list[str]:
         notes.append(f"column {name!r} is left out" + (f"; did you mean {near[0]!r}?" if near else ""))
     if not any(row.get("subject") for row in rows.values()):
         notes.append("no column 'subject': every recording counts as another person")
-    for name in ("thigh_length_m", "shank_length_m"):
-        without = sum(not row.get(name) for row in rows.values())
-        if without:
-            notes.append(f"{without} of {len(rows)} recordings have no {name}: the default length is taken for them")
+    for name in measures:
+        without = sum(not row.get(f"{name}_m") for row in rows.values())
+        if without and name in ASKED_FOR:
+            notes.append(f"{without} of {len(rows)} recordings have no {name}_m: the default length is taken for them")
     return notes
 
 

@@ -1,5 +1,6 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
+import functools
 import json
 import math
 import shutil
@@ -12,10 +13,13 @@ from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
-from jgait.commands.pipeline import pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 
-DRAWN = {"distance_m": "m", "stride_length_m": "m"}
+DRAWN = {"distance_m": "m", "stride_length_m": "m", "stride_width_m": "m", "walking_speed_mps": "m/s"}
 """Quantities that figures are drawn of, and their units."""
+
+SHAPES = {"x": "foot forward", "y": "foot up", "foot": "foot, seen from above", "foot_height": "foot, height"}
+"""First part of a quantity's name → what the table calls it."""
 
 
 def evaluate(
@@ -44,7 +48,9 @@ def evaluate(
 
     pipeline = pipeline_of(estimator, paper)
     start = start_of(pipeline, params, paper)
-    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit)
+    measures = measures_of(pipeline)
+    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures)
+    own = functools.partial(cohorts.body, measures=measures)
     for line in source.notes:
         note(line)
     _take_up(out, source.marks, fresh)
@@ -53,7 +59,7 @@ def evaluate(
         bar("reading and computing", 0, total)
         try:
             found = evaluation.cohort(
-                pipeline, source.items, start, own=cohorts.body, read=source.read, out=out / "run", batch=batch,
+                pipeline, source.items, start, own=own, read=source.read, out=out / "run", batch=batch,
                 progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
             )  # fmt: skip
         except (ValueError, OSError) as error:
@@ -196,15 +202,16 @@ def _show(title: str, found: Any, agreement: Any) -> None:
 
 def _show_shapes(rows: Any, names: list[str]) -> None:
     """Root mean square errors of whole recordings."""
-    console.print("\nroot mean square error of whole recordings, offsets while standing included", style="italic")
+    told = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
+    console.print(f"\nroot mean square error of whole recordings, {told}", style="italic")
     shown = Table()
     for name in ("quantity", "recordings", "median", "mean", "worst"):
         shown.add_column(name, justify="left" if name == "quantity" else "right")
     units = {"deg": "°", "cm": "cm"}
     for name in names:
-        part, _, unit, side = name.split("_")
+        part, _, unit, side = name.rsplit("_", 3)
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
-        word = {"x": "foot forward", "y": "foot up"}.get(part, part)
+        word = SHAPES.get(part, part)
         numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
         shown.add_row(escape(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
     console.print(shown)

@@ -1,23 +1,51 @@
 """Which estimator, with which parameters: what the options of several commands come to."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from jgait.commands.console import note, stop
 from jgait.estimators import Estimator
 
+MEASURES = ("thigh_length", "shank_length", "pivot_height", "range_offset")
+"""A person's own measures [m] that an estimator may take, by the names of its parameters."""
+
+OF = {
+    "--thigh": ("leg_ekf",),
+    "--shank": ("leg_ekf",),
+    "--scale": ("leg_ekf",),
+    "--pivot": ("foot_ins", "stride_width_ekf"),
+    "--level": ("foot_ins", "stride_width_ekf"),
+    "--range-offset": ("stride_width_ekf",),
+    "--paper": ("leg_ekf", "stride_width_ekf"),
+}
+"""Options that only some estimators know, and which."""
+
+
+def refuse_others(estimator: str, given: Mapping[str, Any]) -> None:
+    """Leave with 2 where an option was given (is not None or False) that the estimator has no use for."""
+    for option, value in given.items():
+        if value not in (None, False) and estimator not in OF[option]:
+            stop(f"{option} is an option of {' and '.join(OF[option])}; got --estimator {estimator}")
+
 
 def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
     """The estimator that was asked for; leaves with 2 where there is none."""
     from jgait import estimators
-    from jgait.estimators import leg_ekf
+    from jgait.estimators import leg_ekf, stride_width_ekf
 
-    if paper and name != "leg_ekf":
-        stop(f"--paper is a pipeline of leg_ekf; got --estimator {name}")
+    papers = {"leg_ekf": leg_ekf.PAPER, "stride_width_ekf": stride_width_ekf.PAPER}
+    if name in estimators.names():
+        refuse_others(name, {"--paper": paper})
     try:
-        return estimators.get(name, *([leg_ekf.PAPER] if paper else []))
+        return estimators.get(name, *([papers[name]] if paper and name in papers else []))
     except ValueError as error:
         stop(str(error))
+
+
+def measures_of(estimator: Estimator[Any, Any]) -> tuple[str, ...]:
+    """Which of a person's own measures an estimator takes."""
+    return tuple(name for name in MEASURES if name in getattr(estimator.params, "_fields", ()))
 
 
 def start_of(estimator: Estimator[Any, Any], file: Path | None, paper: bool) -> Any:

@@ -15,7 +15,7 @@ import typer
 from jgait.commands import cohort as cohorts
 from jgait.commands import tune_report
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
-from jgait.commands.pipeline import pipeline_of, start_of
+from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 
 LOSSES = {
     "distance": ("distance_percent", "%", "|error of the distance|"),
@@ -99,7 +99,7 @@ def tune(
     start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
     freed = _freed(pipeline, names)
-    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit)
+    source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
     for line in source.notes:
         note(line)
     failures = list(source.failures)
@@ -151,16 +151,17 @@ def _lessons(
     from jgait.params import check_params
 
     learned = {name.split(".")[0] for name in names}
-    measures = [name for name in ("thigh_length", "shank_length") if name in getattr(start, "_fields", ())]
+    measures = measures_of(pipeline)
     if learned & set(measures):
         note(f"{', '.join(sorted(learned & set(measures)))}: one value is learned for everybody, not each one's own")
 
     def own(walk: Any) -> dict[str, Any]:
         # All lessons name the same measures, so those that are not known have their default.
-        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk)
+        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
         check_params(pipeline.own(start, known), pipeline.transforms)
-        both = {name: np.broadcast_to(np.asarray(value, float), 2) for name, value in known.items()}
+        both = {name: np.asarray(value, float) for name, value in known.items()}
+        both |= {name: np.broadcast_to(both[name], 2) for name in cohorts.LENGTHS if name in both}
         return {name: value for name, value in both.items() if name not in learned}
 
     with progress() as bars:
