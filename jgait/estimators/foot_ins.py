@@ -37,7 +37,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait import filtering, params
-from jgait.estimators import foot_model, foot_strides
+from jgait.estimators import foot_dedrift, foot_model, foot_strides
 from jgait.estimators.foot_calibration import Preparation, prepare
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, pad
 from jgait.estimators.foot_model import FootControl, FootError, FootModelParams, FootObservation, FootState
@@ -119,7 +119,7 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
 
 
 class _Filtered(NamedTuple):
-    """One foot's states, their covariance, and what the filter says of itself."""
+    """One foot's states, their covariance, and what the filter says of itself; zeros where there is no filter."""
 
     mean: FootState
     cov: Covariance
@@ -128,7 +128,19 @@ class _Filtered(NamedTuple):
     valid: Any
 
 
+def _unfiltered(foot: FootSignals) -> _Filtered:
+    zero = jnp.zeros_like(foot.rate)
+    nothing = Covariance.from_variances(FootError(*(Vector(zero, zero, zero),) * 5))
+    entries = tuple(zero + entry for entry in nothing.upper)
+    return _Filtered(
+        foot_dedrift.forward_backward(foot), Covariance(entries, nothing.structure), zero[0], zero[0],
+        jnp.ones_like(foot.valid),
+    )  # fmt: skip
+
+
 def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
+    if options.integration == "forward_backward":
+        return _unfiltered(foot)
     zero = jnp.zeros_like(foot.rate)
     off = jnp.zeros_like(foot.stands)
     observed = FootObservation(Vector(zero, zero, zero), zero)
@@ -167,6 +179,8 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     """
     if options.level not in (True, False, "auto"):
         raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
+    if options.integration not in ("filter", "forward_backward"):
+        raise ValueError(f"integration must be 'filter' or 'forward_backward'; got {options.integration!r}")
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     strides, deviations, ways, flags = [], [], [], []
@@ -187,9 +201,10 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
     certain = jax.tree.map(lambda *rows: jnp.concatenate(rows), *deviations)
     valid = flags[0] if len(flags) == 1 else flags[0] | flags[1]
+    stated = options.integration == "filter"
     return Estimate(
         inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together,
-        Feet(*feet), Feet(*spread), certain,
+        Feet(*feet), Feet(*spread) if stated else None, certain if stated else None,
     )  # fmt: skip
 
 

@@ -60,6 +60,8 @@ class FootOptions(NamedTuple):
     """Which parts are on.
 
     Attributes:
+        integration: "filter": the error-state filter; "forward_backward": each stride by itself, forward and backward
+            (`foot_dedrift`), for comparison: it states no standard deviations.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the ground is level, the filter knows it; False: nothing is known of it; "auto": as False, but
             where strides rise by less than 1.5 cm on average and 8 cm each, which is what errors make of level ground,
@@ -70,6 +72,7 @@ class FootOptions(NamedTuple):
         execution: how the filter computes, see `jgait.filtering`.
     """
 
+    integration: str = "filter"
     smooth: bool = True
     level: bool | str = "auto"
     detector: str = "adaptive"
