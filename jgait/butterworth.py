@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-UNROLL = 8
+UNROLL = 4
 """Samples a turn of the scan: the work on one is less than what a turn costs."""
 
 

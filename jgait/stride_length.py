@@ -11,10 +11,11 @@ sensor biases and cut-off; the events are given, and carry no gradient. Signals 
 `inertial`: strapdown from one stance instant to the next, q' = q exp(h ω), v' = v + h R(q) f, in the axes of the first
 instant; with the velocities ω × r that the lever r over the ankle gives at both ends, v₀ and v₁ = R(ω_T × r),
 
-    s = ∫ v dt − T v(T)/2 + T (v₀ + v₁)/2,    up = v(T)/T − (v₁ − v₀)/T.
+    s = ∫ v dt − T v(T)/2 + T (v₀ + v₁)/2 − (R r − r),    up = v(T)/T − (v₁ − v₀)/T.
 
 Any constant acceleration cancels in s, and with it gravity: the length |s| needs to know neither where up is nor how
-the sensor is worn. `up` is gravity by the same integral; it tells the level part of s and its rise.
+the sensor is worn. R r − r is how far the sensor came without its ankle. `up` is gravity by the same integral; it tells
+the level part of s and its rise.
 
 `planar`: Q. Li and others' method with the sagittal rate and two axes of the accelerometer, upright when it starts.
 
@@ -25,7 +26,7 @@ Deviations from the paper, with their effect where it was measured by `experimen
     1. θ is about the sagittal axis; the rate's norm over all axes (`all_axes`) is 8–17 % longer and breaks in turns.
     2. SL₂' has a swing-time term, learned; it makes up for what the supporting leg adds.
     3. The rotation of an interval is exact; equation 3 (`euler`), not normalised, adds 2 to 3 cm a stride.
-    4. The initial velocity is ω × r, not zero (r = 0).
+    4. The initial velocity is ω × r, not zero, and the stride is that of the ankle, not of the sensor (r = 0).
     5. Up is the mean specific force over the stride instead of one sample of it (`sample_up`).
 """
 
@@ -54,9 +55,6 @@ from jgait.stride_length_steps import (
 )
 
 __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "planar", "smoothed"]
-
-UNROLL = 4
-"""Samples a turn of the scans: less than half the time of one each, and compiled as fast."""
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: ArrayLike | None, sampling_rate_hz: float) -> Array:
@@ -93,7 +91,7 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     def one(s: Any, x: Any) -> Any:
         return swing_step(p, s, x[0], x[1], dt, all_axes=all_axes)
 
-    found: Swung = lax.scan(one, _typed(one, state, (rate, swings)), (rate, swings), unroll=UNROLL)[1]
+    found: Swung = lax.scan(one, _typed(one, state, (rate, swings)), (rate, swings))[1]
     return found
 
 
@@ -136,7 +134,7 @@ def _over(
     rate, force = _vector(gyr, strides), _vector(acc, strides)
     state = begin(p, Vector(*(v[0] for v in rate)), Vector(*(v[0] for v in force)))
     samples = (rate, force, strides)
-    found: Travelled = lax.scan(one, _typed(one, state, samples), samples, unroll=UNROLL)[1]
+    found: Travelled = lax.scan(one, _typed(one, state, samples), samples)[1]
     return found
 
 

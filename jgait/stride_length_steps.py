@@ -233,7 +233,9 @@ def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelle
     long = jnp.where(s.duration > 0.0, s.duration, 1.0)
     stop = rotated(s.attitude, cross(s.gyr, p.lever))
     drift = scale(-0.5 * s.duration, s.velocity)
-    moved = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
+    sensor = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
+    # The lever's other end is what walked.
+    moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
     up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
     norm = _root(dot(up, up))
     up = scale(1.0 / jnp.where(norm > 0.0, norm, 1.0), up)

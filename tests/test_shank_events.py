@@ -57,7 +57,7 @@ def test_every_swing_is_found_when_it_happens(detector):
 
 def test_a_foot_that_stops_ends_its_swing_in_time():
     last = FIRST + (STRIDES - 1) * PERIOD
-    tail = np.where(TIME > last + 0.25, -0.2, 0.0)  # the shank leans on, slowly: there is no zero crossing at all
+    tail = np.where(last + 0.25 < TIME, -0.2, 0.0)  # the shank leans on, slowly: there is no zero crossing at all
     told = [phases(sagittal(TIME) + tail, RATE, d) for d in (shank_events.PAPER, shank_events.MACHINE)]
     assert [int(found.stride.sum()) for found in told] == [STRIDES - 1, STRIDES]
     at = int(np.flatnonzero(told[1].stride)[-1])

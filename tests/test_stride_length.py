@@ -1,0 +1,218 @@
+"""Stride lengths of a made shank whose path is known, and the laws that they obey."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import stride_length
+from jgait.kinematics import GRAVITY, Vector
+from jgait.rotation import turn
+from jgait.stride_length import StrideLengthParams, marks
+from jgait.stride_length_steps import planar_begin, planar_step, stride_begin, stride_step, swing_begin, swing_step
+
+RATE, PERIOD, LENGTH, RISE, HEADING = 200.0, 1.2, 1.3, 0.06, 0.3
+LEVER = jnp.asarray([0.02, -0.03, 0.18])
+SAMPLES = int(2 * PERIOD * RATE) + 41
+TIME = jnp.arange(SAMPLES, dtype=jnp.float64) / RATE - 0.1
+BEGIN = 20 + jnp.asarray([0, int(PERIOD * RATE)])
+END = BEGIN + int(PERIOD * RATE)
+AT = marks(BEGIN, END, SAMPLES)
+
+
+def step(u):
+    """From 0 to 1, at rest at both ends, and the whole strides before."""
+    whole = jnp.floor(u)
+    v = u - whole
+    return whole + v**4 * (35.0 - 84.0 * v + 70.0 * v**2 - 20.0 * v**3)
+
+
+def attitude(time):
+    """Pitch that keeps turning at the ends (the shank rolls over the foot), some roll, and a turn to the left."""
+    u = time / PERIOD
+    pitch = 0.1 + 0.45 * jnp.sin(2.0 * jnp.pi * u)
+    yaw, roll = HEADING * step(u), 0.05 * jnp.sin(4.0 * jnp.pi * u)
+    return (
+        turn(jnp.asarray([0.0, 0.0, 1.0]), yaw)
+        @ turn(jnp.asarray([0.0, 1.0, 0.0]), pitch)
+        @ turn(jnp.asarray([1.0, 0.0, 0.0]), roll)
+    )
+
+
+def place(time):
+    """The sensor: the ankle stands at whole strides and goes straight on between them."""
+    u = time / PERIOD
+    lift = 0.1 * jnp.sin(jnp.pi * u) ** 4
+    ankle = jnp.stack([LENGTH * step(u), jnp.zeros_like(u), RISE * step(u) + lift])
+    return ankle + attitude(time) @ LEVER
+
+
+def felt(time):
+    """What a sensor there reads."""
+    axes, rate = attitude(time), jax.jacfwd(attitude)(time)
+    spin = axes.T @ rate
+    gyr = jnp.stack([spin[2, 1], spin[0, 2], spin[1, 0]])
+    acc = jax.jacfwd(jax.jacfwd(place))(time) + jnp.asarray([0.0, 0.0, GRAVITY])
+    return gyr, axes.T @ acc
+
+
+GYR, ACC = jax.jit(jax.vmap(felt))(TIME)
+P = StrideLengthParams(lever=Vector(*LEVER))
+inertial = jax.jit(stride_length.inertial, static_argnames=("euler", "sample_up"))
+
+
+def test_the_known_path_is_measured():
+    told = jax.tree.map(lambda v: v[END], inertial(P, GYR, ACC, AT, 1.0 / RATE))
+    np.testing.assert_allclose(told.level, LENGTH, atol=1e-3)
+    np.testing.assert_allclose(told.rise, RISE, atol=1e-3)
+    np.testing.assert_allclose(told.length, np.hypot(LENGTH, RISE), atol=1e-3)
+    np.testing.assert_allclose(told.turn, HEADING, atol=5e-3)  # `up` is no better than the integral of a sampled force
+    np.testing.assert_allclose(told.duration, PERIOD, rtol=1e-12)
+
+
+def test_there_is_nothing_where_no_stride_ends():
+    told = inertial(P, GYR, ACC, AT, 1.0 / RATE)
+    away = np.ones(SAMPLES, bool)
+    away[np.asarray(END)] = False
+    assert all(not np.any(np.asarray(field)[away]) for field in told)
+
+
+def test_without_the_lever_a_stride_is_short_by_what_the_sensor_still_moves():
+    bare = inertial(P._replace(lever=Vector(0.0, 0.0, 0.0)), GYR, ACC, AT, 1.0 / RATE).length[END]
+    # ω × r at both ends: the pitch rate there times the height of the sensor, in the direction of walking.
+    moving = float(GYR[END[0], 1]) * float(LEVER[2])
+    assert moving > 0.3
+    np.testing.assert_allclose(np.hypot(LENGTH, RISE) - bare, PERIOD * moving, rtol=0.12)
+
+
+def test_turning_the_sensor_with_its_lever_changes_nothing():
+    axes = turn(jnp.asarray([1.0, -2.0, 0.5]), 1.1)
+    turned = P._replace(lever=Vector(*(axes @ LEVER)))
+    told, before = inertial(turned, GYR @ axes.T, ACC @ axes.T, AT, 1.0 / RATE), inertial(P, GYR, ACC, AT, 1.0 / RATE)
+    for ours, theirs in zip(told, before, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-10)
+
+
+def test_a_length_does_not_need_to_know_where_up_is():
+    ours, theirs = (inertial(P, GYR, ACC, AT, 1.0 / RATE, sample_up=flag) for flag in (False, True))
+    np.testing.assert_allclose(ours.length, theirs.length, rtol=1e-14)
+    tilted = np.abs(np.asarray(theirs.rise - ours.rise)[END])
+    assert np.all(tilted > 0.01)  # one sample of a force that is not gravity alone points elsewhere
+
+
+def test_equation_3_is_longer():
+    printed = inertial(P, GYR, ACC, AT, 1.0 / RATE, euler=True).length[END]
+    assert np.all(printed - np.hypot(LENGTH, RISE) > 2e-3)
+
+
+def test_sample_by_sample_as_over_the_recording():
+    told = inertial(P, GYR, ACC, AT, 1.0 / RATE)
+    one = jax.jit(stride_step)
+    gyr, acc = Vector(*GYR.T), Vector(*ACC.T)
+
+    def sample(k):
+        return jax.tree.map(lambda v: v[k], (gyr, acc, AT))
+
+    state = stride_begin(P, *sample(0)[:2])
+    for k in range(int(END[0]) + 2):
+        state, found = one(P, state, *sample(k), 1.0 / RATE)
+        np.testing.assert_allclose(found.length, told.length[k], rtol=1e-11, atol=1e-12)
+
+
+def test_side_by_side_as_one_by_one():
+    gyr, acc = jnp.stack([GYR, 0.9 * GYR]), jnp.stack([ACC, ACC])
+    both = jax.tree.map(lambda v: jnp.stack([v, v]), AT)
+    together = jax.vmap(lambda g, a, m: stride_length.inertial(P, g, a, m, 1.0 / RATE))(gyr, acc, both)
+    for k in range(2):
+        np.testing.assert_allclose(together.length[k], inertial(P, gyr[k], acc[k], AT, 1.0 / RATE).length, rtol=1e-11)
+
+
+@pytest.mark.parametrize("method", ["inertial", "planar"])
+def test_gradients_are_those_of_differences(method):
+    def length(values):
+        p = StrideLengthParams(
+            lever=Vector(0.0, 0.0, values[0]),
+            gyr_bias=Vector(0.0, values[1], 0.0),
+            acc_bias=Vector(values[2], 0.0, 0.0),
+        )
+        gyr, acc = (stride_length.smoothed(v, values[3], RATE) for v in (GYR, ACC))
+        return jnp.sum(getattr(stride_length, method)(p, gyr, acc, AT, 1.0 / RATE).length)
+
+    at = jnp.asarray([0.15, 0.01, 0.1, 6.0])
+    ours = jax.jit(jax.grad(length))(at)
+    value = jax.jit(length)
+    for k in range(4):
+        by = jnp.zeros(4).at[k].set(1e-5)
+        np.testing.assert_allclose(ours[k], (value(at + by) - value(at - by)) / 2e-5, rtol=1e-5, atol=1e-7)
+    assert np.all(np.abs(ours) > 1e-4)
+
+
+def test_the_planar_method_needs_an_upright_sensor():
+    def sagittal(lean):
+        """A shank in its plane, leaning by as much when the stride begins and ends."""
+        angle = lean + 0.45 * jnp.sin(2.0 * jnp.pi * TIME / PERIOD)
+        gyr = jnp.stack([0 * TIME, 0.9 * jnp.pi / PERIOD * jnp.cos(2.0 * jnp.pi * TIME / PERIOD), 0 * TIME], axis=1)
+        push = LENGTH * jax.vmap(jax.grad(jax.grad(lambda t: step(t / PERIOD))))(TIME)
+        acc = jnp.stack(
+            [
+                push * jnp.cos(angle) - GRAVITY * jnp.sin(angle),
+                0 * TIME,
+                push * jnp.sin(angle) + GRAVITY * jnp.cos(angle),
+            ],
+            axis=1,
+        )
+        return stride_length.planar(StrideLengthParams(), gyr, acc, AT, 1.0 / RATE).length[END]
+
+    np.testing.assert_allclose(sagittal(0.0), LENGTH, atol=1e-3)
+    np.testing.assert_allclose(sagittal(0.4), LENGTH * np.cos(0.4), atol=2e-3)
+
+
+def swing(angle, samples):
+    """A sagittal rate that turns by an angle, forwards, in so many samples, its ends at zero."""
+    lobe = np.sin(np.pi * np.arange(samples + 1) / samples)
+    return -angle * lobe / (lobe.sum() / RATE)
+
+
+def test_pendulum_knows_the_angle_of_each_swing():
+    rate = np.concatenate([np.zeros(10), swing(1.0, 60), np.zeros(30), swing(1.2, 80), np.zeros(5)])
+    gyr = np.stack([0.3 + 0 * rate, rate, 0 * rate], axis=1)
+    starts, ends = np.array([10, 101]), np.array([70, 181])
+    at = marks(starts, ends, len(rate))
+    p = StrideLengthParams(leg_length=0.9, angle_gain=0.88, time_gain=0.1)
+    told = jax.tree.map(lambda v: v[ends], stride_length.pendulum(p, gyr, at, 1.0 / RATE))
+    np.testing.assert_allclose(told.angle, [1.0, 1.2], rtol=1e-10)
+    np.testing.assert_allclose(told.duration, [0.3, 0.4], rtol=1e-10)
+    np.testing.assert_allclose(told.chord, 1.8 * np.sin([0.5, 0.6]), rtol=1e-10)
+    np.testing.assert_allclose(told.arc, 0.9 * np.array([0.88 + 0.1 / 0.3, 1.2 * (0.88 + 0.1 / 0.4)]), rtol=1e-10)
+    norm = stride_length.pendulum(p, gyr, at, 1.0 / RATE, all_axes=True).angle[ends]
+    assert np.all(norm > 1.005 * told.angle)
+
+    def arc(values):
+        q = StrideLengthParams(leg_length=values[0], time_gain=values[1], gyr_bias=Vector(0.0, values[2], 0.0))
+        return jnp.sum(stride_length.pendulum(q, gyr, at, 1.0 / RATE).arc)
+
+    at_values = jnp.asarray([0.9, 0.1, 0.0])
+    scale = np.array([1.0 + 0.1 / 0.3, 1.2 * 1.0 + 0.1 * 1.2 / 0.4])
+    by_bias = -0.9 * np.sum(np.array([0.3, 0.4]) * (1.0 + 0.1 / np.array([0.3, 0.4])))
+    expected = [scale.sum(), 0.9 * (1.0 / 0.3 + 1.2 / 0.4), -by_bias]
+    np.testing.assert_allclose(jax.grad(arc)(at_values), expected, rtol=1e-9)
+
+
+def test_what_begins_a_scan_takes_one_sample():
+    zero = Vector(*(jnp.zeros(()),) * 3)
+    flags = jax.tree.map(lambda v: v[0], AT)
+    for begin, one in ((planar_begin(P, zero, zero), planar_step), (stride_begin(P, zero, zero), stride_step)):
+        assert float(one(P, begin, zero, zero, flags, 0.01)[1].length) == 0.0
+    assert float(swing_step(P, swing_begin(zero), zero, flags, 0.01)[1].arc) == 0.0
+
+
+def test_single_precision_and_wrong_shapes():
+    small = [v.astype(jnp.float32) for v in (GYR, ACC)]
+    told = stride_length.inertial(StrideLengthParams(), *small, AT, np.float32(1.0 / RATE))
+    assert told.length.dtype == jnp.float32
+    expected = stride_length.inertial(StrideLengthParams(), GYR, ACC, AT, 1.0 / RATE)
+    np.testing.assert_allclose(told.length, expected.length, atol=1e-4)
+    with pytest.raises(ValueError, match=r"must be \(T, 3\)"):
+        stride_length.inertial(P, GYR[:, :2], ACC, AT, 0.01)
+    with pytest.raises(ValueError, match="as the signals"):
+        stride_length.pendulum(P, GYR[:-1], AT, 0.01)
