@@ -131,8 +131,8 @@ def subjects(quick: bool) -> list[Row]:
         return []
     first, best = found
     rate = len(feet) * people * samples / best / 1e6
-    show(f"{len(feet)} feet of {people} subjects, {samples} samples at 100 Hz, one call", ["", "s", "million samples/s"],
-         [["ours", best, rate], ["compilation", first - best, "–"]])  # fmt: skip
+    title = f"{len(feet)} feet of {people} subjects, {samples} samples at 100 Hz, one call"
+    show(title, ["", "s", "million samples/s"], [["ours", best, rate], ["compilation", first - best, "–"]])
     split = f"{samples} samples at 100 Hz, feet: {len(feet)}, one vmapped call, preparation apart"
     return [
         Row("subjects_seconds", best, "s", n=people, split=split),

@@ -1,0 +1,155 @@
+"""The foot's experiment: its scores, its quick form, and what it does with recordings that are bad or absent."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jgait import datasets
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import FootParams
+
+
+@pytest.fixture(scope="module")
+def experiment(load_experiment):
+    return load_experiment("foot_ins")
+
+
+@pytest.fixture(scope="module")
+def running(experiment):
+    import _foot_run
+
+    return _foot_run
+
+
+@pytest.fixture(scope="module")
+def walk(experiment):
+    """A simulated foot with strides that are known."""
+    import _foot_real as real
+    import jax
+
+    from jgait import sensors, simulate
+
+    key, along = jax.random.key(1), simulate.straight(10.0)
+    person = simulate.fitted(key, simulate.Person(), along)
+    recording, truth = simulate.recording(key, person, along, sensors.OPAL, 200.0, placements=("foot_right",))
+    strides = jax.tree.map(np.asarray, truth.strides)
+    own = strides.valid & (strides.side == 0)
+    swings = np.stack([strides.final_contact, strides.end], axis=1)[own]
+    origin = truth.motion.pose.foot_right.origin
+    position = np.stack([np.asarray(origin.x), np.asarray(origin.y)], axis=1)
+    ends = swings + np.array([-0.3, 0.2])
+    return real.Foot(
+        "simulated",
+        "one right",
+        "right",
+        recording,
+        ends,
+        strides.length[own],
+        np.asarray(truth.estimate.time),
+        position,
+    )
+
+
+def matched(error, stddev=0.02, rmse=0.1, lost=0):
+    import _foot_real as real
+
+    error = np.asarray(error)
+    return real.Matched(error, np.ones_like(error), np.full_like(error, stddev), lost, rmse, np.arange(error.size))
+
+
+def test_scores_pool_strides_and_average_recordings(running):
+    found = running.score([matched([0.01, -0.03]), matched([0.05], rmse=0.3, lost=2)])
+    assert (found.n, found.lost) == (3, 2)
+    np.testing.assert_allclose(found[:5], [3.0, 1.0, 3.0, 5.0, 200.0 / 3.0])
+    np.testing.assert_allclose(found.rmse, np.sqrt(0.05))
+    names = {row.metric: row.value for row in running.rows_of("footprints", found, "untuned")}
+    assert names["foot_stride_mae_cm_footprints"] == found.mae
+    assert names["foot_position_rmse_m_footprints"] == found.rmse
+    nothing = running.score([matched([], lost=4)])
+    assert nothing.lost == 4
+    assert np.isnan(nothing.mae)
+
+
+def test_a_simulated_foot_is_found_cut_and_learned_from(running, walk, monkeypatch):
+    import _foot_pivot as pivot
+    import _foot_real as real
+
+    item = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
+    one = running.solved(FootParams(), item)
+    assert one.lost == 0
+    np.testing.assert_array_equal(one.rows, np.arange(len(walk.length)))
+    assert np.abs(one.error).max() < 0.06
+    assert one.rmse < 0.1
+    np.testing.assert_allclose(one.length, walk.length)
+    # the experiment's own call gives what users get
+    theirs = foot_ins.estimate(FootParams(), walk.recording)
+    ours = running.estimated(FootParams(), item.inputs)
+    np.testing.assert_allclose(ours.strides.length, theirs.strides.length, rtol=1e-9)
+    np.testing.assert_allclose(ours.feet.right.position, theirs.feet.right.position, atol=1e-9)
+    half = real.cut(walk, len(walk.time) // 2)
+    assert 0 < len(half.strides) < len(walk.strides)
+    assert half.recording.sensors["foot_right"].time.size == len(walk.time) // 2
+    # a lesson names the same strides, and its loss is the error that the score has
+    lesson = pivot.lesson(item, 4096)
+    assert lesson.weight.sum() == len(walk.length)
+    size = np.sqrt((100.0 * one.error) ** 2 + pivot.ROUND**2).mean()
+    monkeypatch.setattr(pivot, "foot_ins", SimpleNamespace(run=running.run_one))
+    loss = pivot.Loss(foot_ins.DEFAULT)(FootParams(), lesson)
+    np.testing.assert_allclose(loss, size, rtol=1e-9)
+
+
+def test_one_bad_recording_costs_no_other(experiment, running, walk, capsys):
+    still = walk.recording.sensors["foot_right"]
+    still = still._replace(gyr=np.full_like(still.gyr, 9.0))
+    broken = walk._replace(name="broken", recording=walk.recording._replace(sensors={"foot_right": still}))
+    assert running.attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
+    assert "broken left out: RecordingError" in capsys.readouterr().out
+    good = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
+    rows = running.scored(FootParams(), [good, good._replace(inputs=None)])
+    assert rows.n == len(walk.length)
+    assert "one right left out" in capsys.readouterr().out
+
+
+def test_sets_that_are_absent_are_named(experiment, running, monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if datasets.available("footprints"):
+        pytest.skip("footprints were downloaded into the cache")
+    assert running.ready("footprints", quick=True) == []
+    assert experiment.closures(quick=True) == []
+    said = capsys.readouterr().out
+    assert "left out: data set 'footprints' is not there" in said
+    assert "left out: data set 'xio_gait' is not there" in said
+
+
+def test_a_detector_that_overlooks_stances_is_found_out(running, walk):
+    from _foot_ablation import overlooked
+
+    usual = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
+    signals = usual.inputs.right
+    count = int(signals.count)
+    assert overlooked(usual, usual) == (0, 0, count)
+    never = signals._replace(stands=np.zeros_like(signals.stands))
+    always = signals._replace(stands=np.ones_like(signals.stands))
+    never, always = (usual._replace(inputs=usual.inputs._replace(right=one)) for one in (never, always))
+    assert overlooked(usual, never) == (count, 0, count)
+    assert overlooked(usual, always) == (0, count - 1, count)
+
+
+def test_quick_form(experiment, data, monkeypatch):
+    """On footprints, without the parts that compile programs of their own."""
+    data("footprints")
+    monkeypatch.setattr(experiment._foot_pivot, "calibrated", lambda *_: [])
+    monkeypatch.setattr(experiment, "speed", lambda quick: [])
+    monkeypatch.setattr(experiment._foot_peer._peers, "available", lambda peer: False)
+    rows = {row.metric: row for row in experiment.experiment(quick=True)}
+    assert rows["foot_stride_mae_cm_footprints"].value < 2.2
+    assert rows["foot_stride_mae_cm_footprints"].n >= 20
+    assert rows["foot_strides_lost"].value == 0.0
+    # the pivot is what takes the bias away
+    textbook = rows["ablation_textbook_stride_mae_cm_footprints"].value
+    assert textbook > 1.5 * rows["ablation_default_stride_mae_cm_footprints"].value
+    assert rows["float32_position_mm"].value < 2.0
+    assert rows["sim_straight_strides_lost"].value == 0.0
+    assert rows["sim_straight_stride_mae_cm"].value < 3.0
