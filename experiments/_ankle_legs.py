@@ -103,9 +103,9 @@ def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:
 
 
 def rested(imu: Imu, rate_hz: float) -> Imu:
-    """The sensor without the bias that it has while the leg stands, where it does."""
-    bias = shank_axes.rest_bias(imu, rate_hz)
-    return imu if bias is None else imu._replace(gyr=np.where(imu.mask[:, None], as_float(imu.gyr) - bias, 0.0))
+    """The sensor without gaps, and without the bias that it has while the leg stands, where it does."""
+    imu, bias = shank_axes.filled(imu), shank_axes.rest_bias(imu, rate_hz)
+    return imu if bias is None else imu._replace(gyr=as_float(imu.gyr) - bias)
 
 
 def _placements(name: str, walk: Walk, side: str) -> list[tuple[str, str]]:

@@ -93,6 +93,25 @@ def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
     return np.asarray(np.median(as_float(imu.gyr)[run[0] : run[1]][kept], axis=0))
 
 
+def filled(imu: Imu) -> Imu:
+    """The sensor with lost samples interpolated between their neighbours; the mask stays as it is.
+
+    Raises:
+        RecordingError: if every sample was lost.
+    """
+    kept = np.asarray(imu.mask, bool)
+    if not kept.any():
+        raise RecordingError("every sample of the sensor was lost")
+    if kept.all():
+        return imu
+    time = as_float(imu.time)
+
+    def between(values: Any) -> np.ndarray:
+        return np.stack([np.interp(time, time[kept], column[kept]) for column in as_float(values).T], axis=1)
+
+    return imu._replace(gyr=between(imu.gyr), acc=None if imu.acc is None else between(imu.acc))
+
+
 def asymmetry(rate: Any) -> float:
     """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is."""
     values = as_float(rate)

@@ -17,7 +17,8 @@ Readings of the paper, and deviations from it:
     1. The figure's "else" out of TO is read as a local minimum. Other readings count the same healthy strides.
     2. Event times have the filter's delay (54–56 ms) removed, and are interpolated to the zero crossing.
     3. A foot that stops has no zero crossing for 0.5 to 0.8 s. A swing also ends where its rate has stayed under a
-       small part of its peak for `rest_s`; `rest_share` = 0 is the paper.
+       small part of its peak for `rest_s`; `rest_share` = 0 is the paper. Half-steps included, F1 of the machine rises
+       from 0.979 to 0.995 (elderly of `walking5m`).
 """
 
 from typing import Any, NamedTuple

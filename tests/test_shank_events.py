@@ -159,6 +159,19 @@ def test_exchanged_labels_and_clipped_swings_are_noticed():
     assert shank_axes.clipped(fast._replace(gyr=np.clip(fast.gyr, -4.0, 4.0)), np.eye(3)) == STRIDES
 
 
+def test_lost_samples_are_filled_between_their_neighbours():
+    whole = worn(np.eye(3))
+    mask = np.ones(SAMPLES, bool)
+    mask[[0, 300, 301]] = False
+    lost = whole._replace(gyr=np.where(mask[:, None], whole.gyr, 0.0), mask=mask)
+    told = shank_axes.filled(lost)
+    np.testing.assert_allclose(told.gyr[300], (2.0 * whole.gyr[299] + whole.gyr[302]) / 3.0, rtol=1e-12)
+    np.testing.assert_array_equal(told.gyr[mask], whole.gyr[mask])
+    np.testing.assert_array_equal(told.mask, mask)
+    with pytest.raises(RecordingError, match="every sample"):
+        shank_axes.filled(lost._replace(mask=np.zeros(SAMPLES, bool)))
+
+
 def test_bias_at_rest():
     biased = worn(np.eye(3))
     biased = biased._replace(gyr=biased.gyr + np.array([0.01, -0.02, 0.03]))
