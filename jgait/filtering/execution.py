@@ -13,12 +13,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jgait.filtering import dense, fast, fast_smoother, parallel, square_root
+from jgait.filtering import bryson_frazier, dense, fast, fast_smoother, parallel, square_root
 from jgait.filtering.component_model import scalars
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.linearise import EKF, KF, Method
 
 Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
+
+Form = Literal["auto", "rts", "bryson_frazier"]
 
 FAST_UP_TO = 32
 """Largest error components × observed components × iterations that "auto" takes to the fast path.
@@ -66,15 +68,31 @@ def filtered(
 
 
 def smoothed(
-    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, covariance: bool
-) -> tuple[Any, Any, dict[str, Any]]:
-    """Smoothed mean and covariance (None where not asked for), and the filter's fields by name."""
-    means_only = not covariance and not given.cm.curved
-    execution = chosen(given, method, execution, about, small=means_only)
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, components: tuple[int, ...],
+    form: Form = "auto",
+) -> tuple[Any, Any, dict[str, Any]]:  # fmt: skip
+    """Smoothed mean, covariance of the error components asked for (None without any), the filter's fields by name."""
+    size = len(given.cov)
+    everything = components == tuple(range(size))
+    flat = not given.cm.curved
+    execution = chosen(given, method, execution, about, small=flat and not components)
+    if form == "bryson_frazier" and execution != "fast":
+        raise ValueError(f"form='bryson_frazier' belongs to execution='fast'; this is {execution!r}")
     if execution == "fast":
         fast.check_linear(given, method)  # type: ignore[arg-type]
-        smoother = fast_smoother.bryson_frazier if means_only else fast_smoother.rts
-        return smoother(given, method, keep)  # type: ignore[arg-type]
+        if form == "bryson_frazier" or (form == "auto" and not everything and (flat or given.cm.error_shift)):
+            return bryson_frazier.bryson_frazier(given, method, keep, components)  # type: ignore[arg-type]
+        mean, cov, kept = fast_smoother.rts(given, method, keep)  # type: ignore[arg-type]
+        place = [[min(i, j) * size - min(i, j) * (min(i, j) - 1) // 2 + abs(i - j) for j in components]
+                 for i in components]  # fmt: skip
+        return mean, [cov[place[a][b]] for a in range(len(place)) for b in range(a, len(place))], kept
+    mean, cov, kept = _smoothed_vectors(given, method, keep, execution, about)
+    return mean, cov if everything else cov[..., components, :][..., components], kept
+
+
+def _smoothed_vectors(
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any
+) -> tuple[Any, Any, dict[str, Any]]:
     ready = given.vectors()
     if execution == "parallel":
         found = parallel.parallel_smoother(ready, trajectory(given, about))

@@ -45,13 +45,15 @@ class Noises(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """One predict and update."""
+    """One predict and update; `turn` and what else as of `structured.corrected`."""
 
     transition: Transition
     predicted: Components
     gains: Gains
     after: Components
     told: Told
+    turn: Matrix | None
+    seen: list[Any]
 
 
 def check_linear(given: Inputs, method: KF | EKF) -> None:
@@ -79,8 +81,9 @@ def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample, 
     """Predict, then update, in components."""
     transition = affine_transition(given.cm, before, sample, noises.transition)
     prior = predicted(transition, before.cov)
-    after, gains, told = corrected(given.cm, prior, sample, method, noises.observation)
-    return Advanced(transition, prior, gains, after, told._replace(health=plus(told.health, transition.health)))
+    after, gains, told, turn = corrected(given.cm, prior, sample, method, noises.observation)
+    told = told._replace(health=plus(told.health, transition.health))
+    return Advanced(transition, prior, gains, after, told, turn, sample.seen)
 
 
 def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:

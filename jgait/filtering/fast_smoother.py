@@ -1,13 +1,9 @@
-r"""Smoothing over components, in segments: the filter stores the belief at the start of each, and is run again there.
+r"""Rauch–Tung–Striebel smoothing over components; see `smoother` for the equations.
 
-With covariances, Rauch–Tung–Striebel as in `smoother`. Where means are enough, the modified Bryson–Frazier form,
-which needs no inverse of P⁻: backwards over the samples, with the whitened gains W = L⁻¹ H P⁻ and v = L⁻¹ (y − ŷ),
-
-    λ⁻ = λ⁺ − Hᵀ L⁻ᵀ (W λ⁺ + v),   m_s = m⁻ − P⁻ λ⁻,   λ⁺ of the sample before = Aᵀ λ⁻,   λ⁺ = 0 at the end.
-
-Source: G. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973.
+In segments: the filter stores the belief at the start of each, and is run again there.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -34,7 +30,6 @@ from jgait.filtering.fast import (
     Carry,
     Noises,
     advanced,
-    arrays,
     carried,
     constant_noises,
     field,
@@ -47,45 +42,27 @@ from jgait.filtering.fast import (
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.inverse_factor import generalised_inverse_factor
 from jgait.filtering.linearise import EKF, KF
+from jgait.filtering.sharing import shared
 from jgait.filtering.structured import Components, Sample, affine_transition, turn
 from jgait.filtering.tracing import Expansion
-
-
-def bryson_frazier(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tuple[Any, None, dict[str, Any]]:
-    """Smoothed means, without covariances, and the filter's fields by name."""
-    noises = constant_noises(given)
-    size = len(given.cov)
-
-    def back(adjoint: Any, before: Any, leaves: Any, real: Any) -> tuple[Any, Any]:
-        step = advanced(given, noises, opened(before, given), sample_of(leaves, given), method)
-        g, after = step.gains, list(adjoint)
-        told = [plus(dot(row, after), v) for row, v in zip(g.white_cross, g.white, strict=True)]
-        told = [where(real, value, 0.0) for value in told]
-        weights = barred([dot(column, told) for column in zip(*g.inverse, strict=True)])[0]
-        adjoint = barred(
-            [minus(a, dot(column, weights)) for a, column in zip(after, zip(*g.matrix, strict=True), strict=True)]
-        )[0]
-        mean = [minus(m, dot(row, adjoint)) for m, row in zip(step.predicted.mean, step.predicted.cov, strict=True)]
-        for matrix in reversed(step.transition.steps):
-            adjoint = [dot(column, adjoint) for column in zip(*matrix, strict=True)]
-        return arrays(adjoint, given.dtype), arrays(mean, given.dtype)
-
-    start = tuple(jnp.zeros((), given.dtype) for _ in range(size))
-    mean, kept = _there_and_back(given, noises, method, keep, start, back)
-    return list(mean), None, kept
 
 
 def rts(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tuple[Any, Any, dict[str, Any]]:
     """Smoothed means and covariances, and the filter's fields by name."""
     noises = constant_noises(given)
 
-    def back(carry: Carry, before: Carry, leaves: Any, real: Any) -> tuple[Carry, Carry]:
+    def ahead(before: Carry, leaves: Any, real: Any) -> tuple[Carry, Any]:
+        step = advanced(given, noises, opened(before, given), sample_of(leaves, given), method)
+        return carried(step.after, given.dtype), (before, leaves, real)
+
+    def back(carry: Carry, item: Any) -> tuple[Carry, Carry]:
+        before, leaves, real = item
         sample, filtered = sample_of(leaves, given), opened(before, given)
         smoothed = smoothed_moments(given, noises, filtered, opened(carry, given), sample)
         moved = jax.tree.map(lambda a, b: jnp.where(real, a, b), carried(smoothed, given.dtype), before)
         return moved, carry
 
-    (mean, cov), kept = _there_and_back(given, noises, method, keep, None, back)
+    (mean, cov), kept = there_and_back(given, noises, method, keep, None, shared(ahead), shared(back))
     return list(mean), list(cov), kept
 
 
@@ -122,13 +99,21 @@ def smoothed_moments(
     return Components(mean, congruence(barred(turn(cm, trace, x, delta, mean))[0], smoothed))
 
 
-def _there_and_back(
-    given: Inputs, noises: Noises, method: KF | EKF, keep: tuple[str, ...], start: Any, back: Any
-) -> tuple[Any, dict[str, Any]]:
+def there_and_back(
+    given: Inputs, noises: Noises, method: KF | EKF, keep: tuple[str, ...], start: Any,
+    ahead: Callable[..., Any], back: Callable[..., Any],
+) -> tuple[Any, dict[str, Any]]:  # fmt: skip
     """Scan forward in segments and keep the belief before each; then backward, each segment forward once more.
 
-    `back(carry, before, leaves, real)` gets the belief before a sample, the sample, and whether it is one at all
-    (not filled in), and returns its carry and output.
+    Args:
+        given: model and recording.
+        noises: what of its noises is the same at every sample.
+        method: how to linearise.
+        keep: the filter's fields to return.
+        start: the backward pass's carry at the end; None takes the last belief.
+        ahead: (belief before, leaves of the sample, whether it is one and does not only fill up) → belief after, and
+            what `back` needs of it.
+        back: (carry, that) → carry, output.
     """
     length = given.length
     size = length if length < SEGMENTED_FROM else segment_length(length)
@@ -138,23 +123,34 @@ def _there_and_back(
 
     def forward(carry: Any, leaves: Any) -> tuple[Any, Any]:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
-        return carried(step.after, given.dtype), (carry, {name: field(step, name, given.dtype) for name in keep})
+        return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
-    forward = jax.checkpoint(forward, prevent_cse=False)
+    forward = jax.checkpoint(shared(forward), prevent_cse=False)
+    again = jax.checkpoint(lambda carry, item: ahead(carry, *item), prevent_cse=False)
+    inner = jax.checkpoint(back, prevent_cse=False)
 
     @jax.checkpoint
-    def ahead(carry: Any, part: Any) -> tuple[Any, Any]:
-        after, (_, kept) = lax.scan(forward, carry, part[0])
+    def there(carry: Any, part: Any) -> tuple[Any, Any]:
+        after, kept = lax.scan(forward, carry, part[0])
         return after, (carry, kept)
 
     @jax.checkpoint
     def behind(carry: Any, part: Any) -> tuple[Any, Any]:
-        first, (leaves, flags) = part
-        befores = lax.scan(lambda c, leaf: (lambda s: (s[0], c))(forward(c, leaf)), first, leaves)[1]
-        inner = jax.checkpoint(lambda c, item: back(c, *item), prevent_cse=False)
-        return lax.scan(inner, carry, (befores, leaves, flags), reverse=True)
+        first, (leaves, real) = part
+        items = leaves, _sorted(real)
+        stored = lax.scan(again, first, items)[1]
+        return lax.scan(inner, carry, stored, reverse=True)
 
-    last, (starts, kept) = lax.scan(ahead, carried(Components(given.mean, given.cov), given.dtype), folded)
+    last, (starts, kept) = lax.scan(there, carried(Components(given.mean, given.cov), given.dtype), folded)
     _, outputs = lax.scan(behind, last if start is None else start, (starts, folded), reverse=True)
     outputs, kept = jax.tree.map(lambda leaf: leaf.reshape(count * size)[:length], (outputs, kept))
     return outputs, {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
+
+
+def _sorted(real: Any) -> Any:
+    """The flags of a segment, True before False as they are: a sort that changes nothing but what XLA compiles.
+
+    A loop in which nothing is sorted it writes, with all loops within, as one function, and the time that LLVM takes
+    for a function grows faster than its size: minutes for a smoother of 15 states.
+    """
+    return lax.sort((~real).astype(jnp.int32)) == 0

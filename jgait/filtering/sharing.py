@@ -16,7 +16,7 @@ from jax.extend.core import Literal
 
 from jgait.filtering.tracing import EXPENSIVE, INLINED
 
-WORTH = 2
+WORTH = 3
 """Operations from which on a value that is used again is stored."""
 
 _FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})

@@ -12,9 +12,12 @@ Source: H. Rauch, F. Tung, C. Striebel (1965), AIAA Journal 3(8); S. Särkkä (2
 
 from typing import Any, NamedTuple
 
+import jax
+
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
-from jgait.filtering.execution import Execution, smoothed
+from jgait.filtering.covariance import structure_names
+from jgait.filtering.execution import Execution, Form, smoothed
 from jgait.filtering.inputs import inputs
 from jgait.filtering.kalman import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
 from jgait.filtering.linearise import EKF, Method
@@ -37,8 +40,8 @@ class Smoothed(NamedTuple):
 
 def kalman_smoother(
     model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
-    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP, covariance: bool = True,
-    execution: Execution = "auto", about: Any = None,
+    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
+    covariance: bool | tuple[str, ...] = True, execution: Execution = "auto", about: Any = None, form: Form = "auto",
 ) -> Smoothed:  # fmt: skip
     """Filter forward, then smooth backward: every sample is judged by all of the recording.
 
@@ -52,9 +55,16 @@ def kalman_smoother(
         method: how to linearise.
         initial: belief before the first interval; None takes the model's.
         keep: fields of the filter's `Posterior` to return.
-        covariance: False leaves the smoothed covariances out, which is several times faster.
+        covariance: False leaves the smoothed covariances out, which is several times faster. A tuple of names gives
+            those of some components of the error, ("position",) for all of its parts: the `Covariance` then belongs
+            to the error's tuple with None for the others.
         execution: how to run it, see `jgait.filtering.execution`.
         about: as of `kalman_filter`.
+        form: "rts" smooths as above; "bryson_frazier", for execution="fast", carries backwards what later samples
+            tell instead of the smoothed belief: the same on flat states up to rounding, equal to first order in the
+            smoother's corrections on manifolds, and several times faster (see `jgait.filtering.bryson_frazier`).
+            "auto" takes it on the fast path for means and for some components, where states are flat or the model
+            has an `error_shift`.
 
     Returns:
         Smoothed means and covariances, and the filter's posterior.
@@ -63,23 +73,50 @@ def kalman_smoother(
         ValueError: see `kalman_filter`.
     """
     checks.check_arguments(model, method, keep, FIELDS, execution)
+    if form not in ("auto", "rts", "bryson_frazier"):
+        raise ValueError(f"form must be 'auto', 'rts' or 'bryson_frazier'; got {form!r}")
+    if not isinstance(covariance, bool | tuple):
+        raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
     checks.check_values(observations, controls, dt)
     return _smoother(
-        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), covariance, execution
+        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), covariance, execution,
+        form,
     )  # fmt: skip
 
 
 def _smoothed(
     model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    about: Any, method: Method, keep: tuple[str, ...], covariance: bool, execution: Execution,
+    about: Any, method: Method, keep: tuple[str, ...], covariance: bool | tuple[str, ...], execution: Execution,
+    form: Form,
 ) -> Smoothed:  # fmt: skip
     given = inputs(model, params, observations, controls, dt, mask, initial)
-    mean, cov, kept = smoothed(given, method, keep, execution, about, covariance)
+    chosen = _components(covariance, given.cm.error)
+    mean, cov, kept = smoothed(given, method, keep, execution, about, chosen, form)
     return Smoothed(
         named_values(mean, given.cm.state),
-        named_covariance(cov, given.cm.error) if covariance else None,
+        named_covariance(cov, _part(chosen, given.cm.error)) if chosen else None,
         posterior(given.cm, kept),
     )
 
 
-_smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "covariance", "execution"))
+_smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "covariance", "execution", "form"))
+
+
+def _components(covariance: bool | tuple[str, ...], error: Any) -> tuple[int, ...]:
+    """Which components of the error the names mean; raises ValueError for a name that none has."""
+    names = structure_names(error)
+    if isinstance(covariance, bool):
+        return tuple(range(len(names))) if covariance else ()
+    for wanted in covariance:
+        if not any(_means(wanted, name) for name in names):
+            raise ValueError(f"covariance names components of the error ({', '.join(names)}); got {wanted!r}")
+    return tuple(i for i, name in enumerate(names) if any(_means(wanted, name) for wanted in covariance))
+
+
+def _means(wanted: str, name: str) -> bool:
+    return name == wanted or name.startswith(f"{wanted}.")
+
+
+def _part(chosen: tuple[int, ...], error: Any) -> Any:
+    """The structure of the error's tuple with None in place of what was not chosen."""
+    return jax.tree.structure(error.unflatten([i if i in chosen else None for i in range(error.num_leaves)]))

@@ -171,8 +171,8 @@ def predicted(transition: Transition, cov: Matrix) -> Components:
 
 def corrected(
     cm: ComponentModel, prior: Components, sample: Sample, method: KF | EKF, noise: Noise | None
-) -> tuple[Components, Gains, Told]:
-    """The belief after a sample, the last iteration's gains, and what the update tells.
+) -> tuple[Components, Gains, Told, Matrix | None]:
+    """The belief after a sample, the last iteration's gains, what the update tells, and on a manifold its `turn`.
 
     Each iteration linearises at the result of the one before, but starts again from the same prior.
     """
@@ -186,6 +186,7 @@ def corrected(
         health = plus(health, last.health)
     delta = _delta(last)
     mean = prior.mean
+    turned = None
     if cm.curved or method.iterations > 1:
         trace = Expansion(dtype_of(prior))
         good = sound(health)
@@ -195,16 +196,22 @@ def corrected(
         good = sound(health)
         cov = updated_covariance(prior.cov, last, sample.seen)
         if cm.curved:
-            cov = congruence(turn(cm, trace, prior.mean, delta, mean), cov)
+            turned = turn(cm, trace, prior.mean, delta, mean)
+            cov = congruence(turned, cov)
         after = Components(
             [where(good, a, b) for a, b in zip(mean, prior.mean, strict=True)],
             symmetric(size, lambda i, j: where(good, cov[i][j], prior.cov[i][j])),
+        )
+        last = last._replace(
+            inverse=[[where(good, e, 0.0) for e in row] for row in last.inverse],
+            white_cross=[[where(good, e, 0.0) for e in row] for row in last.white_cross],
+            white=[where(good, e, 0.0) for e in last.white],
         )
     else:
         after = Components(
             [plus(a, d) for a, d in zip(mean, delta, strict=True)], updated_covariance(prior.cov, last, sample.seen)
         )
-    return after, last, _told(first, sample.seen, health)
+    return after, last, _told(first, sample.seen, health), turned
 
 
 def turn(cm: ComponentModel, trace: Expansion, reference: list[Any], delta: list[Any], state: list[Any]) -> Matrix:

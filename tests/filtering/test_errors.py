@@ -29,7 +29,7 @@ class Walk(NamedTuple):
     mask: Any
 
 
-def walk(samples: int, seed: int = 0) -> Walk:
+def walk(samples: int, seed: int = 0, noise: float = 1.0) -> Walk:
     """Steps of a second: the foot stands for 0.4 s, then swings through 1.3 m and pitches; biased, noisy sensors."""
     rng = np.random.default_rng(seed)
     time = DT * np.arange(1.0, samples + 1.0)
@@ -44,8 +44,8 @@ def walk(samples: int, seed: int = 0) -> Walk:
     acc = rotated(conjugate(q), Vector(forward, 0.0 * up, up))
     gyr = Vector(0.3 * s, rate, -0.2 * s)
 
-    def read(clean: Vector, noise: float, biases: tuple[float, ...]) -> Vector:
-        noisy = (c + b + noise * rng.normal(size=samples) for c, b in zip(clean, biases, strict=True))
+    def read(clean: Vector, sigma: float, biases: tuple[float, ...]) -> Vector:
+        noisy = (c + noise * (b + sigma * rng.normal(size=samples)) for c, b in zip(clean, biases, strict=True))
         return Vector(*map(jnp.asarray, noisy))
 
     full = np.ones(samples)
@@ -133,3 +133,47 @@ def test_a_flat_model_states_nothing_of_its_errors():
     flat = FOUND._replace(retract=None, local=None, error_shift=fm.error_shift)
     with pytest.raises(ValueError, match="states how errors move gives retract and local"):
         filtered(flat, walk(3), "dense")
+
+
+START = fm.standing_belief(
+    Quaternion(1.0, 0.0, 0.0, 0.0),
+    Vector(0.0, 0.0, 0.0),
+    fm.FootError(*(Vector(v, v, v) for v in (1e-8, 1e-6, 1e-5, 1e-7, 1e-4))),
+)
+
+
+def quiet(samples: int) -> Any:
+    """A walk whose sensors are good enough for smoothing to change an attitude by a few milliradians."""
+    w = walk(samples, noise=0.1)
+    return w._replace(controls=w.controls._replace(
+        gyr_density=0.01 * w.controls.gyr_density, acc_density=0.01 * w.controls.acc_density
+    ))  # fmt: skip
+
+
+def foot_smoothed(w: Any, execution: str, dtype: Any = jnp.float64, **more: Any) -> Any:
+    def cast(tree: Any) -> Any:
+        return jax.tree.map(lambda v: v if jnp.result_type(v) == jnp.bool_ else jnp.asarray(v, dtype), tree)
+
+    return filtering.kalman_smoother(
+        STATED, cast(PARAMS), cast(w.observations), controls=cast(w.controls), mask=w.mask,
+        dt=jnp.asarray(DT, dtype), initial=cast(START), execution=execution, keep=("mean",), **more,
+    )  # fmt: skip
+
+
+def test_on_a_walking_foot_it_is_the_other_smoother_to_first_order():
+    w = quiet(260)
+    reference = foot_smoothed(w, "dense")
+    ours = foot_smoothed(w, "fast", form="bryson_frazier")
+    assert float(jnp.max(jnp.abs(reference.mean.position.x - reference.filtered.mean.position.x))) > 1e-3
+    close(ours, reference, 1e-3)
+    for a, b in zip(jax.tree.leaves(ours.mean), jax.tree.leaves(reference.mean), strict=True):
+        # What is left is of second order; smoothing moves speeds by centimetres a second here.
+        np.testing.assert_allclose(a, b, rtol=0, atol=5e-6)
+    single = foot_smoothed(w, "fast", jnp.float32, covariance=("position",))
+    part = single.cov
+    assert part.names == ("position.x", "position.y", "position.z")
+    assert part.upper[0].dtype == jnp.float32
+    for name in part.names:
+        np.testing.assert_allclose(part[name, name], ours.cov[name, name], rtol=1e-3, atol=1e-11)
+    for a, b in zip(single.mean.position, ours.mean.position, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=2e-5)

@@ -238,6 +238,7 @@ def test_segments_change_nothing(samples):
     dense = smoothed(c, "dense")
     same(smoothed(c, "fast"), dense)
     same(smoothed(c, "fast", covariance=False).mean, dense.mean)
+    same(smoothed(c, "fast", form="bryson_frazier"), dense)
     assert samples >= fast.SEGMENTED_FROM
 
     def loss(p: Any, execution: str) -> Any:
@@ -367,3 +368,55 @@ def test_a_bare_array_is_told_what_to_be():
         ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
     ):
         filtered(c._replace(observations=c.observations.near, mask=None))
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "masked"), [("cart", KF(), True), ("bent", IteratedEKF(2), True), ("bent", ONE_UPDATE, False)]
+)
+def test_without_inverses_it_is_the_same_smoother(name, method, masked):
+    c = case(name, masked=masked)
+    same(smoothed(c, "fast", method, form="bryson_frazier"), smoothed(c, "dense", method))
+
+
+def test_some_components_are_those_of_all():
+    c = case("cart")
+    every = smoothed(c, "dense")
+    for execution in ("fast", "dense"):
+        some = smoothed(c, execution, covariance=("speed",))
+        assert some.cov.names == ("speed",)
+        same(some.cov["speed", "speed"], every.cov["speed", "speed"])
+        same(some.mean, every.mean)
+    with_rts = smoothed(c, "fast", form="rts", covariance=("speed", "position"))
+    same(with_rts.cov, every.cov)
+
+
+def test_gradients_without_inverses():
+    c = case("bent")
+
+    def loss(p: Any, execution: str, form: str) -> Any:
+        found = smoothed(c._replace(params=p), execution, form=form)
+        return jnp.sum(found.mean.speed**2) + jnp.sum(found.cov["position", "speed"])
+
+    same(jax.grad(loss)(c.params, "fast", "bryson_frazier"), jax.grad(loss)(c.params, "dense", "rts"), 1e-7)
+
+
+def test_a_broken_step_without_inverses():
+    c = case("cart")
+    pushes = jnp.where(jnp.arange(SAMPLES) == 7, 100.0, c.controls.acceleration)
+    broken = c._replace(model=c.model._replace(transition=cliff_transition), controls=Push(pushes))
+    same(smoothed(broken, "fast", form="bryson_frazier"), smoothed(broken, "dense"))
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"form": "two_filter"}, "form must be 'auto', 'rts' or 'bryson_frazier'; got 'two_filter'"),
+        ({"covariance": "speed"}, "covariance is True, False or a tuple of names; got 'speed'"),
+        ({"covariance": ("height",)}, r"covariance names components of the error \(position, speed\); got 'height'"),
+    ],
+)
+def test_what_a_smoother_cannot_do_is_refused(more, message):
+    with pytest.raises(ValueError, match=message):
+        smoothed(case("cart"), "fast", **more)
+    with pytest.raises(ValueError, match="form='bryson_frazier' belongs to execution='fast'; this is 'dense'"):
+        smoothed(case("cart"), "dense", form="bryson_frazier")

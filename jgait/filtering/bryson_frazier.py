@@ -1,0 +1,215 @@
+r"""Smoothing without an inverse of P⁻: backwards over the samples goes what the later ones tell of each.
+
+With K = P⁻ Hᵀ S⁻¹, the filter's update m = m⁻ ⊕ K e, and λ⁺ = 0, Λ⁺ = 0 after the last sample,
+
+    m_s = m ⊕ (−P λ⁺),                          P_s = P − P Λ⁺ P
+    λ⁻ = (I − K H)ᵀ Tᵀ λ⁺ − Hᵀ S⁻¹ e,           Λ⁻ = (I − K H)ᵀ Tᵀ Λ⁺ T (I − K H) + Hᵀ S⁻¹ H
+    λ⁺ of the sample before = Aᵀ λ⁻,            Λ⁺ = Aᵀ Λ⁻ A
+
+T turns errors about the predicted state into errors about the updated one, 1 on flat states: on a manifold this is the
+smoother of the filter as it was linearised. Rauch, Tung and Striebel's form takes the difference of two states
+instead, so the two differ by the square of the smoother's correction times the update's: for attitudes of ε and
+δ rad by ε² δ / 12.
+
+P − P Λ⁺ P is a difference: where smoothing makes a variance c times smaller, about c times the rounding of the
+filter's is left. Pieces of the forward pass are stored for one segment at a time.
+
+Source: G. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.filtering.components import (
+    Matrix,
+    barred,
+    congruence,
+    dot,
+    from_upper,
+    identity,
+    is_zero,
+    known,
+    minus,
+    plus,
+    product,
+    sound,
+    symmetric,
+    times,
+    total,
+    transposed,
+    upper,
+    where,
+)
+from jgait.filtering.fast import Advanced, advanced, arrays, carried, constant_noises, opened, sample_of
+from jgait.filtering.fast_smoother import there_and_back
+from jgait.filtering.inputs import Inputs
+from jgait.filtering.linearise import EKF, KF
+from jgait.filtering.sharing import shared
+from jgait.filtering.structured import Components, turn
+from jgait.filtering.tracing import Expansion
+
+
+class Pieces(NamedTuple):
+    """What the backward pass needs of a sample.
+
+    Attributes:
+        after: the filtered belief.
+        gain: K (n × m), zero where masked.
+        matrix: H (m × n).
+        precision: S⁻¹, zero where masked.
+        pull: S⁻¹ e (m), zero where masked.
+        turn: T, or None.
+        steps: the transition's matrices.
+    """
+
+    after: Components
+    gain: Matrix
+    matrix: Matrix
+    precision: Matrix
+    pull: list[Any]
+    turn: Matrix | None
+    steps: list[Matrix]
+
+
+class Parcel:
+    """A tree of scalars as a tuple of arrays, without what is known and without repetitions."""
+
+    def __init__(self, dtype: Any) -> None:
+        """Take the arrays' float type; the tree's form is learnt by `packed`."""
+        self.dtype = dtype
+        self.form: Any = None
+
+    def packed(self, tree: Any) -> tuple[Any, ...]:
+        """The arrays."""
+        leaves, structure = jax.tree.flatten(tree)
+        places: dict[int, int] = {}
+        contents: list[Any] = []
+        for leaf in leaves:
+            if not known(leaf) and id(leaf) not in places:
+                places[id(leaf)] = len(contents)
+                contents.append(leaf)
+        self.form = structure, [leaf if known(leaf) else places[id(leaf)] for leaf in leaves]
+        return arrays(contents, self.dtype)
+
+    def opened(self, contents: Sequence[Any]) -> Any:
+        """The tree."""
+        structure, places = self.form
+        return structure.unflatten([place if known(place) else contents[place] for place in places])
+
+
+def bryson_frazier(
+    given: Inputs, method: KF | EKF, keep: tuple[str, ...], chosen: tuple[int, ...]
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Smoothed means, and covariances of the chosen error components; the filter's fields by name.
+
+    Args:
+        given: model and recording.
+        method: how the filter linearises.
+        keep: the filter's fields to return.
+        chosen: which error components' covariances are wanted, in order; if none, None is returned for them.
+    """
+    noises = constant_noises(given)
+    size, dtype = len(given.cov), given.dtype
+    parcel = Parcel(dtype)
+
+    def ahead(carry: Any, leaves: Any, real: Any) -> tuple[Any, Any]:
+        step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
+        return carried(step.after, dtype), parcel.packed(pieces(step, real))
+
+    def back(carry: Any, contents: Any) -> tuple[Any, Any]:
+        vector, entries = list(carry[0]), from_upper(carry[1], size) if chosen else None
+        piece = parcel.opened(contents)
+        smoothed = _smoothed(given, piece.after, vector, entries, chosen)
+        vector, entries = _before(piece, vector, entries)
+        told = arrays(upper(entries), dtype) if entries is not None else ()
+        return (arrays(vector, dtype), told), (arrays(smoothed[0], dtype), arrays(smoothed[1], dtype))
+
+    zero = jnp.zeros((), dtype)
+    start = (zero,) * size, (zero,) * (size * (size + 1) // 2 if chosen else 0)
+    (mean, cov), kept = there_and_back(given, noises, method, keep, start, shared(ahead), shared(back))
+    return list(mean), list(cov) if chosen else None, kept
+
+
+def pieces(step: Advanced, real: Any) -> Pieces:
+    """What is stored of a step; `real` is False where the sample only fills up a segment."""
+    g = step.gains
+    columns = transposed(g.inverse)
+    count = len(columns)
+
+    def weight(a: int, b: int) -> Any:
+        here = real & step.seen[a] & step.seen[b]
+        return where(here, dot(columns[a], columns[b]), 0.0)
+
+    pull = [where(real, dot(column, g.white), 0.0) for column in columns]
+    return Pieces(
+        step.after, product(transposed(g.white_cross), g.inverse), g.matrix, symmetric(count, weight), pull, step.turn,
+        step.transition.steps,
+    )  # fmt: skip
+
+
+def _before(piece: Pieces, vector: list[Any], entries: Matrix | None) -> tuple[list[Any], Matrix | None]:
+    """λ and Λ after the sample before, from those after this one."""
+    shown, gains = transposed(piece.matrix), transposed(piece.gain)
+    if piece.turn is not None:
+        vector = _transposed_times(piece.turn, vector)
+    weights = [plus(dot(gain, vector), pull) for gain, pull in zip(gains, piece.pull, strict=True)]
+    vector = [minus(a, dot(row, weights)) for a, row in zip(vector, shown, strict=True)]
+    for step in reversed(piece.steps):
+        vector = _transposed_times(step, vector)
+    if entries is None:
+        return vector, None
+    if piece.turn is not None:
+        entries = congruence(transposed(piece.turn), entries)
+    left = [
+        [minus(a, dot(row, h)) for a, h in zip(given, shown, strict=True)]
+        for given, row in zip(entries, product(entries, piece.gain), strict=True)
+    ]  # Λ (I − K H)
+    pushed = [  # S⁻¹ H − Kᵀ Λ (I − K H)
+        [minus(dot(row, h), dot(gain, column)) for h, column in zip(shown, transposed(left), strict=True)]
+        for row, gain in zip(piece.precision, gains, strict=True)
+    ]
+    sides = transposed(pushed)
+    entries = symmetric(len(left), lambda i, j: plus(*_thinner(left, shown, sides, i, j)))
+    for step in reversed(piece.steps):
+        entries = congruence(transposed(step), entries)
+    return vector, entries
+
+
+def _thinner(left: Matrix, shown: Matrix, sides: Matrix, i: int, j: int) -> tuple[Any, Any]:
+    """Entry (i, j) of Λ (I − K H) + Hᵀ (…), by the side on which H has fewer entries: the result is symmetric."""
+    a, b = (i, j) if sum(map(is_zero, shown[i])) >= sum(map(is_zero, shown[j])) else (j, i)
+    return left[a][b], dot(shown[a], sides[b])
+
+
+def _transposed_times(matrix: Matrix, vector: list[Any]) -> list[Any]:
+    return [dot(column, vector) for column in zip(*matrix, strict=True)]
+
+
+def _smoothed(
+    given: Inputs, after: Components, vector: list[Any], entries: Matrix | None, chosen: tuple[int, ...]
+) -> tuple[list[Any], list[Any]]:
+    """The smoothed mean, and the upper triangle of the covariance of the chosen components."""
+    cm, (x, cov) = given.cm, after
+    delta = [times(-1.0, dot(row, vector)) for row in cov]
+    good = sound(barred(total(delta))[0])
+    delta = [where(good, d, 0.0) for d in delta]
+    trace = Expansion(given.dtype)
+    mean = trace.call(cm.retract, x, delta) if cm.curved else [plus(a, d) for a, d in zip(x, delta, strict=True)]
+    if entries is None:
+        return mean, []
+    around = turn(cm, trace, x, delta, mean) if cm.curved else identity(len(x))
+    rows = [around[i] for i in chosen]
+    shows = [j for j in range(len(cov)) if any(not is_zero(row[j]) for row in rows)]
+    half = product([cov[j] for j in shows], entries)
+
+    def left(a: int, b: int) -> Any:
+        return minus(cov[shows[a]][shows[b]], dot(half[a], cov[shows[b]]))
+
+    smoothed = congruence([[row[j] for j in shows] for row in rows], symmetric(len(shows), left))
+    found = upper(smoothed)
+    good = sound(barred(total(found))[0])
+    kept = [cov[chosen[a]][chosen[b]] for a in range(len(chosen)) for b in range(a, len(chosen))]
+    return mean, [where(good, value, other) for value, other in zip(found, kept, strict=True)]
