@@ -239,7 +239,7 @@ def estimator(
 
 def estimate(
     p: WidthParams, recording: Recording, options: WidthOptions = DEFAULT, *, foot_params: FootParams = FootParams(),
-    foot_options: FootOptions = foot_ins.DEFAULT,
+    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimate:  # fmt: skip
     """Both feet in one world, with stride widths, from the sensors of one recording.
 
@@ -249,6 +249,7 @@ def estimate(
         options: how to estimate widths.
         foot_params: of the feet's trajectories, see `foot_ins`.
         foot_options: how to estimate them.
+        start_heading: see `prepare_from_feet`.
 
     Returns:
         As `foot_ins.estimate`, trajectories in one world and strides with width and step length; of the diagnostics
@@ -260,7 +261,9 @@ def estimate(
     """
     own, stances = feet_of(recording, foot_params, foot_options)
     assert own.feet is not None
-    together = estimate_from_feet(p, own.time, own.feet, stances, recording.feet_range, options)
+    together = estimate_from_feet(
+        p, own.time, own.feet, stances, recording.feet_range, options, start_heading=start_heading
+    )
     return merged(own, stances, together)
 
 
