@@ -14,6 +14,7 @@ from jgait.estimators.foot_calibration import rest
 from jgait.types import as_float
 
 SCRIPT = "gaitmap_rts"
+KINDS = ("raw", "unbiased")
 
 
 def job(foot: Foot, unbiased: bool) -> dict[str, Any]:
@@ -45,10 +46,14 @@ def compared(sets: Mapping[str, Sequence[tuple[Ready, Matched, np.ndarray]]]) ->
     if not _peers.available("gaitmap"):
         print(f"left out: {_peers.unavailable_reason('gaitmap')}")
         return []
+    jobs = {_name(item.foot, kind): job(item.foot, kind == "unbiased")
+            for items in sets.values() for item, _, _ in items for kind in KINDS}  # fmt: skip
+    answers = answered(jobs)
     rows, lines = [], []
     for name, items in sets.items():
-        if items:
-            more, line = attempt(f"gaitmap on {name}", lambda n=name, i=items: _set(n, i)) or ([], [])
+        known = [one for one in items if all(_name(one[0].foot, kind) in answers for kind in KINDS)]
+        if known:
+            more, line = _set(name, known, answers)
             rows += more
             lines += line
     columns = ["", "strides", "MAE cm", "bias cm", "worst cm", "position RMSE m"]
@@ -56,15 +61,33 @@ def compared(sets: Mapping[str, Sequence[tuple[Ready, Matched, np.ndarray]]]) ->
     return rows
 
 
-def _set(name: str, items: Sequence[tuple[Ready, Matched, np.ndarray]]) -> tuple[list[Row], list[list[Any]]]:
-    jobs = {f"{k} {kind}": job(item.foot, kind == "unbiased") for k, (item, _, _) in enumerate(items)
-            for kind in ("raw", "unbiased")}  # fmt: skip
-    answers = _peers.run(SCRIPT, jobs)
+def answered(jobs: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
+    """All answers from one process, for it compiles for a minute; one by one if that fails, without those that do."""
+    if not jobs:
+        return {}
+    whole = attempt("gaitmap on all recordings at once", lambda: _peers.run(SCRIPT, jobs))
+    if whole is not None:
+        return dict(whole)
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for name, one in jobs.items():
+        found |= attempt(f"gaitmap on {name}", lambda n=name, j=one: _peers.run(SCRIPT, {n: j})) or {}
+    return found
+
+
+def _name(foot: Foot, kind: str) -> str:
+    """Of a job."""
+    return f"{foot.set} {foot.name} {kind}"
+
+
+def _set(
+    name: str, items: Sequence[tuple[Ready, Matched, np.ndarray]], answers: Mapping[str, Mapping[str, np.ndarray]]
+) -> tuple[list[Row], list[list[Any]]]:
+    """Rows and lines of the table for one set."""
 
     def theirs(kind: str) -> Score:
         return score([
-            at_times(item.foot, item.inputs.time, answers[f"{k} {kind}"]["position"], ours.rows)
-            for k, (item, ours, _) in enumerate(items)
+            at_times(item.foot, item.inputs.time, answers[_name(item.foot, kind)]["position"], ours.rows)
+            for item, ours, _ in items
         ])  # fmt: skip
 
     ours = score([one for _, one, _ in items])
