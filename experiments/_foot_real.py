@@ -148,7 +148,7 @@ class Matched(NamedTuple):
     Attributes:
         error: (n,) of the length of each stride that was found [m].
         length: (n,) the reference's [m].
-        stddev: (n,) that the estimate states [m].
+        stddev: (n,) that the estimate states [m]; NaN where it states none.
         lost: strides of the reference that were not found.
         rmse: of the position after turning and shifting [m].
         rows: (n,) which of the reference's strides they are.
@@ -170,7 +170,8 @@ def matched(foot: Foot, estimate: Estimate) -> Matched:
     found = np.stack([s.standing, s.standing_end], axis=1)
     pairs = pairs_of(foot.strides, found)
     error = s.length[pairs[:, 1]] - foot.length[pairs[:, 0]]
-    stddev = estimate.strides_stddev.length[pairs[:, 1]]
+    stated = estimate.strides_stddev
+    stddev = np.full(len(pairs), np.nan) if stated is None else stated.length[pairs[:, 1]]
     trajectory = getattr(estimate.feet, foot.side).position
     return Matched(
         error, foot.length[pairs[:, 0]], stddev, len(foot.strides) - len(pairs),
