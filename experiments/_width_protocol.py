@@ -55,7 +55,7 @@ def walks(seed: int, people: int, straight: float = 50.0, after: float = 25.0) -
         apart = float(np.linalg.norm(feet[0][0] - feet[1][0]))
         found.append(
             Marked(
-                one.recording._replace(feet_range=extra["range"]),
+                one.recording,
                 np.asarray(truth.estimate.time),
                 feet,
                 np.asarray(truth.estimate.distance),

@@ -222,9 +222,10 @@ def potter(
         turn: of the corner, left positive [rad].
 
     Returns:
-        The walks; `extra` as `bennett`, and `range` (a `RangeReadings`), the true distance between the skin of both
-        legs `range_distance` (T,) [m], the places `sender` and `receiver` (T, 3) [m], `offset`, by which the axes of
-        the shanks are farther apart [m], and `corner`, where on the route the corner begins and ends (2,) [m].
+        The walks, `feet_range` in their recordings; `extra` as `bennett`, and `range` (the same), the true distance
+        between the skin of both legs `range_distance` (T,) [m], the places `sender` and `receiver` (T, 3) [m],
+        `offset`, by which the axes of the shanks are farther apart [m], and `corner`, where on the route the corner
+        begins and ends (2,) [m].
 
     Source: Potter's filter for stride width: section III-A (Opal on each instep, 128 Hz; HC-SR04 at the left ankle,
     30 Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
@@ -241,9 +242,12 @@ def potter(
         marked.append(Person(paced.body, paced.gait._replace(**onto)))
     found = _walked(walks, marked, [along] * people, errors, rate, placements, "potter")
     corner = (straight, straight + float(along.length[1]))
+    told = [_ranged(other, one.truth, ranging) for other, one in zip(others, found, strict=True)]
     return [
-        one._replace(extra={**one.extra, **_ranged(other, one.truth, ranging), "corner": corner})
-        for other, one in zip(others, found, strict=True)
+        one._replace(
+            recording=one.recording._replace(feet_range=said["range"]), extra={**one.extra, **said, "corner": corner}
+        )
+        for one, said in zip(found, told, strict=True)
     ]
 
 

@@ -83,7 +83,10 @@ DEFAULT = TwoFeetOptions()
 
 def foot_options(options: TwoFeetOptions) -> FootOptions:
     """What concerns each foot."""
-    return FootOptions(options.smooth, options.level, options.detector, options.method, options.execution)
+    return FootOptions(
+        smooth=options.smooth, level=options.level, detector=options.detector, method=options.method,
+        execution=options.execution,
+    )  # fmt: skip
 
 
 def width_options(options: TwoFeetOptions) -> WidthOptions:
