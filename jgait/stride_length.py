@@ -25,7 +25,7 @@ unit", 2017, equations 1 to 6; Q. Li, M. Young, V. Naing, J. M. Donelan, J. Biom
 Deviations from the paper, with their effect where it was measured by `experiments/ankle_stride.py`:
     1. θ is about the sagittal axis; the rate's norm over all axes (`all_axes`) is 3 to 15 % longer and breaks in turns.
     2. SL₂' has a swing-time term, which makes up for what the supporting leg adds: with e of other people, c learned at
-       one speed holds at another to 1 % instead of 3.4 % (`tripod`).
+       one speed holds at another to 1.4 % instead of 3.4 % (`tripod`).
     3. The rotation of an interval is exact; equation 3 (`euler`), not normalised, adds 1.6 to 3.5 cm a stride.
     4. The initial velocity is ω × r, not zero, and the stride is that of the ankle, not of the sensor (r = 0): mid
        shank 2.6 instead of 10 cm (`neura_sparse`), 3.6 with the velocity alone.
