@@ -6,6 +6,7 @@ feet turn, the estimators have to tell. The sensors' places are taken to be the 
 and widths are judged at the same points: the line through two stances of a foot, and the stance of the other between.
 """
 
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def stances(walk: Capture, side: int) -> np.ndarray:
     speed = np.hypot(*np.gradient(walk.feet[side], walk.time, axis=0).T)
     swings = np.flatnonzero(np.diff((speed > 0.6).astype(int)))
     edges = np.concatenate([[0], swings, [len(speed)]])
-    slow = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > 8 and speed[(a + b) // 2] < 0.6]
+    slow = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 8 and speed[(a + b) // 2] < 0.6]
     smooth = np.convolve(speed, np.ones(5) / 5, mode="same")
     smooth[:2], smooth[-2:] = np.inf, np.inf
     return walk.time[[a + int(np.argmin(smooth[a:b])) for a, b in slow]]
@@ -124,8 +125,8 @@ def errors(walk: Capture, estimate: Estimate) -> Errors:
         start, end = walk.at(side, float(s.standing[k])), walk.at(side, float(s.standing_end[k]))
         stood = stances(walk, 1 - side)
         between = stood[(stood > s.standing[k]) & (stood < s.standing_end[k])]
-        turns = np.ptp([headings(walk, foot, np.array([s.standing[k] - 0.5, s.standing[k] + 0.3, s.standing_end[k] + 0.3]))
-                        for foot in (0, 1)]) > TURN  # fmt: skip
+        around = np.array([s.standing[k] - 0.5, s.standing[k] + 0.3, s.standing_end[k] + 0.3])
+        turns = np.ptp([headings(walk, foot, around) for foot in (0, 1)]) > TURN
         way = end - start
         length = np.hypot(*way)
         if len(between) != 1 or turns or length < 0.5 or not np.isfinite(s.width[k]):

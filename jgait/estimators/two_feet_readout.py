@@ -87,7 +87,7 @@ def _first_heading(state: FootState, foot: FootSignals) -> Any:
     """Direction of a foot's first stride, which is the x axis of `foot_strides.path_of`."""
     way = Plane(state.position.x[foot.foothold[1:]], state.position.y[foot.foothold[1:]])
     square = way.x * way.x + way.y * way.y
-    real = jnp.arange(square.shape[0]) < foot.count - 1
+    real = jnp.arange(square.shape[0], dtype=jnp.int32) < jnp.asarray(foot.count, jnp.int32) - 1
     first = jnp.argmax(real & (square > foot_strides.SHORTEST**2))
     return jnp.arctan2(way.y[first], way.x[first])
 
@@ -184,8 +184,13 @@ def _with_widths(
 
 
 def _passed(own: FootSignals, other: FootSignals) -> Any:
-    """Whether the other foot stood just once in each stride (K − 1,)."""
+    """Whether the other foot stood in one place while this one strode (K − 1,).
+
+    It stood just once in between; or, where a walk begins, it has stood there since before.
+    """
     left_behind = jnp.cumsum(other.restart > 0.5)  # footholds of the other foot before each sample
     first, last = own.foothold[:-1], own.foothold[1:]
-    after_first = jnp.minimum(first + 1, left_behind.shape[0] - 1)
-    return left_behind[last] - left_behind[after_first] == 1
+    before = left_behind[jnp.minimum(first + 1, left_behind.shape[0] - 1)]
+    between = left_behind[last] - before
+    stays = (before > 0) & (other.final_contact[jnp.maximum(before - 1, 0)] > own.final_contact[:-1])
+    return (between == 1) | ((between == 0) & stays)
