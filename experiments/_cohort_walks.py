@@ -84,7 +84,13 @@ def _walked(keys: Any, people: Person, along: Route, time: Any, errors: Any, cap
         masks = jnp.stack([imu.mask for imu in read.values()])
         estimate = truth.estimate
         legs = jnp.stack([jnp.stack(leg) for leg in estimate.legs])
-        return sensors, masks, legs, estimate.distance, jnp.stack([v.astype(legs.dtype) for v in estimate.strides])
+        return (
+            sensors,
+            masks,
+            legs,
+            estimate.distance,
+            jnp.stack([v.astype(legs.dtype) for v in estimate.strides if v is not None]),
+        )
 
     return jax.vmap(one)(keys, people, along)
 

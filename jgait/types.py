@@ -128,7 +128,7 @@ class Strides(NamedTuple):
         valid: bool; False for a row that is no stride (padding).
         standing: when the foot is stillest on its first foothold [s].
         standing_end: when it is stillest on its second [s].
-        speed: length over the time from standing to standing [m/s].
+        speed: length over the time from contact to contact, of a first stride from standing to standing [m/s].
         turn: change of the foot's heading, left positive [rad].
         lift: how far the foot's sensor rises above the higher of its two footholds [m].
         contact_angle: pitch of the foot at the contact that ends the stride, against standing, toes up positive [rad].

@@ -19,6 +19,10 @@ STRAIGHT_FROM = 0.4
 """[m] From this length on a stride tells where the foot's front is."""
 
 
+TIMING = 0.02
+"""[s] Standard deviation of the duration of a stride, two contacts of 15 ms each."""
+
+
 class Path(NamedTuple):
     """One foot's whole way.
 
@@ -103,11 +107,11 @@ def _strides(
     yaw_variance = cov["attitude.z", "attitude.z"]
     pitch_deviation = _root(_across(cov, axis))
     departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
-    duration = jnp.maximum(lands - departs, 1e-3)
     # the stride before this one ended with this one's first contact; a first stride starts when the toes leave
     start = jnp.concatenate([time[final[:1]], time[initial[:-1]]])
     began = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
     start = jnp.where(began, start, time[final])
+    duration = jnp.maximum(jnp.where(began, time[initial] - start, lands - departs), 1e-3)
     nothing = jnp.full_like(length, jnp.nan)
     numbers = jnp.full(length.shape, side, jnp.int32)
     strides = Strides(
@@ -119,7 +123,7 @@ def _strides(
     length_stddev = _root(along + unknown)
     deviations = Strides(
         side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
-        height=_root(between["zz"] + unknown), valid=valid, speed=length_stddev / duration,
+        height=_root(between["zz"] + unknown), valid=valid, speed=_root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
         turn=_root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
         push_off_angle=pitch_deviation[final], step_length=nothing,
     )  # fmt: skip
