@@ -121,9 +121,10 @@ def _strides(
         push_off_angle=standing_pitch[final] - standing_pitch[here], step_length=nothing,
     )  # fmt: skip
     length_stddev = _root(along + unknown)
+    speed_stddev = _root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
     deviations = Strides(
         side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
-        height=_root(between["zz"] + unknown), valid=valid, speed=_root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
+        height=_root(between["zz"] + unknown), valid=valid, speed=speed_stddev,
         turn=_root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
         push_off_angle=pitch_deviation[final], step_length=nothing,
     )  # fmt: skip
