@@ -20,7 +20,10 @@ How far to trust it:
     `diagnostics["width_valid"]`. Standard deviations of positions are since the last foothold; how far the feet are
     apart, `z1_stddev` and `z2_stddev` say.
 
-Parameters without a gradient: those of `foot_ins`, `start_width` and its three deviations enter the start alone.
+Parameters without a gradient: none of the estimate; `offset_noise`, `passing_offset_noise` and `foot.stride_noise` show
+in standard deviations only. What decides (stances, ranges used, turns) has none.
+
+Cost: 33 error components take the dense path, 2 ms a sample on one core with the smoother, and a minute to compile.
 """
 
 import math
