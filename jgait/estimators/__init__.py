@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import foot_ins, leg_ekf, stride_width_ekf
+from jgait.estimators import foot_ins, leg_ekf, stride_width_ekf, two_feet
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]
@@ -12,6 +12,7 @@ _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "leg_ekf": leg_ekf.estimator,
     "foot_ins": foot_ins.estimator,
     "stride_width_ekf": stride_width_ekf.estimator,
+    "two_feet": two_feet.estimator,
 }
 
 
