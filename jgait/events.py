@@ -28,7 +28,7 @@ STANCE = 2.5
 STILL = 0.8
 """[rad/s] Below this a foot stands in any case; between heel-off and contact the rate is above 2."""
 
-JOLT = 10.0
+JOLT = 5.0
 """[m/s²] Spread of the specific force that counts as much as 1 rad/s."""
 
 SHORTEST = 0.45
