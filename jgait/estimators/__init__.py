@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import foot_ins, leg_ekf, stride_width_ekf, two_feet
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, two_feet
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]
 
 _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "leg_ekf": leg_ekf.estimator,
+    "ankle_stride": ankle_stride.estimator,
     "foot_ins": foot_ins.estimator,
     "stride_width_ekf": stride_width_ekf.estimator,
     "two_feet": two_feet.estimator,

@@ -1,0 +1,130 @@
+"""What the ankle's estimator takes: signals and decisions of one or two legs, as arrays that pad, stack and map."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+SHORTEST_STRIDE = 10
+"""[samples] Less than from one stride to the next at the lowest rate; see `capacity`."""
+
+
+class AnkleSignals(NamedTuple):
+    """One leg's sensor in the segment's axes (forward, left, up), and what was decided about it.
+
+    Attributes:
+        gyr: (T, 3) angular rate at each sample [rad/s], not filtered.
+        acc: (T, 3) specific force [m/s²], not filtered.
+        gyr_jump: (T,) change of the rate from sample to sample, the largest near by [rad/s].
+        acc_jump: (T,) the same of the specific force [m/s²].
+        gyr_doubt: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+        acc_doubt: (T,) the same of the specific force [m/s²].
+        stands: (T,) bool, the ankle stands: around valleys, and while the person does.
+        restart: (T,) 1 at the sample after one at which a stride begins, else 0; in floats.
+        dt: (T,) since the sample before [s]; 0 up to the first stance, where the filter starts.
+        valid: (T,) bool; False before the first stance and in padding.
+        last: sample before the padding.
+        rate_hz: of the samples.
+        attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
+        gyr_bias: (3,) while standing [rad/s].
+        still_time: how long the leg stood still for it [s]; 0: never.
+        mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
+        straight: (3, 3) forward, left and up by the sensor's own axes that lie nearest, in the segment's axes.
+        begin: (K,) sample at which each stride begins; behind the last, 0.
+        end: (K,) sample at which it ends.
+        swing_begin: (K,) sample at which the shank begins to swing forward.
+        swing_end: (K,) sample at which it has swung.
+        leaves: (K,) time of the former, between samples [s].
+        lands: (K,) time of the latter [s].
+        half: (K,) bool, a stride from or to standing.
+        clips: (K,) bool, its swing reaches the gyroscope's range.
+        follows: (K,) bool, it begins where the one before ended.
+        count: how many strides there are.
+    """
+
+    gyr: Any
+    acc: Any
+    gyr_jump: Any
+    acc_jump: Any
+    gyr_doubt: Any
+    acc_doubt: Any
+    stands: Any
+    restart: Any
+    dt: Any
+    valid: Any
+    last: Any
+    rate_hz: Any
+    attitude: Any
+    gyr_bias: Any
+    still_time: Any
+    mid_shank: Any
+    straight: Any
+    begin: Any
+    end: Any
+    swing_begin: Any
+    swing_end: Any
+    leaves: Any
+    lands: Any
+    half: Any
+    clips: Any
+    follows: Any
+    count: Any
+
+
+class AnkleInputs(NamedTuple):
+    """All that `ankle_stride.run` needs; every leaf is an array.
+
+    Attributes:
+        time: (T,) [s].
+        right: right leg, or None.
+        left: left leg, or None.
+    """
+
+    time: Any
+    right: AnkleSignals | None
+    left: AnkleSignals | None
+
+
+PER_STRIDE = ("begin", "end", "swing_begin", "swing_end", "leaves", "lands", "half", "clips", "follows")
+_PER_SAMPLE = (
+    "gyr", "acc", "gyr_jump", "acc_jump", "gyr_doubt", "acc_doubt", "stands", "restart", "dt", "valid",
+)  # fmt: skip
+
+
+def capacity(samples: int) -> int:
+    """How many strides there is room for in a recording of some samples."""
+    return samples // SHORTEST_STRIDE + 2
+
+
+def pad(inputs: AnkleInputs, samples: int) -> AnkleInputs:
+    """The same recording with invalid samples behind it, so that recordings of different length stack.
+
+    Args:
+        inputs: of T samples.
+        samples: length wanted, T or more.
+
+    Returns:
+        Inputs of `samples` samples; the estimate at the first T is unchanged.
+
+    Raises:
+        ValueError: if `samples` is less than T.
+    """
+    have = inputs.time.shape[0]
+    if samples < have:
+        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    more, rows = samples - have, capacity(samples) - capacity(have)
+
+    def longer(name: str, values: Any) -> np.ndarray:
+        values = np.asarray(values)
+        if name in PER_STRIDE:
+            return np.pad(values, (0, rows))
+        if name not in _PER_SAMPLE:
+            return values
+        edge = name in ("gyr", "acc")
+        return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge" if edge else "constant")
+
+    def leg(one: AnkleSignals | None) -> AnkleSignals | None:
+        return None if one is None else AnkleSignals(*(longer(*field) for field in one._asdict().items()))
+
+    step = float(np.median(np.diff(inputs.time)))
+    time = np.concatenate([inputs.time, inputs.time[-1] + step * np.arange(1, more + 1)])
+    return AnkleInputs(time, leg(inputs.right), leg(inputs.left))

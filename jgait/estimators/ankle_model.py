@@ -1,0 +1,150 @@
+r"""One sensor at the ankle or on the shank as a state-space model: strapdown, and an ankle that stands.
+
+State: the way of the *ankle* since the stride began, the sensor's velocity and attitude, what its gyroscope and
+accelerometer read too much, and the lever r from the ankle to the sensor, in the sensor's axes. All but the ankle moves
+as the foot's sensor does (`foot_model`, whose functions are used); the ankle is a lever away,
+
+    p' = p + Δp_sensor − (R' r − R r),        r' = r.
+
+Around the stance valley, and while one stands, the ankle does not move:
+
+    v − R ((ω − b_g) × r) = 0.
+
+Positions are counted from the last stance that begins a stride: at the stance that ends it, the belief is that of the
+stride, with its covariance. Nothing is lost, since nothing observes where the walk is as a whole.
+
+Source: the zero velocity through a lever after H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using
+an ankle-mounted inertial measurement unit", 2017, who take it for zero at the sensor; error-state navigation after
+E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 25(6), 2005.
+"""
+
+from typing import Any, NamedTuple
+
+from jgait.estimators import foot_model
+from jgait.estimators.foot_model import AGAIN, FootControl, FootError, FootModelParams, FootState
+from jgait.filtering import Belief, Covariance, Model
+from jgait.kinematics import Vector, add, cross, subtract
+from jgait.rotation import Quaternion, rotated
+
+
+class AnkleState(NamedTuple):
+    """Ankle's position since the stride began [m], sensor's velocity [m/s], q_ws, biases [rad/s], [m/s²], r [m]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Quaternion
+    gyr_bias: Vector
+    acc_bias: Vector
+    lever: Vector
+
+
+class AnkleError(NamedTuple):
+    """Its error: as `AnkleState`, the attitude's a rotation vector in the world [rad]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Vector
+    gyr_bias: Vector
+    acc_bias: Vector
+    lever: Vector
+
+
+class AnkleControl(NamedTuple):
+    """What the sensor reads.
+
+    Attributes:
+        over: means over the interval that ends at the sample, and noise, see `FootControl`.
+        rate: angular rate at the sample itself [rad/s].
+    """
+
+    over: FootControl
+    rate: Vector
+
+
+class AnkleObservation(NamedTuple):
+    """What holds while the ankle stands: its velocity [m/s], its height over the last stance [m]; both zero."""
+
+    velocity: Vector
+    height: Any
+
+
+def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> AnkleState:
+    """Strapdown of the sensor over one interval, and what of its way was the ankle's."""
+    moved = foot_model.transition(p, _sensor(s), u.over, dt)
+    swung = subtract(rotated(moved.attitude, s.lever), rotated(s.attitude, s.lever))
+    return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
+
+
+def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> Covariance:
+    """As of the foot's sensor; the lever is where it is, but for a nanometre that keeps the covariance's rank.
+
+    What noise of the rate moves the ankle by through the lever is left out: a fifth of a millimetre a stride.
+    """
+    own = foot_model.transition_noise(p, _sensor(s), u.over, dt)
+    v = own.variances()
+    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, Vector(_STILL, _STILL, _STILL))
+    crossed = {(f"position.{axis}", f"velocity.{axis}"): own[f"position.{axis}", f"velocity.{axis}"] for axis in "xyz"}
+    return Covariance.from_variances(every).with_entries(crossed)
+
+
+_STILL = 1e-18
+
+
+def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
+    """Velocity of the ankle, and its height over the stance from which positions count."""
+    del p
+    through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
+    return AnkleObservation(subtract(s.velocity, through), s.position.z)
+
+
+def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
+    """Of the zero velocity as it comes, and of the level ground."""
+    del s
+    v = u.over.velocity_variance
+    return AnkleObservation(Vector(v, v, v), p.height_variance)
+
+
+def retract(s: AnkleState, e: AnkleError) -> AnkleState:
+    """The state at an error from another."""
+    return AnkleState(*foot_model.retract(_sensor(s), FootError(*e[:5])), add(s.lever, e.lever))
+
+
+def local(reference: AnkleState, s: AnkleState) -> AnkleError:
+    """The error of a state about another."""
+    return AnkleError(*foot_model.local(_sensor(reference), _sensor(s)), subtract(s.lever, reference.lever))
+
+
+def initial(p: FootModelParams) -> Belief:
+    """At rest and level, the sensor's z axis up, the ankle a hand below."""
+    del p
+    nothing = Vector(0.0, 0.0, 0.0)
+    return standing_belief(
+        Quaternion(1.0, 0.0, 0.0, 0.0), nothing, nothing, Vector(0.0, 0.0, 0.1),
+        AnkleError(*(Vector(v, v, v) for v in (AGAIN, 1e-2, 4e-4, 1e-6, 4e-4, 1e-4))),
+    )  # fmt: skip
+
+
+def standing_belief(
+    attitude: Quaternion, velocity: Vector, gyr_bias: Vector, lever: Vector, variances: AnkleError
+) -> Belief:
+    """The belief at a stance, before its sample.
+
+    Args:
+        attitude: of the sensor.
+        velocity: of the sensor in the world [m/s].
+        gyr_bias: [rad/s].
+        lever: from the ankle to the sensor, in its axes [m].
+        variances: of the errors.
+    """
+    zero = 0.0 * gyr_bias.x
+    nothing = Vector(zero, zero, zero)
+    mean = AnkleState(nothing, velocity, attitude, gyr_bias, nothing, lever)
+    return Belief(mean, Covariance.from_variances(variances))
+
+
+def _sensor(s: AnkleState) -> FootState:
+    return FootState(*s[:5])
+
+
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
+"""One ankle."""

@@ -1,0 +1,146 @@
+"""From the ankle's filter, or a method of `stride_length`, to strides and their flags; JAX, smooth given the events."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from jgait import stride_length
+from jgait.estimators.ankle_inputs import AnkleSignals
+from jgait.estimators.ankle_model import AnkleState
+from jgait.estimators.ankle_params import AnkleParams
+from jgait.filtering import Covariance
+from jgait.kinematics import Vector
+from jgait.rotation import rotated
+from jgait.types import Strides
+
+SHORTEST = 0.1
+"""[m] A shorter stride is a leg that was shifted; it counts as no stride."""
+
+TURNING = 0.35
+"""[rad] A stride whose leg turns by more (20°) is flagged as part of a turn."""
+
+STAIRS = 0.12
+"""[m] A stride that rises or falls by more is flagged as one on stairs or a kerb."""
+
+TIMING = 0.02
+"""[s] Standard deviation of the duration of a stride."""
+
+FLAGS = ("turning", "stairs", "clipped", "half")
+"""What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
+
+
+def from_filter(
+    p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: int
+) -> tuple[Strides, Strides, dict[str, Any]]:
+    """Strides of one leg, their standard deviations, and flags.
+
+    Args:
+        p: parameters.
+        leg: its inputs.
+        state: smoothed (or filtered) states, (T,) leaves.
+        cov: their covariance.
+        side: 0 right, 1 left.
+    """
+    here, there = leg.begin, leg.end
+    way = Vector(*(part[there] for part in state.position))
+    length = _root(way.x * way.x + way.y * way.y)
+    x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
+    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"][there] for a, b in ("xx", "xy", "yy", "zz"))
+    along = jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0)
+    one, none = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
+    forward = rotated(state.attitude, Vector(one, none, none))
+    yaw = jnp.arctan2(forward.y, forward.x)
+    turn = _wrapped(yaw[there] - yaw[here])
+    strides = told(leg, side, length, way.z, turn)
+    yaw_variance = cov["attitude.z", "attitude.z"]
+    length_sd = _root(along + p.stride_noise**2)
+    duration = durations(leg)[1]
+    speed_sd = _root((length_sd / duration) ** 2 + (length * TIMING / duration**2) ** 2)
+    deviations = strides._replace(
+        start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(length, jnp.nan),
+        height=_root(zz + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
+        turn=_root(jnp.abs(yaw_variance[there] - yaw_variance[here])),
+    )  # fmt: skip
+    return strides, deviations, flags(leg, strides)
+
+
+def by_method(
+    p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, side: int, method: str
+) -> tuple[Strides, dict[str, Any]]:
+    """Strides of one leg by a method of `stride_length`, and flags.
+
+    Args:
+        p: parameters.
+        leg: its inputs.
+        gyr: (T, 3) filtered rate in the segment's axes [rad/s]; with the bias.
+        acc: (T, 3) filtered specific force [m/s²].
+        side: 0 right, 1 left.
+        method: "3d", "sl1", "sl2" or "li".
+    """
+    samples, there = gyr.shape[0], jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    lever = lever_of(p, leg)
+    known = stride_length.StrideLengthParams(
+        p.leg_length, p.angle_gain, p.time_gain, Vector(*(jnp.asarray(v, gyr.dtype) for v in lever))
+    )
+    gyr, raw = gyr - leg.gyr_bias[None, :], leg.gyr - leg.gyr_bias[None, :]
+    dt = 1.0 / leg.rate_hz
+    between = stride_length.marks(leg.begin, leg.end, samples, there)
+    swung = stride_length.marks(leg.swing_begin, leg.swing_end, samples, there)
+    spatial = stride_length.inertial(known, gyr, acc, between, dt)
+    if method == "3d":
+        length = spatial.level[leg.end]
+    elif method == "li":
+        rate, force = gyr @ leg.straight.T, acc @ leg.straight.T
+        length = stride_length.planar(known, rate, force, between, dt).length[leg.end]
+    else:
+        swings = stride_length.pendulum(known, raw, swung, dt)
+        length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
+    strides = told(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
+    return strides, flags(leg, strides)
+
+
+def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
+    """From the ankle to the sensor, in the segment's axes [m], before the walk tells more."""
+    return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
+
+
+def durations(leg: AnkleSignals) -> tuple[Any, Any]:
+    """When each stride starts, and how long it lasts [s].
+
+    A stride starts with the contact that ends the one before; where there is none, when the shank begins to swing.
+    """
+    before = jnp.concatenate([leg.leaves[:1], leg.lands[:-1]])
+    start = jnp.where(leg.follows, before, leg.leaves)
+    return start, jnp.maximum(leg.lands - start, 1e-3)
+
+
+def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> Strides:
+    """The table of strides from what was measured and what was decided."""
+    there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    start, duration = durations(leg)
+    return Strides(
+        side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leg.leaves, end=leg.lands,
+        length=length, width=jnp.full_like(length, jnp.nan), height=height, valid=there & (length > SHORTEST),
+        speed=length / duration, turn=turn,
+    )  # fmt: skip
+
+
+def flags(leg: AnkleSignals, strides: Strides) -> dict[str, Any]:
+    """What is special about each stride; True only where it is valid."""
+    found = {
+        "turning": jnp.abs(strides.turn) > TURNING,
+        "stairs": jnp.abs(strides.height) > STAIRS,
+        "clipped": leg.clips,
+        "half": leg.half,
+    }
+    return {name: flag & strides.valid for name, flag in found.items()}
+
+
+def _wrapped(angle: Any) -> Any:
+    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
+
+
+def _root(square: Any) -> Any:
+    """The root, 0 with gradient 0 where there is none."""
+    positive = square > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)
