@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import _foot_peer
@@ -22,6 +22,10 @@ MINUTE = 6_144
 """[samples] A minute at 100 Hz, for many subjects."""
 
 WALK_M = 100.0
+QUICK_WALK = (12.0, 128.0)
+"""[m], [Hz] As the simulated people of the quick form, so that they share a program."""
+
+FEET = ("foot_right", "foot_left")
 
 
 @partial(jax.jit, static_argnames="options")
@@ -46,12 +50,18 @@ def single(inputs: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf.astype(np.float32) if leaf.dtype == np.float64 else leaf, inputs)
 
 
-def walked(length: float, placements: tuple[str, ...] = ("foot_right",), rate: float = RATE) -> Recording:
-    """A simulated walk straight ahead with Opal sensors."""
+@cache
+def walked(length: float, rate: float = RATE) -> Recording:
+    """A simulated walk straight ahead, Opal sensors on both feet."""
     key = jax.random.key(0)
     along = simulate.straight(length)
     person = simulate.fitted(key, simulate.person_of(simulate.population(key, 1), 0), along)
-    return simulate.recording(key, person, along, sensors.OPAL, rate, placements=placements)[0]
+    return simulate.recording(key, person, along, sensors.OPAL, rate, placements=FEET)[0]
+
+
+def one_foot(recording: Recording) -> Recording:
+    """The right foot alone."""
+    return recording._replace(sensors={FEET[0]: recording.sensors[FEET[0]]})
 
 
 def repeated(recording: Recording, samples: int) -> Recording:
@@ -70,7 +80,7 @@ def repeated(recording: Recording, samples: int) -> Recording:
 
 def speed(quick: bool) -> list[Row]:
     """One foot for an hour, and many subjects at once."""
-    walk = walked(12.0 if quick else 60.0)
+    walk = one_foot(walked(*QUICK_WALK) if quick else walked(60.0))
     return [*hour(walk, QUICK if quick else HOUR, quick), *subjects(quick)]
 
 
@@ -82,7 +92,8 @@ def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
     inputs = foot_ins.prepared(recording).inputs
     prepared = 0.5 * (time.perf_counter() - before)
     lines, rows, p = [], [], FootParams()
-    split = f"simulated walk of {len(walk.sensors['foot_right'].time) / RATE:.0f} s again and again, {samples} samples"
+    rate = walk.sampling_rate_hz
+    split = f"simulated walk of {len(walk.sensors[FEET[0]].time) / rate:.0f} s again and again, {samples} samples"
     cases = [("", inputs)] if quick else [("", inputs), ("_float32", single(inputs))]
     for suffix, given in cases:
         on_device = jax.device_put(given)
@@ -93,7 +104,7 @@ def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
             Row(f"one_foot_hour{suffix}_run_seconds", best, "s", n=samples, split=split),
         ]
     (imu,) = recording.sensors.values()
-    theirs = None if quick else _foot_peer.seconds(np.asarray(imu.gyr), np.asarray(imu.acc), RATE)
+    theirs = None if quick else _foot_peer.seconds(np.asarray(imu.gyr), np.asarray(imu.acc), rate)
     if theirs is not None:
         lines.append(["gaitmap RtsKalman", "–", "–", theirs, "–"])
         rows += [
@@ -102,17 +113,19 @@ def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
         ]
     rows.append(Row("one_foot_hour_prepare_seconds", prepared, "s", n=samples, split=split))
     columns = ["", "preparation s", "filter, smoother, strides s", "both s", "compilation s"]
-    show(f"one foot, {samples} samples at {RATE:g} Hz ({samples / RATE / 60:.0f} min)", columns, lines)
+    show(f"one foot, {samples} samples at {rate:g} Hz ({samples / rate / 60:.0f} min)", columns, lines)
     return rows
 
 
 def subjects(quick: bool) -> list[Row]:
     """Both feet of many subjects in one call: the same steps, every sensor's noise its own."""
     people = 2 if quick else 50
+    # the quick form leaves the filter out: it would take most of its time to compile;
     # many short recordings at once are as much work as a long one
-    samples, options = (1024, DEFAULT._replace(smooth=False)) if quick else (MINUTE, DEFAULT._replace(execution="fast"))
-    feet = ("foot_right",) if quick else ("foot_right", "foot_left")
-    walk = walked(5.0 if quick else 50.0, feet, 100.0)
+    samples = 1024 if quick else MINUTE
+    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT._replace(execution="fast")
+    walk = walked(*QUICK_WALK) if quick else walked(50.0, 100.0)
+    rate_hz = walk.sampling_rate_hz
     prepared = []
     for k in range(people):
         noise = np.random.default_rng(k)
@@ -131,10 +144,10 @@ def subjects(quick: bool) -> list[Row]:
     if found is None:
         return []
     first, best = found
-    rate = len(feet) * people * samples / best / 1e6
-    title = f"{len(feet)} feet of {people} subjects, {samples} samples at 100 Hz, one call"
+    rate = 2.0 * people * samples / best / 1e6
+    title = f"both feet of {people} subjects, {samples} samples at {rate_hz:g} Hz, one call"
     show(title, ["", "s", "million samples/s"], [["ours", best, rate], ["compilation", first - best, "–"]])
-    split = f"{samples} samples at 100 Hz, feet: {len(feet)}, one vmapped call, preparation apart"
+    split = f"{samples} samples at {rate_hz:g} Hz, both feet, one vmapped call, preparation apart"
     return [
         Row("subjects_seconds", best, "s", n=people, split=split),
         Row("subjects_million_samples_per_second", rate, "1e6/s", n=people, split=split),
@@ -143,7 +156,8 @@ def subjects(quick: bool) -> list[Row]:
 
 def precision(quick: bool) -> list[Row]:
     """float32 against float64 along a walk of 100 m."""
-    inputs = foot_ins.prepared(walked(5.0 if quick else WALK_M)).inputs
+    walk = one_foot(walked(*QUICK_WALK) if quick else walked(WALK_M))
+    inputs = foot_ins.prepared(walk).inputs
     samples = inputs.time.size
     padded = foot_ins.pad(inputs, bucket(samples))
     exact, rough = (run_one(FootParams(), given, DEFAULT) for given in (padded, single(padded)))
@@ -157,7 +171,7 @@ def precision(quick: bool) -> list[Row]:
     stride = 1e3 * float(np.max(np.abs(lengths[0] - lengths[1])))
     show(f"float32 against float64 over {way:.0f} m", ["", "largest difference mm"],
          [["position", worst], ["stride length", stride]])  # fmt: skip
-    split = f"simulated walk of {way:.0f} m, {RATE:g} Hz"
+    split = f"simulated walk of {way:.0f} m, {walk.sampling_rate_hz:g} Hz"
     return [
         Row("float32_position_mm", worst, "mm", split=split),
         Row("float32_stride_mm", stride, "mm", n=int(rows.sum()), split=split),

@@ -138,11 +138,9 @@ def test_a_detector_that_overlooks_stances_is_found_out(running, walk):
 
 
 def test_quick_form(experiment, data, monkeypatch):
-    """On footprints, without the parts that compile programs of their own."""
+    """On footprints, without the learning, whose gradient compiles a program of its own."""
     data("footprints")
     monkeypatch.setattr(experiment._foot_pivot, "calibrated", lambda *_: [])
-    monkeypatch.setattr(experiment, "speed", lambda quick: [])
-    monkeypatch.setattr(experiment._foot_peer._peers, "available", lambda peer: False)
     rows = {row.metric: row for row in experiment.experiment(quick=True)}
     assert rows["foot_stride_mae_cm_footprints"].value < 2.2
     assert rows["foot_stride_mae_cm_footprints"].n >= 20
@@ -151,5 +149,7 @@ def test_quick_form(experiment, data, monkeypatch):
     textbook = rows["ablation_textbook_stride_mae_cm_footprints"].value
     assert textbook > 1.5 * rows["ablation_default_stride_mae_cm_footprints"].value
     assert rows["float32_position_mm"].value < 2.0
+    assert rows["one_foot_hour_seconds"].value > rows["one_foot_hour_run_seconds"].value > 0.0
+    assert rows["subjects_seconds"].n == 2
     assert rows["sim_straight_strides_lost"].value == 0.0
     assert rows["sim_straight_stride_mae_cm"].value < 3.0
