@@ -4,6 +4,7 @@ Everything here is a decision: which samples stand, where footholds are, what th
 here carries a gradient; what follows (`foot_ins.run`) is smooth given these decisions.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,9 @@ CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
 """[rad/s], [m/s²] Equal readings in a row at the top of the range count as clipped from here on."""
+
+REST_STEP = 20.0
+"""[s] Footholds of a foot that rests are this far apart."""
 
 REACH = 0.3
 """[s] A stride is timed from at most this long before the foot is seen to leave, to as long after it arrives."""
@@ -182,7 +186,10 @@ def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _largest(values: np.ndarray, size: int) -> np.ndarray:
     """The largest of a centred window of an odd number of samples."""
     padded = np.pad(values, size // 2, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1)
+    largest = padded[: len(values)]
+    for shift in range(1, size):
+        largest = np.maximum(largest, padded[shift : shift + len(values)])
+    return largest
 
 
 def _clipped(values: np.ndarray, above: float) -> np.ndarray:
@@ -228,6 +235,7 @@ def _foot(
             notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
     if lost.any():
         notes.append(f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain")
+    found = _more_footholds(found, hz)
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
     until = min(max(found.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
@@ -248,7 +256,7 @@ def _foot(
         restart=restart[: len(time)],
         dt=dt,
         valid=np.arange(len(time)) >= first,
-        attitude=_level(up),
+        attitude=level(up),
         gyr_bias=at_rest.gyr_bias,
         acc_bias=acc_bias * up / np.linalg.norm(up),
         up=up / np.linalg.norm(up),
@@ -290,13 +298,26 @@ def _standing(
     return np.asarray(flags)
 
 
-def _level(up: np.ndarray) -> np.ndarray:
+def level(up: np.ndarray) -> np.ndarray:
     """(4,) the shortest rotation q_ws that takes a direction in the sensor's axes to the world's z."""
     x, y, z = up / np.linalg.norm(up)
     if z < -0.999999:
         return np.array([0.0, 1.0, 0.0, 0.0])
     q = np.array([1.0 + z, y, -x, 0.0])
     return q / np.linalg.norm(q)
+
+
+def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
+    """A foot that stands for minutes has a foothold every `REST_STEP`: strides of no length, which are none."""
+    step = int(REST_STEP * hz)
+    rows = []
+    for start, end, stillest, rate in zip(*found, strict=True):
+        more = [k for k in range(start + step, end - step, step) if abs(k - stillest) >= step]
+        places = sorted({int(stillest), *more})
+        cuts = [start, *(int(0.5 * (a + b)) for a, b in itertools.pairwise(places)), end]
+        rows += [(a, b, at, rate) for a, b, at in zip(cuts[:-1], cuts[1:], places, strict=True)]
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return events.Stances(*columns)
 
 
 def _footholds(gyr: np.ndarray, found: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:

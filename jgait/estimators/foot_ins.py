@@ -38,15 +38,24 @@ import numpy as np
 
 from jgait import filtering, params
 from jgait.estimators import foot_dedrift, foot_model, foot_strides
-from jgait.estimators.foot_calibration import Preparation, prepare
+from jgait.estimators.foot_calibration import Preparation, level, prepare
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, pad
-from jgait.estimators.foot_model import FootControl, FootError, FootModelParams, FootObservation, FootState
+from jgait.estimators.foot_model import (
+    FootControl,
+    FootError,
+    FootModelParams,
+    FootObservation,
+    FootState,
+    FootVelocity,
+)
 from jgait.estimators.foot_params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
+from jgait.estimators.foot_strides import Path
+from jgait.estimators.foot_windows import WINDOW, joined, windows
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.filtering import Belief, Covariance
 from jgait.kinematics import Vector
 from jgait.rotation import Quaternion
-from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording, Strides
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording
 
 BUCKET = 1024
 """Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
@@ -145,17 +154,17 @@ def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
     if options.integration == "forward_backward":
         return _unfiltered(foot)
     zero = jnp.zeros_like(foot.rate)
-    off = jnp.zeros_like(foot.stands)
-    observed = FootObservation(Vector(zero, zero, zero), zero)
-    stands = foot.stands & foot.valid
-    seen = FootObservation(Vector(stands, stands, stands), stands if options.level is True else off)
+    still = Vector(zero, zero, zero)
+    level = options.level is True
+    model = foot_model.MODEL if level else foot_model.ANYWHERE
+    observed = FootObservation(still, zero) if level else FootVelocity(still)
     execution = options.execution
     if execution == "auto":
         execution = "fast" if foot.rate.shape[0] >= LONG and isinstance(options.method, filtering.EKF) else "dense"
     settings: dict[str, Any] = {
         "controls": controls(p, foot),
         "dt": foot.dt,
-        "mask": seen,
+        "mask": foot.stands & foot.valid,
         "method": options.method,
         "initial": prior_of(p, foot),
         "execution": execution,
@@ -164,10 +173,10 @@ def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
         told = ("log_likelihood", "nis", "count", "valid")
         if execution == "fast":
             settings["covariance"] = ("position", "velocity", "attitude")
-        smoothed = filtering.kalman_smoother(foot_model.MODEL, model_params(p), observed, keep=told, **settings)
+        smoothed = filtering.kalman_smoother(model, model_params(p), observed, keep=told, **settings)
         mean, cov, posterior = smoothed.mean, smoothed.cov, smoothed.filtered
     else:
-        posterior = filtering.kalman_filter(foot_model.MODEL, model_params(p), observed, **settings)
+        posterior = filtering.kalman_filter(model, model_params(p), observed, **settings)
         mean, cov = posterior.mean, posterior.cov
     nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
     return _Filtered(mean, cov, jnp.sum(posterior.log_likelihood), nis, posterior.valid)
@@ -185,52 +194,64 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the mean way of the feet worn, along their
         footholds; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
+    _check_options(options)
+    found = []
+    for side, foot in enumerate((inputs.right, inputs.left)):
+        if foot is not None:
+            path, told, valid = _one_foot(p, foot, inputs.time, options)
+            found.append(_Found(side, path, told, valid, foot.count - 1))
+    return _assembled(inputs.time, found, stated=options.integration == "filter")
+
+
+def _check_options(options: FootOptions) -> None:
     if options.level not in (True, False, "auto"):
         raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
     if options.integration not in ("filter", "forward_backward"):
         raise ValueError(f"integration must be 'filter' or 'forward_backward'; got {options.integration!r}")
+
+
+def _one_foot(p: FootParams, foot: FootSignals, time: Any, options: FootOptions) -> tuple[Path, dict[str, Any], Any]:
+    """One foot's way, what the filter says of itself, and where that holds."""
+    found = _foot(p, foot, options)
+    path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
+    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, foot.valid & found.valid
+
+
+class _Found(NamedTuple):
+    """One foot's part of the estimate; `rows` of its strides are real."""
+
+    side: int
+    path: Path
+    told: dict[str, Any]
+    valid: Any
+    rows: Any
+
+
+def _assembled(time: Any, found: list[_Found], *, stated: bool) -> Estimate:
+    """Both feet, or one, as an estimate."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
-    strides, deviations, ways, flags = [], [], [], []
+    strides, deviations, ways = [], [], []
     diagnostics: dict[str, Any] = {}
-    for side, foot in enumerate((inputs.right, inputs.left)):
-        if foot is None:
-            continue
-        found = _foot(p, foot, options)
-        path = foot_strides.path_of(p, foot, inputs.time, found.mean, found.cov, side, flatten=options.level == "auto")
+    for side, path, told, _, rows in found:
         feet[side], spread[side] = path.trajectory, path.stddev
-        strides.append(path.strides)
-        deviations.append(path.strides_stddev)
-        ways.append(_walked(path.strides, foot, inputs.time))
-        flags.append(foot.valid & found.valid)
-        diagnostics[f"log_likelihood_{SIDES[side]}"] = found.log_likelihood
-        diagnostics[f"nis_{SIDES[side]}"] = found.nis
+        number = jnp.full(path.strides.length.shape, side, jnp.int32)
+        strides.append(path.strides._replace(side=number))
+        deviations.append(path.strides_stddev._replace(side=number))
+        ways.append(foot_strides.walked(path.strides, rows, time))
+        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
     certain = jax.tree.map(lambda *rows: jnp.concatenate(rows), *deviations)
-    valid = flags[0] if len(flags) == 1 else flags[0] | flags[1]
-    stated = options.integration == "filter"
+    valid = found[0].valid if len(found) == 1 else found[0].valid | found[1].valid
     return Estimate(
-        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together,
-        Feet(*feet), Feet(*spread) if stated else None, certain if stated else None,
+        time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together, Feet(*feet),
+        Feet(*spread) if stated else None, certain if stated else None,
     )  # fmt: skip
 
 
-def _walked(strides: Strides, foot: FootSignals, time: Any) -> Any:
-    """Way along the footholds (T,) [m], each stride's length spread evenly over its swing."""
-    lengths = jnp.where(strides.valid, strides.length, 0.0)
-    knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
-    done = jnp.cumsum(lengths)
-    values = jnp.stack([done - lengths, done], axis=1).ravel()
-    rows = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2)
-    real = rows < foot.count - 1
-    # behind the last stride the knots go on, each a little later, where nothing more is walked
-    beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
-    total = jnp.where(real, values, done[jnp.maximum(foot.count - 2, 0)])
-    return jnp.interp(time, jnp.where(real, knots, beyond), total)
-
-
 _run_jit = jax.jit(run, static_argnames=("options",))
+_one_foot_jit = jax.jit(_one_foot, static_argnames=("options",))
 
 
 def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Preparation:
@@ -267,14 +288,41 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
     params.check_params(p, TRANSFORMS)
     preparation = prepared(recording, options)
     samples = preparation.inputs.time.size
-    padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
-    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
+    # a detector has done its work by now: it need not be compiled for
+    options = options._replace(detector=DEFAULT.detector)
+    result = _in_windows(p, preparation.inputs, options)
+    if result is None:
+        padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+        result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
     trimmed = _trimmed(result, samples)
     feet = zip(SIDES, (preparation.inputs.right, preparation.inputs.left), strict=True)
     footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
     told = {"notes": preparation.notes, "standing": preparation.standing}
     diagnostics = {**trimmed.diagnostics, **footholds, **told}
     return trimmed._replace(diagnostics=diagnostics)
+
+
+def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
+    """A long recording window by window, see `foot_windows`; None where one run will do, or windows will not."""
+    _check_options(options)
+    if inputs.time.size <= 1.5 * WINDOW or options.integration != "filter" or not options.smooth:
+        return None
+    found = []
+    for side, foot in enumerate((inputs.right, inputs.left)):
+        parts = None if foot is None else windows(foot, inputs.time.size)
+        if foot is None:
+            continue
+        if parts is None:
+            return None
+
+        def one(window: FootSignals, time: Any) -> tuple[Path, Any, Any]:
+            path, told, valid = _one_foot_jit(p, window, time, options)
+            return path, told["nis"], valid
+
+        whole = joined(foot, np.asarray(inputs.time), parts, level, one)
+        rows = whole.path.strides.length.shape[0]
+        found.append(_Found(side, whole.path, {"nis": whole.nis}, whole.valid, rows))
+    return jax.tree.map(np.asarray, _assembled(jnp.asarray(inputs.time), found, stated=True))
 
 
 def _trimmed(result: Estimate, samples: int) -> Estimate:

@@ -46,7 +46,7 @@ FLAT_RISE, FLAT_STEP = 0.015, 0.08
 
 
 def path_of(
-    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int, *, flatten: bool
+    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
 ) -> Path:
     """Trajectory and strides of one foot.
 
@@ -84,6 +84,27 @@ def path_of(
           for part in ("position", "velocity", "attitude"))
     )  # fmt: skip
     return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)))
+
+
+def walked(strides: Strides, rows: Any, time: Any) -> Any:
+    """Way along the footholds (T,) [m], each stride's length spread evenly over its swing.
+
+    Args:
+        strides: of one foot, in order.
+        rows: how many of them are real.
+        time: (T,) [s].
+    """
+    if not strides.length.shape[0]:
+        return jnp.zeros_like(time)
+    lengths = jnp.where(strides.valid, strides.length, 0.0)
+    knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
+    done = jnp.cumsum(lengths)
+    values = jnp.stack([done - lengths, done], axis=1).ravel()
+    real = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2) < rows
+    # behind the last stride the knots go on, each a little later, where nothing more is walked
+    beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
+    total = jnp.where(real, values, done[jnp.maximum(rows - 1, 0)])
+    return jnp.interp(time, jnp.where(real, knots, beyond), total)
 
 
 def _strides(

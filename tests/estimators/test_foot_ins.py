@@ -5,7 +5,7 @@ import pytest
 from made_foot import foot
 
 from jgait import datasets, estimators
-from jgait.estimators import foot_calibration, foot_ins
+from jgait.estimators import foot_calibration, foot_ins, foot_windows
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_params import TEXTBOOK, TRANSFORMS
 from jgait.types import Imu, Recording, RecordingError
@@ -290,3 +290,32 @@ def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
     true = np.linalg.norm(np.diff(marks["position"][:, :2], axis=0), axis=1)
     assert len(estimate.strides.length) == len(true)
     assert np.median(np.abs(estimate.strides.length - true)) < 0.01
+
+
+def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
+    made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
+    whole = foot_ins.estimate(STILL, made.recording)
+    for module in (foot_ins, foot_windows):
+        monkeypatch.setattr(module, "WINDOW", 1024)
+    monkeypatch.setattr(foot_windows, "OVERLAP", 500)
+    parts = foot_windows.windows(foot_ins.prepared(made.recording).inputs.right, len(whole.time))
+    assert len(parts) > 3
+    assert [part.first for part in parts[1:]] == [part.last for part in parts[:-1]]
+    cut = foot_ins.estimate(STILL, made.recording)
+    np.testing.assert_allclose(cut.strides.length, whole.strides.length, atol=3e-3)
+    np.testing.assert_allclose(cut.strides.start, whole.strides.start, atol=1e-9)
+    np.testing.assert_allclose(cut.strides_stddev.length, whole.strides_stddev.length, rtol=0.05)
+    # what is added up: heading over 26 strides, and the way
+    np.testing.assert_allclose(cut.feet.right.position, whole.feet.right.position, atol=0.1)
+    dots = np.abs(np.sum(cut.feet.right.orientation * whole.feet.right.orientation, axis=1))
+    assert dots.min() > np.cos(0.01)
+    np.testing.assert_allclose(cut.distance, whole.distance, atol=0.02)
+    assert np.all(np.diff(cut.feet_stddev.right.orientation[::300, 2]) > 0.0)
+
+
+def test_a_foot_that_rests_for_minutes_has_footholds_on_the_way():
+    made = foot(strides=3, rest=50.0)
+    inputs = foot_ins.prepared(made.recording).inputs.right
+    holds = inputs.foothold[: int(inputs.count)]
+    assert len(holds) > 4
+    assert np.diff(holds).max() <= 4100
