@@ -85,34 +85,26 @@ def speed(quick: bool) -> list[Row]:
 
 
 def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
-    """One foot for an hour: preparation on the host, then filter, smoother and strides, in both precisions."""
+    """One foot for an hour, from its signals to its strides; and gaitmap's filter in the same run."""
     recording = repeated(walk, samples)
-    before = time.perf_counter()
-    foot_ins.prepared(recording)
-    inputs = foot_ins.prepared(recording).inputs
-    prepared = 0.5 * (time.perf_counter() - before)
-    lines, rows, p = [], [], FootParams()
     rate = walk.sampling_rate_hz
     split = f"simulated walk of {len(walk.sensors[FEET[0]].time) / rate:.0f} s again and again, {samples} samples"
-    cases = [("", inputs)] if quick else [("", inputs), ("_float32", single(inputs))]
-    for suffix, given in cases:
-        on_device = jax.device_put(given)
-        first, best = timed(partial(run_one, p, on_device, DEFAULT), 1 if quick else 2)
-        lines.append([f"ours{suffix.replace('_', ', ')}", prepared, best, prepared + best, first - best])
-        rows += [
-            Row(f"one_foot_hour{suffix}_seconds", prepared + best, "s", n=samples, split=split),
-            Row(f"one_foot_hour{suffix}_run_seconds", best, "s", n=samples, split=split),
-        ]
+    first, best = timed(lambda: foot_ins.estimate(FootParams(), recording), 1 if quick else 3)
+    _, prepared = timed(lambda: foot_ins.prepared(recording).inputs.time, 2)
+    lines = [["ours", best, prepared, first - best]]
+    rows = [
+        Row("one_foot_hour_seconds", best, "s", n=samples, split=split),
+        Row("one_foot_hour_prepare_seconds", prepared, "s", n=samples, split=split),
+    ]
     (imu,) = recording.sensors.values()
     theirs = None if quick else _foot_peer.seconds(np.asarray(imu.gyr), np.asarray(imu.acc), rate)
     if theirs is not None:
-        lines.append(["gaitmap RtsKalman", "–", "–", theirs, "–"])
+        lines.append(["gaitmap RtsKalman", theirs, "–", "–"])
         rows += [
             Row("gaitmap_hour_seconds", theirs, "s", n=samples, split=split),
             Row("one_foot_hour_ratio", rows[0].value / theirs, "ratio", n=samples, split=f"{split}; ours/theirs"),
         ]
-    rows.append(Row("one_foot_hour_prepare_seconds", prepared, "s", n=samples, split=split))
-    columns = ["", "preparation s", "filter, smoother, strides s", "both s", "compilation s"]
+    columns = ["", "all s", "of it preparation s", "compilation s"]
     show(f"one foot, {samples} samples at {rate:g} Hz ({samples / rate / 60:.0f} min)", columns, lines)
     return rows
 
@@ -123,7 +115,7 @@ def subjects(quick: bool) -> list[Row]:
     # the quick form leaves the filter out: it would take most of its time to compile;
     # many short recordings at once are as much work as a long one
     samples = 1024 if quick else MINUTE
-    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT._replace(execution="fast")
+    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT
     walk = walked(*QUICK_WALK) if quick else walked(50.0, 100.0)
     rate_hz = walk.sampling_rate_hz
     prepared = []

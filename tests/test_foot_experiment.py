@@ -149,7 +149,7 @@ def test_quick_form(experiment, data, monkeypatch):
     textbook = rows["ablation_textbook_stride_mae_cm_footprints"].value
     assert textbook > 1.5 * rows["ablation_default_stride_mae_cm_footprints"].value
     assert rows["float32_position_mm"].value < 2.0
-    assert rows["one_foot_hour_seconds"].value > rows["one_foot_hour_run_seconds"].value > 0.0
+    assert rows["one_foot_hour_seconds"].value > 0.0
     assert rows["subjects_seconds"].n == 2
     assert rows["sim_straight_strides_lost"].value == 0.0
     assert rows["sim_straight_stride_mae_cm"].value < 3.0
