@@ -75,6 +75,21 @@ def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> A
     return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
 
 
+def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Any) -> AnkleError:
+    """As of the foot's sensor; the ankle's is less by that of R' r − R r, where δ(R r) = δ_θ × R r + R δ_r."""
+    sensor = _sensor(s)
+    moved = foot_model.transition(p, sensor, u.over, dt)
+    own = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
+    for change in (foot_model.turn_error, foot_model.move_error):
+        own = change(p, sensor, own, u.over, dt)
+    after, before = (
+        add(cross(turned, rotated(q, s.lever)), rotated(q, e.lever))
+        for turned, q in ((own.attitude, moved.attitude), (e.attitude, s.attitude))
+    )
+    position = subtract(own.position, subtract(after, before))
+    return AnkleError(position, own.velocity, own.attitude, own.gyr_bias, own.acc_bias, e.lever)
+
+
 def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> Covariance:
     """As of the foot's sensor; the lever is where it is, but for a nanometre that keeps the covariance's rank.
 
@@ -95,6 +110,15 @@ def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObse
     del p
     through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
     return AnkleObservation(subtract(s.velocity, through), s.position.z)
+
+
+def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleObservation:
+    """By how much an error changes the observation: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
+    del p
+    rate = subtract(u.rate, s.gyr_bias)
+    through = rotated(s.attitude, cross(rate, s.lever))
+    own = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
+    return AnkleObservation(subtract(subtract(e.velocity, cross(e.attitude, through)), own), e.position.z)
 
 
 def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
@@ -146,5 +170,8 @@ def _sensor(s: AnkleState) -> FootState:
     return FootState(*s[:5])
 
 
-MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
+MODEL = Model(
+    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
+    error_transition, error_observation, foot_model.error_shift,
+)  # fmt: skip
 """One ankle."""
