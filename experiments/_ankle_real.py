@@ -10,6 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from _ankle_detect import DETECTORS, Score, f1, table
+from _ankle_filter import filtered
 from _ankle_legs import Leg, legs
 from _ankle_lengths import (
     CUTOFF_HZ,
@@ -165,12 +166,11 @@ _SPLITS = {
 def _length_rows(name: str, best: Errors, plain: Errors, count: int) -> list[Row]:
     split = _SPLITS[name]
     worst = 100.0 * float(np.max(np.abs(best.total)))
-    distance = "tripod_distance_error_pct_max" if name == "tripod" else f"{name}_distance_error_pct_max"
     return [
-        Row(f"{name}_stride_mae_cm", best.mae_cm, "cm", n=best.each.size, split=split),
-        Row(f"{name}_distance_error_pct", best.total_pct, "%", n=count, split=split),
-        Row(distance, worst, "%", n=count, split=split),
-        Row(f"{name}_no_lever_stride_mae_cm", plain.mae_cm, "cm", n=plain.each.size),
+        Row(f"{name}_3d_stride_mae_cm", best.mae_cm, "cm", n=best.each.size, split=split),
+        Row(f"{name}_3d_distance_error_pct", best.total_pct, "%", n=count, split=split),
+        Row(f"{name}_3d_distance_error_pct_max", worst, "%", n=count, split=split),
+        Row(f"{name}_3d_no_lever_stride_mae_cm", plain.mae_cm, "cm", n=plain.each.size),
     ]
 
 
@@ -181,7 +181,7 @@ def _by_group(name: str, of: list[Leg], told: np.ndarray, s: Signals) -> list[Ro
     rows = []
     for group in sorted(set(groups.tolist())):
         of_group = errors(told[groups == group], part(s, groups == group))
-        rows.append(Row(f"{group}_stride_mae_cm", of_group.mae_cm, "cm", n=of_group.each.size, split=_SPLITS[name]))
+        rows.append(Row(f"{group}_3d_stride_mae_cm", of_group.mae_cm, "cm", n=of_group.each.size, split=_SPLITS[name]))
     return rows
 
 
@@ -306,6 +306,7 @@ def real(quick: bool) -> list[Row]:
     rows = mistaken(groups) + detection(groups)
     found = measured(groups)
     parts: list[Callable[[], list[Row]]] = [lambda: stride_lengths(found), lambda: pendulum(found)]
+    parts.append(lambda: filtered(found, quick))
     if not quick:
         parts += [lambda: rotation_sweep(found, quick), lambda: bias_sweep(found)]
     for one in parts:
