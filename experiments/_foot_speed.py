@@ -11,7 +11,7 @@ import numpy as np
 from _foot_run import QUICK, attempt, bucket, run_one
 from common import Row, show
 
-from jgait import sensors, simulate
+from jgait import filtering, sensors, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
 from jgait.types import Imu, Recording
@@ -28,7 +28,7 @@ QUICK_WALK = (12.0, 128.0)
 FEET = ("foot_right", "foot_left")
 
 
-@partial(jax.jit, static_argnames="options")
+@partial(filtering.compiled, static_argnames=("options",))
 def run_many(p: FootParams, inputs: Any, options: FootOptions) -> Any:
     """Strides and distance of stacked recordings."""
     found = jax.vmap(lambda one: foot_ins.run(p, one, options))(inputs)
@@ -115,7 +115,7 @@ def subjects(quick: bool) -> list[Row]:
     # the quick form leaves the filter out: it would take most of its time to compile;
     # many short recordings at once are as much work as a long one
     samples = 1024 if quick else MINUTE
-    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT
+    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT._replace(execution="fast")
     walk = walked(*QUICK_WALK) if quick else walked(50.0, 100.0)
     rate_hz = walk.sampling_rate_hz
     prepared = []
