@@ -27,6 +27,7 @@ LEVERS = {"neura_ankle": (0.02, 0.1)}
 BOTH_LEVERS = (0.08, 0.18)
 GRID = np.linspace(-0.04, 0.34, 77)
 EXPECTED = (0.1, 0.1)  # [m] of the lever before any data, and its standard deviation
+LEARNED_SD = 0.005  # [m] of a lever that was learned; the default is for one that was not
 STRIDE_SD, WRONG = 0.03, 0.02  # [m] of a stride against a reference; from there on errors count less
 SPLITS = {
     "tripod": "filter, lever learned at the other speed",
@@ -53,7 +54,7 @@ def together(items: list[AnkleInputs]) -> AnkleInputs:
 
 
 def _one(lever: Any, inputs: AnkleInputs) -> dict[str, Any]:
-    p = AnkleParams()._replace(lever_ankle=lever, lever_shank=lever)
+    p = AnkleParams(lever_ankle=lever, lever_shank=lever, lever_along_sd=LEARNED_SD)
     told = ankle_stride.run(p, inputs)
     return {
         "length": told.strides.length,
