@@ -10,10 +10,10 @@ __all__ = ["Estimator", "Prepared", "get", "names"]
 
 _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "leg_ekf": leg_ekf.estimator,
-    "ankle_stride": ankle_stride.estimator,
     "foot_ins": foot_ins.estimator,
     "stride_width_ekf": stride_width_ekf.estimator,
     "two_feet": two_feet.estimator,
+    "ankle_stride": ankle_stride.estimator,
 }
 
 
