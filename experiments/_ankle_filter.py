@@ -27,7 +27,7 @@ LEVERS = {"neura_ankle": (0.02, 0.1)}
 BOTH_LEVERS = (0.08, 0.18)
 GRID = np.linspace(-0.04, 0.34, 77)
 EXPECTED = (0.1, 0.1)  # [m] of the lever before any data, and its standard deviation
-LEARNED_SD = 0.005  # [m] of a lever that was learned; the default is for one that was not
+LEARNED_SD = {"tripod": 0.005}  # [m] of a lever learned on the same sensor, as it is worn; else the default
 STRIDE_SD, WRONG = 0.03, 0.02  # [m] of a stride against a reference; from there on errors count less
 SPLITS = {
     "tripod": "filter, lever learned at the other speed",
@@ -53,8 +53,8 @@ def together(items: list[AnkleInputs]) -> AnkleInputs:
     return jax.tree.map(lambda *v: np.stack(v), *(ankle_stride.estimator().pad(item, samples) for item in items))
 
 
-def _one(lever: Any, inputs: AnkleInputs) -> dict[str, Any]:
-    p = AnkleParams(lever_ankle=lever, lever_shank=lever, lever_along_sd=LEARNED_SD)
+def _one(lever: Any, spread: Any, inputs: AnkleInputs) -> dict[str, Any]:
+    p = AnkleParams(lever_ankle=lever, lever_shank=lever, lever_along_sd=spread)
     told = ankle_stride.run(p, inputs)
     return {
         "length": told.strides.length,
@@ -65,14 +65,16 @@ def _one(lever: Any, inputs: AnkleInputs) -> dict[str, Any]:
 
 
 @jax.jit
-def measured_with(levers: Any, inputs: AnkleInputs) -> dict[str, Any]:
-    """(legs,) levers [m] → length, its standard deviation, rise (legs, n) [m] and the lever found (legs,) [m]."""
-    return jax.lax.map(lambda one: _one(*one), (levers, inputs))
+def measured_with(levers: Any, spreads: Any, inputs: AnkleInputs) -> dict[str, Any]:
+    """(legs,) levers and their deviations [m] → length, its deviation, rise (legs, n) and the lever found (legs,) [m]."""
+    return jax.lax.map(lambda one: _one(*one), (levers, spreads, inputs))
 
 
-def run(levers: np.ndarray, inputs: AnkleInputs) -> dict[str, np.ndarray]:
-    """`measured_with` on the host."""
-    return {name: np.asarray(value) for name, value in measured_with(jnp.asarray(levers), inputs).items()}
+def run(name: str, levers: np.ndarray, inputs: AnkleInputs) -> dict[str, np.ndarray]:
+    """`measured_with` of a set, on the host."""
+    spread = LEARNED_SD.get(name, float(AnkleParams().lever_along_sd))
+    told = measured_with(jnp.asarray(levers), jnp.full(len(levers), spread), inputs)
+    return {field: np.asarray(value) for field, value in told.items()}
 
 
 def references(legs: list[Leg], inputs: AnkleInputs) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +101,7 @@ def lever_of(pair: tuple[float, float], told: list[np.ndarray], true: np.ndarray
 def held_out(name: str, legs: list[Leg], key: np.ndarray, inputs: AnkleInputs) -> np.ndarray:
     """(legs,) lever of each leg, learned on the legs of other keys [m]."""
     pair = LEVERS.get(name, BOTH_LEVERS)
-    told = [run(np.full(len(legs), lever), inputs)["length"] for lever in pair]
+    told = [run(name, np.full(len(legs), lever), inputs)["length"] for lever in pair]
     true, full = references(legs, inputs)
     return np.array([lever_of(pair, told, true, full & (key != one)[:, None]) for one in key])
 
@@ -146,7 +148,7 @@ def bias_rows(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarray, 
         inputs = together([prepared(leg, off, np.eye(3), standing=False) for leg in legs])
         same = inputs.right.count == np.sum(plain > 0.0, axis=1)
         looked = full & same[:, None]
-        change = total(run(levers, inputs)["length"], looked) / np.maximum(total(plain, looked), 1e-9) - 1.0
+        change = total(run(name, levers, inputs)["length"], looked) / np.maximum(total(plain, looked), 1e-9) - 1.0
         moved.append(100.0 * np.abs(change)[same])
     every = np.concatenate(moved)
     split = "filter, each axis, bias not read at rest"
@@ -161,7 +163,7 @@ def rotation_row(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarra
     axes = np.random.default_rng(0).normal(size=(len(legs), 3))
     matrices = [np.asarray(turn(jnp.asarray(axis), np.deg2rad(ANGLE))) for axis in axes]
     inputs = together([prepared(leg, np.zeros(3), m) for leg, m in zip(legs, matrices, strict=True)])
-    change = 100.0 * float(np.mean(np.abs(run(levers, inputs)["length"] - plain)[full]))
+    change = 100.0 * float(np.mean(np.abs(run(name, levers, inputs)["length"] - plain)[full]))
     return Row(f"rotation25_{name}_filter_change_cm", change, "cm", n=int(full.sum()), split="filter, random axes")
 
 
@@ -173,14 +175,14 @@ def filtered(found: dict[str, tuple[list[Leg], np.ndarray, Any]], quick: bool) -
             continue
         inputs = together([prepared(leg, np.zeros(3), np.eye(3)) for leg in legs])
         levers = held_out(name, legs, key, inputs)
-        told = run(levers, inputs)
+        told = run(name, levers, inputs)
         true, full = references(legs, inputs)
         some, line = lengths_rows(name, legs, told, true, full, levers)
         rows, lines = rows + some, [*lines, line]
         if quick:
             continue
         free = together([prepared(leg, np.zeros(3), np.eye(3), standing=False) for leg in legs])
-        unread = run(levers, free)["length"]
+        unread = run(name, levers, free)["length"]
         rows += bias_rows(name, legs, levers, full, np.where(_there(free), unread, 0.0))
         rows.append(rotation_row(name, legs, levers, full, told["length"]))
     columns = ["", "MAE cm", "mean cm", "total %", "worst %", "with half-steps", "within 2 SD %", "rise SD cm",
