@@ -66,7 +66,7 @@ def _one(lever: Any, spread: Any, inputs: AnkleInputs) -> dict[str, Any]:
 
 @jax.jit
 def measured_with(levers: Any, spreads: Any, inputs: AnkleInputs) -> dict[str, Any]:
-    """(legs,) levers and their deviations [m] → length, its deviation, rise (legs, n) and the lever found (legs,) [m]."""
+    """(legs,) levers and their deviations [m] → length, its deviation, rise (legs, n), lever found (legs,) [m]."""
     return jax.lax.map(lambda one: _one(*one), (levers, spreads, inputs))
 
 

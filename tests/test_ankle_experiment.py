@@ -45,3 +45,13 @@ def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
     noticed = [(leg.walk, leg.side) for leg in found if leg.notes]
     assert noticed == [("Elderly/20180417_2", "left")]
     assert detect.f1([detect.score(leg, detect.found(leg).end, half_steps=True) for leg in found]) == 1.0
+
+
+def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):
+    ours = load_experiment("_ankle_filter")
+    rng = np.random.default_rng(0)
+    slope, true = rng.uniform(0.4, 0.6, (3, 40)), rng.uniform(1.0, 1.4, (3, 40))
+    told = [true + slope * (lever - 0.13) for lever in ours.BOTH_LEVERS]
+    looked = np.ones((3, 40), bool)
+    true[:, 0] += 0.4  # wrong references decide little
+    assert ours.lever_of(ours.BOTH_LEVERS, told, true, looked) == pytest.approx(0.13, abs=0.01)
