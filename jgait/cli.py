@@ -20,7 +20,10 @@ from jgait.commands.evaluate import evaluate
 from jgait.commands.tune import tune
 
 app = typer.Typer(
-    help="Gait from wearable sensors: estimate, tune by gradient, judge.", no_args_is_help=True, add_completion=False
+    help="Gait from wearable sensors: estimate, tune by gradient, judge.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
 )
 for command in (demo, estimate, evaluate, tune):
     app.command()(command)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands.console import Bar, console, progress, stop
@@ -16,9 +17,9 @@ def _show(result: Any) -> None:
     table = Table(title=result.title, title_justify="left", caption_justify="left")
     paper = any(line.paper is not None for line in result.lines)
     for name in ("walk", "leg", "error"):
-        table.add_column(name)
+        table.add_column(escape(name))
     for name in (*(["paper's pipeline"] if paper else []), "default", "tuned"):
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")
     last = None
     for line in result.lines:
         walk = f"{line.walk} ({'tuned on' if line.seen else 'never seen'})"

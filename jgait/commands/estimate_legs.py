@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands.console import note
@@ -33,7 +34,7 @@ def table_of(title: str, columns: tuple[str, ...]) -> Table:
     """An empty table whose first column is words and all others numbers."""
     table = Table(title=title, title_justify="left")
     for name in columns:
-        table.add_column(name, justify="left" if name == "recording" else "right")
+        table.add_column(escape(name), justify="left" if name == "recording" else "right")
     return table
 
 

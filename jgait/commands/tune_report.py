@@ -127,7 +127,7 @@ def _show_held_out(table: Any, job: Any, change: Any) -> None:
     console.print(escape(title), style="italic")
     shown = Table()
     for name in ("person", "recordings", "before", "after", "change"):
-        shown.add_column(name, justify="left" if name == "person" else "right")
+        shown.add_column(escape(name), justify="left" if name == "person" else "right")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
@@ -152,7 +152,7 @@ def _show_values(values: dict[str, dict[str, Any]]) -> None:
     console.print("\nlearned from everybody", style="italic")
     shown = Table()
     for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
-        shown.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
+        shown.add_column(escape(name), justify="left" if name in ("parameter", "unit") else "right")
     for name, row in values.items():
         spread = "–" if row["stderr"] is None else number(row["stderr"], 2)
         ends = "–" if row["low"] is None else f"{number(row['low'])} … {number(row['high'])}"

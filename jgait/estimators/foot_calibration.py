@@ -1,4 +1,4 @@
-"""From a recording to what the foot estimator takes: stances, rest, scale, level. NumPy, on the host.
+"""From a recording to what the foot estimator takes: stances, scale, level, footholds. NumPy, on the host.
 
 Everything here is a decision: which samples stand, where footholds are, what the gyroscope reads at rest. Nothing
 here carries a gradient; what follows (`foot_ins.run`) is smooth given these decisions.
@@ -11,21 +11,12 @@ import numpy as np
 
 from jgait import events, zero_velocity
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, capacity
+from jgait.estimators.foot_rest import Rest, rest
 from jgait.kinematics import GRAVITY
-from jgait.signal import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 SLOWEST_HZ = 45.0
 """A heel strike lasts some 30 ms: below this rate the jolt falls between samples."""
-
-QUIET_WINDOW = 0.5
-"""[s] Over which the spread of the rate tells whether a foot rests."""
-
-QUIET = 1.5
-"""A window rests if its spread is at most this many times the least there is [1]."""
-
-RESTLESS = 0.1
-"""[rad/s] If even the quietest window spreads more than this, the foot never rests."""
 
 OFF_SCALE = 0.12
 """The accelerometer at rest may differ from gravity by this share [1]; beyond it the unit is in doubt."""
@@ -35,6 +26,9 @@ SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
 
 LOST_RATE, LOST_FORCE = 2.0, 15.0
 """[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
+
+LONGEST_LOSS = 0.25
+"""[s] A stride of which more is lost is none: a swing takes half a second."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
 """[rad/s], [m/s²] How wrong a clipped reading may be."""
@@ -127,54 +121,6 @@ def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
     return time
 
 
-class Rest(NamedTuple):
-    """A sensor at rest.
-
-    Attributes:
-        windows: half-open ranges of samples in which it rests; empty if it never does.
-        gyr_bias: (3,) [rad/s].
-        force: mean specific force [m/s²]; 0 if it never rests.
-        time: how long it rests, as √Σ t² of the windows [s].
-    """
-
-    windows: list[tuple[int, int]]
-    gyr_bias: np.ndarray
-    force: float
-    time: float
-
-
-def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
-    """Where a sensor rests, and what it reads there.
-
-    The spread of the rate over half a second tells it, not the rate itself, which a bias shifts. A window's mean errs
-    by how far the foot turns unseen, over its length; so windows weigh as their length squared.
-    """
-    size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
-    if len(gyr) <= size:
-        return Rest([], np.zeros(3), 0.0, 0.0)
-    half = size // 2
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-        return (total[size:] - total[:-size]) / size
-
-    centred = gyr - np.median(gyr, axis=0)
-    spread = np.sqrt(np.maximum(mean(centred**2) - mean(centred) ** 2, 0.0).sum(axis=1))
-    there = mean(np.repeat(mask[:, None], 3, axis=1).astype(np.float64))[:, 0] > 0.99
-    least = np.min(spread[there], initial=np.inf)
-    if not least < RESTLESS:
-        return Rest([], np.zeros(3), 0.0, 0.0)
-    # a window's middle is half a window on; its edges rest as well, half of that is taken
-    quiet = np.zeros(len(gyr), bool)
-    quiet[half : half + len(spread)] = there & (spread <= max(QUIET * least, 1e-9))
-    windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
-    weights = np.array([(b - a) / sampling_rate_hz for a, b in windows]) ** 2
-    biases = np.array([gyr[a:b].mean(axis=0) for a, b in windows])
-    longest = windows[int(np.argmax(weights))]
-    force = float(np.linalg.norm(acc[slice(*longest)].mean(axis=0)))
-    return Rest(windows, weights @ biases / weights.sum(), force, float(np.sqrt(weights.sum())))
-
-
 def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Lost samples on a straight line between their neighbours."""
     if mask.all():
@@ -233,9 +179,14 @@ def _foot(
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
+    found = _more_footholds(found, hz)
+    whole, known = _whole(found, np.where(lost, step, 0.0))
     if lost.any():
         notes.append(f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain")
-    found = _more_footholds(found, hz)
+    if not whole.all():
+        notes.append(
+            f"{int(np.sum(~whole))} strides of {name} are left out: more than {LONGEST_LOSS:g} s of them is lost"
+        )
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
     until = min(max(found.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
@@ -261,6 +212,8 @@ def _foot(
         acc_bias=acc_bias * up / np.linalg.norm(up),
         up=up / np.linalg.norm(up),
         still_time=np.asarray(max(at_rest.time, 0.05)),
+        whole=np.pad(whole, (0, capacity(len(time)) - len(whole))),
+        known=known,
         **_footholds(gyr - at_rest.gyr_bias, found, hz, len(time)),
     )
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
@@ -318,6 +271,17 @@ def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
         rows += [(a, b, at, rate) for a, b, at in zip(cuts[:-1], cuts[1:], places, strict=True)]
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     return events.Stances(*columns)
+
+
+def _whole(found: events.Stances, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """After which footholds (n,) a stride can be told, and the samples (T,) that lie in none that cannot."""
+    total = np.concatenate([[0.0], np.cumsum(lost)])
+    ends = np.append(found.stillest[1:], len(lost) - 1)
+    whole = total[ends + 1] - total[found.stillest + 1] <= LONGEST_LOSS
+    known = np.ones(len(lost), bool)
+    for at, end in zip(found.stillest[~whole], ends[~whole], strict=True):
+        known[at + 1 : end] = False
+    return whole, known
 
 
 def _footholds(gyr: np.ndarray, found: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:

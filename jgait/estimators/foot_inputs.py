@@ -33,6 +33,8 @@ class FootSignals(NamedTuple):
         arrives: (K,) sample at which it is first seen to stand there.
         final_contact: (K,) sample of the final contact after it.
         initial_contact: (K,) sample of the next initial contact.
+        whole: (K,) bool; False where too much is lost between a foothold and the next for a stride to be told.
+        known: (T,) bool; False there.
         count: how many footholds there are.
     """
 
@@ -57,6 +59,8 @@ class FootSignals(NamedTuple):
     arrives: Any
     final_contact: Any
     initial_contact: Any
+    whole: Any
+    known: Any
     count: Any
 
 
@@ -74,7 +78,7 @@ class FootInputs(NamedTuple):
     left: FootSignals | None
 
 
-_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact")
+_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
 
 
 def capacity(samples: int) -> int:

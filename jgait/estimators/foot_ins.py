@@ -214,7 +214,7 @@ def _one_foot(p: FootParams, foot: FootSignals, time: Any, options: FootOptions)
     """One foot's way, what the filter says of itself, and where that holds."""
     found = _foot(p, foot, options)
     path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
-    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, foot.valid & found.valid
+    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, foot.valid & foot.known & found.valid
 
 
 class _Found(NamedTuple):

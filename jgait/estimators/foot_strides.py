@@ -63,7 +63,7 @@ def path_of(
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
     way = _at(state.position, there)
     length = _root(way.x * way.x + way.y * way.y)
-    valid = real & (length > SHORTEST)
+    valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
     strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid)

@@ -25,7 +25,7 @@ WINDOW = 2**16
 OVERLAP = 4096
 """[samples] Some twenty strides at 200 Hz."""
 
-_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact")
+_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
 _TIMES = ("start", "final_contact", "end", "standing", "standing_end")
 _OF_FOOT = ("attitude", "gyr_bias", "acc_bias", "up", "still_time", "count")
 
@@ -93,8 +93,10 @@ def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndar
         if name in _OF_FOOT:
             fields[name] = values
         elif name in _PER_FOOTHOLD:
-            own = np.clip(values[window.holds] - window.start, 0, WINDOW - 1)
-            fields[name] = np.pad(own, (0, rows - len(own)), mode="edge").astype(np.int32)
+            own = values[window.holds]
+            if name != "whole":
+                own = np.clip(own - window.start, 0, WINDOW - 1).astype(np.int32)
+            fields[name] = np.pad(own, (0, rows - len(own)), mode="edge")
         else:
             widths = [(0, missing)] + [(0, 0)] * (values.ndim - 1)
             fields[name] = np.pad(values[part], widths, mode="edge" if name in ("gyr", "acc") else "constant")

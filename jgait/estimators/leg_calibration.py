@@ -33,7 +33,9 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
         if any(p.endswith("_left") for p in recording.sensors) and len(missing) == 2:
             missing = [p for p in ("thigh_left", "shank_left") if p not in recording.sensors]
         wanted = " and ".join(f"'{p}'" for p in missing)
-        raise RecordingError(f"leg_ekf needs {wanted}; the recording has {sorted(recording.sensors)}")
+        feet = any(p.startswith("foot_") for p in recording.sensors)
+        other = "; for sensors on the feet take the estimator foot_ins" if feet else ""
+        raise RecordingError(f"leg_ekf needs {wanted}; the recording has {sorted(recording.sensors)}{other}")
     return sides
 
 

@@ -16,6 +16,10 @@ from jgait.estimators.stride_width_params import DEFAULT, WidthOptions
 from jgait.types import Feet, RangeReadings, RecordingError
 
 TOGETHER = 0.12  # s; readings closer than this are of one passing
+HALF_PASSING = 0.12  # s; a foot that passes is nearest within this of when it is heard nearest
+NEARLY = 0.1  # m; readings so much above the nearest are of the same passing
+COMES_AND_GOES = 0.06  # m; readings of one passing that differ by more hear the foot come and go
+FEWEST_ON_PARABOLA = 3  # readings
 PASSING = 0.3  # s; a longer row of readings is of feet that stand side by side
 NEIGHBOURS = 4  # passings on either side that a reading is compared with
 LATEST = 0.15  # s; the range's clock cannot be told farther off than this
@@ -130,16 +134,43 @@ def _usable(
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One reading for each time the feet pass: the middle of when they hear each other, and the median distance.
+    """One reading for each time the feet pass: when they are nearest, and how far apart they are then.
 
     Readings of one passing are not independent: the same passing is not z₂ = 0 twice. Feet that stand side by side are
-    heard all the time; they too count once.
+    heard all the time; they too count once. A sensor that looks one way hears only those that are near: the middle of
+    them, and their median. One that looks all ways also hears the foot come and go, when the distance is not across
+    the walk: there d² is a parabola of time, and its lowest point the passing; too few readings for one are left out.
     """
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]
     groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
-    middle = np.array([0.5 * (times[g[0]] + times[g[-1]]) for g in groups])
-    return middle, np.array([np.median(distances[g]) for g in groups])
+    found = [one for g in groups for one in _nearest(times[g], distances[g])]
+    return np.array([time for time, _ in found]), np.array([distance for _, distance in found])
+
+
+def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:
+    """The passings in one row of readings: (time, distance) each."""
+    median = (0.5 * (times[0] + times[-1]), float(np.median(distances)))
+    if np.ptp(distances) < COMES_AND_GOES:
+        return [median]
+    found = []
+    left = np.ones(distances.size, bool)
+    while left.any():
+        lowest = np.flatnonzero(left)[np.argmin(distances[left])]
+        around = np.abs(times - times[lowest]) <= HALF_PASSING
+        near = around & (distances <= distances[lowest] + NEARLY)
+        inside = 0 < lowest < distances.size - 1
+        if inside and near.sum() >= FEWEST_ON_PARABOLA:
+            since = times[near] - times[lowest]
+            curve, slope, level = np.polyfit(since, distances[near] ** 2, 2)
+            at = -0.5 * slope / curve if curve > 0.0 else 0.0
+            square = level + 0.5 * slope * at
+            if curve > 0.0 and abs(at) < HALF_PASSING and square > 0.0:
+                found.append((float(times[lowest] + at), float(np.sqrt(square))))
+        # the next passing is at least a quarter of a stride away
+        left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
+        left &= distances <= distances[lowest] + 2.0 * NEARLY
+    return found
 
 
 def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 from made_foot import foot
 
 from jgait import datasets, estimators
-from jgait.estimators import foot_calibration, foot_ins, foot_windows
+from jgait.estimators import foot_ins, foot_rest, foot_windows
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_params import TEXTBOOK, TRANSFORMS
 from jgait.types import Imu, Recording, RecordingError
@@ -153,6 +153,23 @@ def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
     assert error[2] < 3.0 * estimate.strides_stddev.length[2]
 
 
+def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
+    made, plain = straight
+    imu = made.recording.sensors["foot_right"]
+    mask = imu.mask.copy()
+    lost = int(100 * (made.lift_off[2] + 0.05))
+    mask[lost : lost + 40] = False
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
+    estimate = foot_ins.estimate(STILL, holes)
+    assert "1 strides of foot_right are left out" in " ".join(estimate.diagnostics["notes"])
+    assert len(estimate.strides.length) == 5
+    np.testing.assert_allclose(estimate.strides.length, 1.2, atol=5 * MILLIMETRE)
+    assert not estimate.valid[lost + 20]
+    assert estimate.valid[lost - 80]
+    assert estimate.distance[-1] == pytest.approx(plain.distance[-1] - 1.2, abs=0.02)
+
+
 def test_both_feet_share_a_program_and_an_estimate(straight):
     made, plain = straight
     left = foot(strides=6, side="left").recording.sensors
@@ -276,7 +293,7 @@ def test_rest_weighs_windows_by_their_length():
     gyr = rng.normal(scale=0.005, size=(2000, 3)) + np.array([0.02, 0.0, -0.01])
     gyr[400:1500] += 3.0 * np.sin(np.arange(1100) / 10.0)[:, None]
     acc = np.tile([0.0, 0.0, 9.9], (2000, 1))
-    found = foot_calibration.rest(gyr, acc, np.ones(2000, bool), 100.0)
+    found = foot_rest.rest(gyr, acc, np.ones(2000, bool), 100.0)
     np.testing.assert_allclose(found.gyr_bias, [0.02, 0.0, -0.01], atol=1e-3)
     assert found.force == pytest.approx(9.9)
     assert found.time > 4.0

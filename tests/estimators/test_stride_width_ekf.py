@@ -14,7 +14,7 @@ from jgait.estimators import stride_width_model as model
 from jgait.estimators import stride_width_readout as readout
 from jgait.estimators.stride_width_inputs import pad
 from jgait.filtering import CKF, EKF, UKF
-from jgait.types import Feet, FootTrajectory
+from jgait.types import Feet, FootTrajectory, RangeReadings
 
 KNOWN = sw.WidthParams(range_offset=OFFSET)
 RUN = jax.jit(sw.run, static_argnames=("options",))
@@ -148,6 +148,19 @@ def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, wal
         assert stddev[-1] > 2.0  # 75 m times the uncertainty of where the feet were heading
         assert np.max(np.abs(error) / stddev) < 4.0
         assert float(estimate.diagnostics["swap_evidence"]) == 0.0
+
+
+@pytest.mark.parametrize(("hz", "noise"), [(128.0, 0.005), (30.0, 0.002)])
+def test_a_range_heard_all_round_counts_where_the_feet_are_nearest(truth, walk, hz, noise):
+    """The distance between the feet is not across the walk but when they pass."""
+    times = np.arange(truth.time[0], truth.time[-1], 1.0 / hz)
+    right, left = (np.stack([np.interp(times, truth.time, place[:, i]) for i in (0, 1)], axis=1)
+                   for place in truth.places)  # fmt: skip
+    apart = np.linalg.norm(right - left, axis=1) - OFFSET
+    read = RangeReadings(times, apart + noise * np.random.default_rng(0).normal(size=times.size), apart > 0.0)
+    estimate = told(walk, read=read)
+    there = outside(estimate.strides)
+    np.testing.assert_allclose(np.nanmean(np.asarray(estimate.strides.width)[there]), WIDTH, atol=0.02)
 
 
 def test_exchanged_feet_are_noticed_at_the_turn(walk, smoothed):

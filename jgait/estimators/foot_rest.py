@@ -1,0 +1,64 @@
+"""Where a sensor on a foot rests, and what it reads there; NumPy, on the host."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.signal import true_runs
+
+QUIET_WINDOW = 0.5
+"""[s] Over which the spread of the rate tells whether a foot rests."""
+
+QUIET = 1.5
+"""A window rests if its spread is at most this many times the least there is [1]."""
+
+RESTLESS = 0.1
+"""[rad/s] If even the quietest window spreads more than this, the foot never rests."""
+
+
+class Rest(NamedTuple):
+    """A sensor at rest.
+
+    Attributes:
+        windows: half-open ranges of samples in which it rests; empty if it never does.
+        gyr_bias: (3,) [rad/s].
+        force: mean specific force [m/s²]; 0 if it never rests.
+        time: how long it rests, as √Σ t² of the windows [s].
+    """
+
+    windows: list[tuple[int, int]]
+    gyr_bias: np.ndarray
+    force: float
+    time: float
+
+
+def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
+    """Where a sensor rests, and what it reads there.
+
+    The spread of the rate over half a second tells it, not the rate itself, which a bias shifts. A window's mean errs
+    by how far the foot turns unseen, over its length; so windows weigh as their length squared.
+    """
+    size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
+    if len(gyr) <= size:
+        return Rest([], np.zeros(3), 0.0, 0.0)
+    half = size // 2
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+        return (total[size:] - total[:-size]) / size
+
+    centred = gyr - np.median(gyr, axis=0)
+    spread = np.sqrt(np.maximum(mean(centred**2) - mean(centred) ** 2, 0.0).sum(axis=1))
+    there = mean(np.repeat(mask[:, None], 3, axis=1).astype(np.float64))[:, 0] > 0.99
+    least = np.min(spread[there], initial=np.inf)
+    if not least < RESTLESS:
+        return Rest([], np.zeros(3), 0.0, 0.0)
+    # a window's middle is half a window on; its edges rest as well, half of that is taken
+    quiet = np.zeros(len(gyr), bool)
+    quiet[half : half + len(spread)] = there & (spread <= max(QUIET * least, 1e-9))
+    windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
+    weights = np.array([(b - a) / sampling_rate_hz for a, b in windows]) ** 2
+    biases = np.array([gyr[a:b].mean(axis=0) for a, b in windows])
+    longest = windows[int(np.argmax(weights))]
+    force = float(np.linalg.norm(acc[slice(*longest)].mean(axis=0)))
+    return Rest(windows, weights @ biases / weights.sum(), force, float(np.sqrt(weights.sum())))
