@@ -9,7 +9,7 @@ from made_footsteps import STRIDE, drifting, footsteps
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators import stride_width_model as model
 from jgait.estimators.stride_width_model import FootControl, WidthControl, WidthState
-from jgait.types import Feet, RangeReadings, RecordingError
+from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
 
 STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
 CONTROL = WidthControl(FootControl(0.5, 0.1, 0.2, 0.6, 1.0), FootControl(0.4, -0.2, -0.3, 0.5, 0.0))
@@ -218,9 +218,13 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
     assert float(estimate.strides.length[own[1]]) == pytest.approx(STRIDE, abs=0.05)
 
 
-def test_the_record_of_functions_takes_any_trajectories(walk):
-    made = sw.estimator(lambda recording, options: ready(walk, options=options), sw.PAPER)
-    prepared = made.prepare(None)
+def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, monkeypatch):
+    told = {"notes": ("said of the feet",), "standing": None}
+    own = Estimate(walk.time, Legs(None, None), None, None, np.ones(walk.time.size, bool), told, feet=walk.feet)
+    monkeypatch.setattr(sw, "feet_of", lambda recording, p, options: (own, walk.mids))
+    made = sw.estimator(sw.PAPER)
+    prepared = made.prepare(Recording({}, 128.0, feet_range=walk.read))
+    assert prepared.notes[0] == "said of the feet"
     assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
     padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)
     estimate = made.run(made.params, jax.tree.map(jnp.asarray, padded), prepared.options)
