@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from jgait.commands import estimate_feet, estimate_legs
 from jgait.commands.cohort import EstimatorName
@@ -72,7 +73,7 @@ def estimate(
             )
             result = show.run(recording)
         except (ValueError, OSError) as error:
-            errors.print(f"[bold red]{file}:[/] {error}", highlight=False)
+            errors.print(f"[bold red]{escape(str(file))}:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
             failed += 1
             continue
         try:
