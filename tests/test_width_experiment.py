@@ -1,0 +1,13 @@
+"""The quick form of the stride width's experiment: the paper's walk in simulation, a metre or two of it."""
+
+import math
+
+
+def test_the_papers_walk_in_its_quick_form(load_experiment):
+    experiment = load_experiment("stride_width_ekf")
+    rows = {row.metric: row for row in experiment.simulated(True)}
+    assert rows["sim_z1_mean_m_section1"].value < 0.02
+    assert rows["sim_z1_mean_m_section1"].paper == 0.2461
+    assert rows["sim_width_mae_cm"].value < 2.0
+    assert rows["sim_width_mae_cm"].n > 10
+    assert all(math.isfinite(row.value) for row in rows.values())
