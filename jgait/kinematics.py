@@ -91,6 +91,11 @@ def kept[T](values: T) -> T:
     return lax.optimization_barrier(values)
 
 
+def vector(values: Any) -> Vector:
+    """The last axis (3,) of an array as components."""
+    return Vector(values[..., 0], values[..., 1], values[..., 2])
+
+
 def add(a: Vector, b: Vector) -> Vector:
     """The sum a + b."""
     return Vector(a.x + b.x, a.y + b.y, a.z + b.z)

@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.interface import lengthened
+
 SHORTEST_STRIDE = 10
 """[samples] Less than from one stride to the next at the lowest rate; see `capacity`."""
 
@@ -109,8 +111,7 @@ def pad(inputs: AnkleInputs, samples: int) -> AnkleInputs:
         ValueError: if `samples` is less than T.
     """
     have = inputs.time.shape[0]
-    if samples < have:
-        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    time = lengthened(inputs.time, samples)
     more, rows = samples - have, capacity(samples) - capacity(have)
 
     def longer(name: str, values: Any) -> np.ndarray:
@@ -125,6 +126,4 @@ def pad(inputs: AnkleInputs, samples: int) -> AnkleInputs:
     def leg(one: AnkleSignals | None) -> AnkleSignals | None:
         return None if one is None else AnkleSignals(*(longer(*field) for field in one._asdict().items()))
 
-    step = float(np.median(np.diff(inputs.time)))
-    time = np.concatenate([inputs.time, inputs.time[-1] + step * np.arange(1, more + 1)])
     return AnkleInputs(time, leg(inputs.right), leg(inputs.left))

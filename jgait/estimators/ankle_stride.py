@@ -20,8 +20,7 @@ Outputs:
 
 Deviations from the paper; effects by `experiments/ankle_stride.py`:
     1. A filter with smoother instead of each stride by itself (`length="3d"` and others bring those back): a bias of
-       0.02 rad/s that nothing read at rest moves a leg's total by 0.1 to 0.4 % on average (four sets) instead of 1.0
-       to 2.6 %.
+       0.02 rad/s that nothing read at rest moves a leg's total by 0.1 to 0.4 % on average (four sets).
     2. Swings by the detector of lobes; `detector="paper"` is the paper's machine.
     3. Zero velocity at the ankle, a lever away, not at the sensor; each 10 cm of lever are 3 to 7 cm a stride.
 
@@ -36,7 +35,6 @@ Parameters whose gradient is zero by construction:
     "3d" only as a constant that cancels in the length; `stride_noise` enters standard deviations alone.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -58,9 +56,9 @@ from jgait.estimators.ankle_params import (
 )
 from jgait.estimators.ankle_strides import FLAGS
 from jgait.estimators.foot_model import FootControl, FootModelParams
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.filtering import Belief, Covariance
-from jgait.kinematics import Vector, cross, subtract
+from jgait.kinematics import Vector, cross, subtract, vector
 from jgait.rotation import Quaternion, rotated
 from jgait.types import SIDES, Estimate, Legs, Recording, Strides
 
@@ -97,10 +95,6 @@ __all__ = [
 ]
 
 
-def _vector(values: Any) -> Vector:
-    return Vector(values[..., 0], values[..., 1], values[..., 2])
-
-
 def model_params(p: AnkleParams) -> FootModelParams:
     """The model's parameters; it has no pivot, the lever is a state."""
     return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
@@ -125,23 +119,23 @@ def controls(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any) -> AnkleCont
     square = jnp.sum(free * free, axis=1)
     together = jnp.maximum(TOGETHER_S * leg.rate_hz, 1.0)
     over = FootControl(
-        gyr=_vector(_mean_over_interval(gyr)),
-        acc=_vector(_mean_over_interval(acc)),
+        gyr=vector(_mean_over_interval(gyr)),
+        acc=vector(_mean_over_interval(acc)),
         gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * leg.gyr_jump) ** 2 + leg.gyr_doubt**2) * h,
         acc_density=p.acc_noise**2 + ((p.acc_jump_noise * leg.acc_jump) ** 2 + leg.acc_doubt**2) * h,
         velocity_variance=together * (p.velocity_noise**2 + p.rate_noise**2 * square),
         restart=leg.restart,
     )
-    return AnkleControl(over, _vector(gyr))
+    return AnkleControl(over, vector(gyr))
 
 
 def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Any) -> Belief:
     """The belief at the first stance: level as gravity says, the ankle at rest, the lever as the placement says."""
     dtype = gyr.dtype
-    attitude, bias = Quaternion(*(leg.attitude[i] for i in range(4))), _vector(leg.gyr_bias)
+    attitude, bias = Quaternion(*(leg.attitude[i] for i in range(4))), vector(leg.gyr_bias)
     lever = Vector(*(jnp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
     first = jnp.argmax(leg.valid)
-    velocity = rotated(attitude, cross(subtract(_vector(gyr[first]), bias), lever))
+    velocity = rotated(attitude, cross(subtract(vector(gyr[first]), bias), lever))
     stood = leg.still_time > 0.0
     rested = p.gyr_bias**2 + (p.sway / jnp.where(stood, leg.still_time, 1.0)) ** 2
     biased = jnp.where(stood, rested, p.gyr_bias_unknown**2)
@@ -298,7 +292,7 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
     preparation = prepared(recording, options)
     inputs = preparation.inputs
     samples = inputs.time.size
-    padded = pad(inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+    padded = pad(inputs, bucket(samples, BUCKET))
     result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
     legs = {side: leg for side, leg in zip(SIDES, (inputs.right, inputs.left), strict=True) if leg is not None}
     instants = {f"instants_{side}": np.stack([s.begin, s.end], axis=1)[: int(s.count)] for side, s in legs.items()}

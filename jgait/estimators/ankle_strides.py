@@ -8,6 +8,7 @@ from jgait import stride_length
 from jgait.estimators.ankle_inputs import AnkleSignals
 from jgait.estimators.ankle_model import AnkleState
 from jgait.estimators.ankle_params import AnkleParams
+from jgait.estimators.foot_strides import root, wrapped
 from jgait.filtering import Covariance
 from jgait.kinematics import Vector
 from jgait.rotation import rotated
@@ -43,23 +44,23 @@ def from_filter(
     """
     here, there = leg.begin, leg.end
     way = Vector(*(part[there] for part in state.position))
-    length = _root(way.x * way.x + way.y * way.y)
+    length = root(way.x * way.x + way.y * way.y)
     x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
     xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"][there] for a, b in ("xx", "xy", "yy", "zz"))
     along = jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0)
     one, none = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
     forward = rotated(state.attitude, Vector(one, none, none))
     yaw = jnp.arctan2(forward.y, forward.x)
-    turn = _wrapped(yaw[there] - yaw[here])
+    turn = wrapped(yaw[there] - yaw[here])
     strides = told(leg, side, length, way.z, turn)
     yaw_variance = cov["attitude.z", "attitude.z"]
-    length_sd = _root(along + p.stride_noise**2)
+    length_sd = root(along + p.stride_noise**2)
     duration = durations(leg)[1]
-    speed_sd = _root((length_sd / duration) ** 2 + (length * TIMING / duration**2) ** 2)
+    speed_sd = root((length_sd / duration) ** 2 + (length * TIMING / duration**2) ** 2)
     deviations = strides._replace(
         start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(length, jnp.nan),
-        height=_root(zz + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
-        turn=_root(jnp.abs(yaw_variance[there] - yaw_variance[here])),
+        height=root(zz + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
+        turn=root(jnp.abs(yaw_variance[there] - yaw_variance[here])),
     )  # fmt: skip
     return strides, deviations, flags(leg, strides)
 
@@ -134,13 +135,3 @@ def flags(leg: AnkleSignals, strides: Strides) -> dict[str, Any]:
         "half": leg.half,
     }
     return {name: flag & strides.valid for name, flag in found.items()}
-
-
-def _wrapped(angle: Any) -> Any:
-    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
-
-
-def _root(square: Any) -> Any:
-    """The root, 0 with gradient 0 where there is none."""
-    positive = square > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)

@@ -17,7 +17,7 @@ from jax import lax
 
 from jgait.estimators.foot_inputs import FootSignals
 from jgait.estimators.foot_model import FootState
-from jgait.kinematics import GRAVITY, Vector, add, scale, subtract
+from jgait.kinematics import GRAVITY, Vector, add, scale, subtract, vector
 from jgait.rotation import Quaternion, between, exponential, from_array, normalised, product, rotated
 
 TURNING_POINT, STEEPNESS = 0.6, 0.08
@@ -27,7 +27,7 @@ TURNING_POINT, STEEPNESS = 0.6, 0.08
 def forward_backward(foot: FootSignals) -> FootState:
     """States (T,) of one foot, positions from the last foothold; biases as at rest."""
     level = _levels(foot)
-    bias, acc_bias = (_vector(values) for values in (foot.gyr_bias, foot.acc_bias))
+    bias, acc_bias = (vector(values) for values in (foot.gyr_bias, foot.acc_bias))
     first = from_array(foot.attitude)
     zero = Vector(*(jnp.zeros((), foot.gyr.dtype),) * 3)
     stride = jnp.cumsum(foot.restart).astype(jnp.int32)
@@ -39,9 +39,9 @@ def forward_backward(foot: FootSignals) -> FootState:
         levelled = _levelled(attitude, Quaternion(*(part[jnp.maximum(number - 1, 0)] for part in level)))
         attitude = Quaternion(*(jnp.where(again, a, b) for a, b in zip(levelled, attitude, strict=True)))
         velocity = Vector(*(jnp.where(again, 0.0, part) for part in velocity))
-        half = exponential(scale(0.5 * dt, subtract(_vector(gyr), bias)))
+        half = exponential(scale(0.5 * dt, subtract(vector(gyr), bias)))
         middle = product(attitude, half)
-        force = rotated(middle, subtract(_vector(acc), acc_bias))
+        force = rotated(middle, subtract(vector(acc), acc_bias))
         pull = Vector(force.x, force.y, force.z - GRAVITY)
         attitude, velocity = normalised(product(middle, half)), add(velocity, scale(dt, pull))
         return (attitude, velocity), (attitude, velocity)
@@ -100,7 +100,3 @@ def _levelled(attitude: Quaternion, level: Quaternion) -> Quaternion:
     yaw = jnp.arctan2(away.z, away.w)
     zero = jnp.zeros_like(yaw)
     return product(Quaternion(jnp.cos(yaw), zero, zero, jnp.sin(yaw)), level)
-
-
-def _vector(values: Any) -> Vector:
-    return Vector(values[..., 0], values[..., 1], values[..., 2])

@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.interface import lengthened
+
 SHORTEST_STANCE_TO_STANCE = 20
 """[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
 
@@ -100,8 +102,7 @@ def pad(inputs: FootInputs, samples: int) -> FootInputs:
         ValueError: if `samples` is less than T.
     """
     have = inputs.time.shape[0]
-    if samples < have:
-        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    time = lengthened(inputs.time, samples)
     more, rows = samples - have, capacity(samples) - capacity(have)
 
     def longer(name: str, values: Any) -> np.ndarray:
@@ -116,6 +117,4 @@ def pad(inputs: FootInputs, samples: int) -> FootInputs:
     def foot(one: FootSignals | None) -> FootSignals | None:
         return None if one is None else FootSignals(*(longer(*field) for field in one._asdict().items()))
 
-    step = float(np.median(np.diff(inputs.time)))
-    time = np.concatenate([inputs.time, inputs.time[-1] + step * np.arange(1, more + 1)])
     return FootInputs(time, foot(inputs.right), foot(inputs.left))

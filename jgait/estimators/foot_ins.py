@@ -29,7 +29,6 @@ Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter the 
 decides (stances, footholds, contacts) has none.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -51,9 +50,9 @@ from jgait.estimators.foot_model import (
 from jgait.estimators.foot_params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
 from jgait.estimators.foot_strides import Path
 from jgait.estimators.foot_windows import WINDOW, joined, windows
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.filtering import Belief, Covariance
-from jgait.kinematics import Vector
+from jgait.kinematics import Vector, vector
 from jgait.rotation import Quaternion
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording
 
@@ -75,11 +74,6 @@ __all__ = [
     "run",
     "with_body",
 ]
-
-
-def vector(values: Any) -> Vector:
-    """The last axis (3,) of an array as named components."""
-    return Vector(values[..., 0], values[..., 1], values[..., 2])
 
 
 def model_params(p: FootParams) -> FootModelParams:
@@ -292,7 +286,7 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
     options = options._replace(detector=DEFAULT.detector)
     result = _in_windows(p, preparation.inputs, options)
     if result is None:
-        padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+        padded = pad(preparation.inputs, bucket(samples, BUCKET))
         result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
     trimmed = _trimmed(result, samples)
     feet = zip(SIDES, (preparation.inputs.right, preparation.inputs.left), strict=True)

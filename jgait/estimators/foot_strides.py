@@ -62,7 +62,7 @@ def path_of(
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
     way = _at(state.position, there)
-    length = _root(way.x * way.x + way.y * way.y)
+    length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
@@ -115,7 +115,7 @@ def _strides(
     here, there = foot.foothold[:-1], foot.foothold[1:]
     final, initial = foot.final_contact[:-1], foot.initial_contact[:-1]
     way = _at(state.position, there)
-    length = _root(way.x * way.x + way.y * way.y)
+    length = root(way.x * way.x + way.y * way.y)
     between = {name: cov[f"position.{name[0]}", f"position.{name[1]}"][there] for name in ("xx", "xy", "yy", "zz")}
     x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
     along = x * x * between["xx"] + 2.0 * x * y * between["xy"] + y * y * between["yy"]
@@ -124,9 +124,9 @@ def _strides(
     axis = rotated(state.attitude, spread)
     standing_pitch = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0))
     yaw = jnp.arctan2(axis.y, axis.x)
-    turn = _wrapped(yaw[there] - yaw[here])
+    turn = wrapped(yaw[there] - yaw[here])
     yaw_variance = cov["attitude.z", "attitude.z"]
-    pitch_deviation = _root(_across(cov, axis))
+    pitch_deviation = root(_across(cov, axis))
     departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
     # the stride before this one ended with this one's first contact; a first stride starts when the toes leave
     start = jnp.concatenate([time[final[:1]], time[initial[:-1]]])
@@ -141,12 +141,12 @@ def _strides(
         lift=_lift(state.position.z, foot, way.z), contact_angle=standing_pitch[initial] - standing_pitch[there],
         push_off_angle=standing_pitch[final] - standing_pitch[here], step_length=nothing,
     )  # fmt: skip
-    length_stddev = _root(along + unknown)
-    speed_stddev = _root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
+    length_stddev = root(along + unknown)
+    speed_stddev = root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
     deviations = Strides(
         side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
-        height=_root(between["zz"] + unknown), valid=valid, speed=speed_stddev,
-        turn=_root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
+        height=root(between["zz"] + unknown), valid=valid, speed=speed_stddev,
+        turn=root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
         push_off_angle=pitch_deviation[final], step_length=nothing,
     )  # fmt: skip
     return strides, deviations
@@ -209,7 +209,7 @@ def _rotated_stddev(cov: Covariance, part: str, heading: Any, spread: Vector) ->
     """Standard deviations along the axes of the world that `_turned` gives."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
-    return Vector(_root(c * c * xx + 2 * c * s * xy + s * s * yy), _root(s * s * xx - 2 * c * s * xy + c * c * yy),
+    return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),
                   spread.z)  # fmt: skip
 
 
@@ -234,11 +234,12 @@ def _first(values: Any, valid: Any) -> Any:
     return values[jnp.argmax(valid)]
 
 
-def _wrapped(angle: Any) -> Any:
+def wrapped(angle: Any) -> Any:
+    """An angle from −π to π [rad]."""
     return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
 
 
-def _root(square: Any) -> Any:
+def root(square: Any) -> Any:
     """The root, 0 with gradient 0 where there is none."""
     positive = square > 0.0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)

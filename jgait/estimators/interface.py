@@ -1,7 +1,10 @@
 """What every estimator offers to those who run it on many recordings: decide, pad, and a pure function to map."""
 
+import math
 from collections.abc import Callable, Hashable
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from jgait.types import Estimate, Recording
 
@@ -43,3 +46,21 @@ class Estimator[P, I](NamedTuple):
     pad: Callable[[I, int], I]
     run: Callable[[P, I, Any], Estimate]
     own: Callable[[P, dict[str, Any]], P]
+
+
+def bucket(samples: int, smallest: int) -> int:
+    """The length to pad to: the smallest one times a power of two, so that few programs are compiled."""
+    return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
+
+
+def lengthened(time: Any, samples: int) -> np.ndarray:
+    """Times (T,) that go on in even steps to some number of samples.
+
+    Raises:
+        ValueError: if that is less than T.
+    """
+    time = np.asarray(time)
+    if samples < time.size:
+        raise ValueError(f"pad only lengthens; got {time.size} samples and {samples} wanted")
+    step = float(np.median(np.diff(time)))
+    return np.concatenate([time, time[-1] + step * np.arange(1, samples - time.size + 1)])

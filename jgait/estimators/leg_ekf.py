@@ -27,7 +27,6 @@ Deviations from the paper, their effect measured on the straight part of `neura_
        the default read-out, before any calibration, 4.5 %.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,7 +36,7 @@ import jax.numpy as jnp
 from jgait import filtering, params
 from jgait.estimators import inclination, leg_distance, leg_model
 from jgait.estimators.inclination import Vector
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.leg_calibration import prepare
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
 from jgait.estimators.leg_model import STANDING, LegControl, LegModelParams, LegObservation, LegState
@@ -330,7 +329,7 @@ def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) 
     if options.gravity and not has_gravity(preparation.inputs):
         options = options._replace(gravity=False)
     samples = preparation.inputs.time.size
-    padded = pad(preparation.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(samples / BUCKET))))
+    padded = pad(preparation.inputs, bucket(samples, BUCKET))
     result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
     result = jax.tree.map(lambda v: v[:samples] if jnp.ndim(v) else v, result)
     diagnostics = dict(result.diagnostics, notes=(*recording.notes, *preparation.notes), standing=preparation.standing)

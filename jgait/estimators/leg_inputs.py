@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.interface import lengthened
+
 
 class Segment(NamedTuple):
     """One sensor's signals, turned into its segment's axes (forward, up, right), as the filters take them.
@@ -80,8 +82,7 @@ def pad(inputs: LegInputs, samples: int) -> LegInputs:
         ValueError: if `samples` is less than T.
     """
     have = inputs.time.shape[0]
-    if samples < have:
-        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    time = lengthened(inputs.time, samples)
     more = samples - have
 
     def longer(values: Any, *, edge: bool = False) -> np.ndarray:
@@ -96,8 +97,6 @@ def pad(inputs: LegInputs, samples: int) -> LegInputs:
     def leg(one: LegSignals | None) -> LegSignals | None:
         return None if one is None else LegSignals(segment(one.thigh), segment(one.shank))
 
-    step = float(np.median(np.diff(inputs.time)))
-    time = np.concatenate([inputs.time, inputs.time[-1] + step * np.arange(1, more + 1)])
     return LegInputs(
         leg(inputs.right),
         leg(inputs.left),

@@ -20,7 +20,6 @@ HALF_PASSING = 0.12  # s; a foot that passes is nearest within this of when it i
 NEARLY = 0.1  # m; readings so much above the nearest are of the same passing
 COMES_AND_GOES = 0.06  # m; readings of one passing that differ by more hear the foot come and go
 FEWEST_ON_PARABOLA = 3  # readings
-PASSING = 0.3  # s; a longer row of readings is of feet that stand side by side
 NEIGHBOURS = 4  # passings on either side that a reading is compared with
 LATEST = 0.15  # s; the range's clock cannot be told farther off than this
 FEWEST_PAIRS = 6  # pairs of passings that its lag is estimated from

@@ -44,7 +44,6 @@ Deviations from the paper; `WidthOptions.literal` brings the first back:
        accelerometers.
 """
 
-import math
 from typing import Any
 
 import jax
@@ -54,7 +53,7 @@ import numpy as np
 from jgait import filtering, params
 from jgait.estimators import foot_ins, stride_width_model, stride_width_readout
 from jgait.estimators.foot_params import FootOptions, FootParams
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.stride_width_calibration import prepare_from_feet
 from jgait.estimators.stride_width_inputs import WidthInputs, exchanged, pad
 from jgait.estimators.stride_width_model import WidthControl, WidthModelParams, WidthObservation, WidthState
@@ -292,7 +291,7 @@ def estimate_from_feet(
     params.check_params(p, TRANSFORMS)
     prepared = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
     moments = prepared.inputs.time.size
-    padded = pad(prepared.inputs, BUCKET * 2 ** max(0, math.ceil(math.log2(moments / BUCKET))))
+    padded = pad(prepared.inputs, bucket(moments, BUCKET))
     result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
     rows = int(np.sum(prepared.inputs.strides.valid))
     by_stride = {"width_valid": result.diagnostics["width_valid"][:rows]}

@@ -26,7 +26,6 @@ in standard deviations only. What decides (stances, ranges used, turns) has none
 Cost: 33 error components take the dense path, 2 ms a sample on one core with the smoother, and a minute to compile.
 """
 
-import math
 from typing import Any
 
 import jax
@@ -37,7 +36,7 @@ from jgait import filtering, params
 from jgait.estimators import foot_ins, two_feet_model, two_feet_readout
 from jgait.estimators.foot_inputs import FootSignals
 from jgait.estimators.foot_model import FootObservation
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.two_feet_calibration import prepare
 from jgait.estimators.two_feet_inputs import TwoFeetInputs, pad
 from jgait.estimators.two_feet_model import Plane, TwoFeetControl, TwoFeetModelParams, TwoFeetObservation, TwoFeetState
@@ -182,7 +181,7 @@ def estimate(
     params.check_params(p, TRANSFORMS)
     ready = prepare(recording, options, start_heading=start_heading)
     samples = ready.inputs.time.size
-    padded = pad(ready.inputs, foot_ins.BUCKET * 2 ** max(0, math.ceil(math.log2(samples / foot_ins.BUCKET))))
+    padded = pad(ready.inputs, bucket(samples, foot_ins.BUCKET))
     result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
     rows = np.flatnonzero(result.strides.valid)
     rows = rows[np.argsort(result.strides.end[rows], kind="stable")]

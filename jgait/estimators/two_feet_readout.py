@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jgait.estimators import foot_strides, stride_width_readout
 from jgait.estimators.foot_inputs import FootSignals
 from jgait.estimators.foot_model import FootState
+from jgait.estimators.foot_strides import root
 from jgait.estimators.stride_width_inputs import StrideRows
 from jgait.estimators.stride_width_model import WidthState
 from jgait.estimators.two_feet_inputs import TwoFeetInputs
@@ -111,17 +112,12 @@ def _left_stddev(along_own: FootTrajectory, cov: Covariance, angle: Any) -> Foot
     def part(name: str, rows: Any) -> Any:
         xx, xy, yy = (cov[f"left.{name}.{a}", f"left.{name}.{b}"] for a, b in ("xx", "xy", "yy"))
         x, y = c * c * xx - 2.0 * c * s * xy + s * s * yy, s * s * xx + 2.0 * c * s * xy + c * c * yy
-        return jnp.stack([_root(x), _root(y), rows[:, 2]], axis=1)
+        return jnp.stack([root(x), root(y), rows[:, 2]], axis=1)
 
     return FootTrajectory(
         part("position", along_own.position), part("velocity", along_own.velocity),
         part("attitude", along_own.orientation),
     )  # fmt: skip
-
-
-def _root(square: Any) -> Any:
-    positive = square > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 _SHOWS = (

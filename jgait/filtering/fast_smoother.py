@@ -150,7 +150,7 @@ def there_and_back(
 def _sorted(real: Any) -> Any:
     """The flags of a segment, True before False as they are: a sort that changes nothing but what XLA compiles.
 
-    A loop in which nothing is sorted it writes, with all loops within, as one function, and the time that LLVM takes
-    for a function grows faster than its size: minutes for a smoother of 15 states.
+    It keeps XLA from writing a loop and all loops within as one function: the mapped smoother of 15 states then
+    compiled in 74 s of processor time instead of 90.
     """
     return lax.sort((~real).astype(jnp.int32)) == 0
