@@ -1,0 +1,245 @@
+r"""Stationary (à-trous) wavelet transforms, their inverse, and signals rebuilt from thresholded details.
+
+With a wavelet's taps h (low-pass) and g (high-pass), L of each, the level j of a signal a_0 of T samples is
+
+    a_j[n] = Σ_k h[k] a_{j−1}[n − 2^{j−1} (k − L/2)],   d_j[n] = Σ_k g[k] a_{j−1}[n − 2^{j−1} (k − L/2)],
+
+indices modulo T; nothing is thrown away, so that a shifted signal has shifted details. The inverse takes the mean of
+all the ways back,
+
+    a_{j−1}[n] = ½ Σ_k (h̃[k] a_j[n − 2^{j−1} (k − L/2 + 1)] + g̃[k] d_j[n − 2^{j−1} (k − L/2 + 1)]).
+
+Taps are pywavelets', read on the host; results are those of `pywt.swt` and `pywt.iswt`. Everything else is JAX, along
+the first axis, usable under `jit`, `vmap` and `grad`; wavelet and levels are static. Details 1 to 3 do not depend on
+how many levels follow, so three levels rebuild from them what ten do.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import pywt
+from jax import Array
+from jax.typing import ArrayLike
+
+MAGNITUDES = ("max", "rms")
+"""What a threshold is relative to: the greatest absolute value of a detail, or its root mean square."""
+
+MULTIPLE = 1024
+"""Samples to a multiple of which signals are padded before they are thresholded: what ten levels need."""
+
+
+class Transform(NamedTuple):
+    """A signal over several scales; every field has the signal's shape and unit.
+
+    Attributes:
+        approximation: (T, ...) what is left at the coarsest level.
+        details: one (T, ...) a level, the finest (level 1) first.
+    """
+
+    approximation: Any
+    details: tuple[Any, ...]
+
+
+class Taps(NamedTuple):
+    """Filters of a wavelet, of equal and even length: there (`dec`) and back (`rec`)."""
+
+    dec_lo: np.ndarray
+    dec_hi: np.ndarray
+    rec_lo: np.ndarray
+    rec_hi: np.ndarray
+
+
+@functools.cache
+def taps(wavelet: str) -> Taps:
+    """The filters of an orthogonal or biorthogonal wavelet, as pywavelets has them; on the host.
+
+    Args:
+        wavelet: pywavelets' name, such as "db5", "sym4", "bior2.4".
+
+    Raises:
+        ValueError: if there is no discrete wavelet of that name.
+    """
+    if wavelet not in pywt.wavelist(kind="discrete"):
+        raise ValueError(f"wavelet must be one of pywt.wavelist(kind='discrete'); got {wavelet!r}")
+    return Taps(*(np.asarray(bank, np.float64) for bank in pywt.Wavelet(wavelet).filter_bank))
+
+
+def _filtered(values: Array, filters: Sequence[np.ndarray], spread: int, lead: int) -> list[Array]:
+    """Σ_k f[k] x[n − spread (k − lead)] for every filter, indices modulo T.
+
+    The delays are known while tracing: each is a slice of the signal written twice, and XLA makes one loop of them.
+    """
+    count = values.shape[0]
+    delays = [(-spread * (k - lead)) % count for k in range(len(filters[0]))]
+    twice = jnp.concatenate([values, values[: max(delays)]])
+    windows = [twice[start : start + count] for start in delays]
+    return [
+        functools.reduce(jnp.add, (float(tap) * window for tap, window in zip(f, windows, strict=True) if tap != 0.0))
+        for f in filters
+    ]
+
+
+def _samples(x: ArrayLike, name: str = "x") -> Array:
+    values = jnp.asarray(x)
+    if not jnp.issubdtype(values.dtype, jnp.floating):
+        raise ValueError(f"{name} must be floating point; got {values.dtype}")
+    if values.ndim == 0 or values.shape[0] == 0:
+        raise ValueError(f"{name} must be (T, ...) with T > 0; got shape {values.shape}")
+    return values
+
+
+def transform(x: ArrayLike, wavelet: str, levels: int) -> Transform:
+    """The stationary wavelet transform, as `pywt.swt`.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit, finite; T a multiple of 2^levels.
+        wavelet: pywavelets' name; static.
+        levels: how many, at least 1; static.
+
+    Returns:
+        The coarsest approximation and the details, finest first.
+
+    Raises:
+        ValueError: if there is no such wavelet or level, or the length is no multiple of 2^levels.
+    """
+    filters, values = taps(wavelet), _samples(x)
+    if levels < 1:
+        raise ValueError(f"levels must be at least 1; got {levels}")
+    if values.shape[0] % 2**levels:
+        raise ValueError(
+            f"{levels} levels need a multiple of {2**levels} samples along the first axis; got {values.shape[0]} "
+            f"(see wavelet.padded)"
+        )
+    lead, details = len(filters.dec_lo) // 2, []
+    for level in range(levels):
+        values, detail = _filtered(values, (filters.dec_lo, filters.dec_hi), 2**level, lead)
+        details.append(detail)
+    return Transform(values, tuple(details))
+
+
+def inverse(t: Transform, wavelet: str) -> Array:
+    """The signal that a transform is of, as `pywt.iswt`; of changed coefficients, the mean of all the ways back.
+
+    Args:
+        t: as `transform` gives it, changed or not.
+        wavelet: the one that it was made with; static.
+
+    Returns:
+        (T, ...) the signal.
+
+    Raises:
+        ValueError: if there is no such wavelet, or the shapes do not belong together.
+    """
+    filters, values = taps(wavelet), _samples(t.approximation, "approximation")
+    shapes = {np.shape(part) for part in (values, *t.details)}
+    if not t.details or len(shapes) > 1 or values.shape[0] % 2 ** len(t.details):
+        raise ValueError(
+            f"a transform holds at least one detail, all of the approximation's shape, a multiple of 2^levels samples "
+            f"long; got {len(t.details)} details and the shapes {sorted(shapes)}"
+        )
+    lead = len(filters.rec_lo) // 2 - 1
+    for level in reversed(range(len(t.details))):
+        smooth = _filtered(values, (filters.rec_lo,), 2**level, lead)[0]
+        rough = _filtered(jnp.asarray(t.details[level]), (filters.rec_hi,), 2**level, lead)[0]
+        values = 0.5 * (smooth + rough)
+    return values
+
+
+def padded(x: ArrayLike, multiple: int = MULTIPLE) -> tuple[Array, int]:
+    """Both ends continued by reflection that repeats the edge, to the next multiple of a length.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit.
+        multiple: of which the padded length is one [samples]; static.
+
+    Returns:
+        The padded signal, and how many samples come before the first; half of them, rounded down.
+
+    Raises:
+        ValueError: if `multiple` is not positive, or there is no sample.
+    """
+    if multiple < 1:
+        raise ValueError(f"multiple must be a positive number of samples; got {multiple}")
+    values = _samples(x)
+    more = -values.shape[0] % multiple
+    before = more // 2
+    sides = [(before, more - before)] + [(0, 0)] * (values.ndim - 1)
+    return jnp.pad(values, sides, mode="symmetric"), before
+
+
+def magnitude(x: ArrayLike, kind: str, mask: ArrayLike | None = None) -> Array:
+    """How large a signal is, max |x| or √(mean x²), along the first axis.
+
+    Args:
+        x: (T, ...) samples, any unit.
+        kind: one of `MAGNITUDES`; static.
+        mask: (T,) bool, False where a sample is to be ignored; None: all count.
+
+    Returns:
+        (...) in the signal's unit; 0 if nothing counts. Where it is 0, so is its gradient.
+
+    Raises:
+        ValueError: if there is no such magnitude.
+    """
+    if kind not in MAGNITUDES:
+        raise ValueError(f"magnitude must be one of {', '.join(MAGNITUDES)}; got {kind!r}")
+    values = _samples(x)
+    counts = jnp.ones_like(values[:, *[0] * (values.ndim - 1)]) if mask is None else jnp.asarray(mask)
+    weight = counts.astype(values.dtype).reshape(-1, *[1] * (values.ndim - 1))
+    if kind == "max":
+        return jnp.max(jnp.abs(values) * weight, axis=0)
+    square = (values * values * weight).sum(axis=0) / jnp.maximum(weight.sum(), 1.0)
+    return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
+
+
+def threshold(x: ArrayLike, limit: ArrayLike, *, hard: bool) -> Array:
+    """What of a signal is above a limit: x where |x| > limit (hard), sign(x) max(|x| − limit, 0) (soft), else 0.
+
+    Args:
+        x: (...) any unit.
+        limit: (...) that broadcasts with it, same unit.
+        hard: static.
+
+    Returns:
+        The same shape. A hard threshold has no gradient in its limit; a soft one has.
+    """
+    values, least = jnp.asarray(x), jnp.asarray(limit)
+    above = jnp.abs(values) > least
+    return jnp.where(above, values if hard else values - jnp.sign(values) * least, 0.0)
+
+
+def from_details(
+    x: ArrayLike, shares: Sequence[ArrayLike] | ArrayLike, wavelet: str = "db5", *, relative_to: str = "rms",
+    hard: bool = False, mask: ArrayLike | None = None, multiple: int = MULTIPLE,
+) -> Array:  # fmt: skip
+    """A signal rebuilt from its finest details alone, each thresholded at a share of its own magnitude.
+
+    d_j → threshold(d_j, c_j |d_j|), a → 0, and back; |d_j| over the samples that were there before padding.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit, finite.
+        shares: c_1 … c_J, one a detail level that is kept [1]; how many is static.
+        wavelet: pywavelets' name; static.
+        relative_to: one of `MAGNITUDES`; static.
+        hard: whether thresholds are hard; static.
+        mask: (T,) bool, False where a sample does not count for the magnitudes; None: all count.
+        multiple: the padded length is a multiple of it, itself one of 2^J [samples]; static.
+
+    Returns:
+        The same shape and unit.
+
+    Raises:
+        ValueError: as `transform`, `padded` and `magnitude`.
+    """
+    whole, before = padded(x, multiple)
+    within = slice(before, before + np.shape(x)[0])
+    parts = [jnp.asarray(share, whole.dtype) for share in shares]  # type: ignore[union-attr]
+    found = transform(whole, wavelet, len(parts))
+    kept = tuple(
+        threshold(d, share * magnitude(d[within], relative_to, mask), hard=hard)
+        for d, share in zip(found.details, parts, strict=True)
+    )
+    return inverse(Transform(jnp.zeros_like(found.approximation), kept), wavelet)[within]
