@@ -1,0 +1,206 @@
+r"""Speed of walking from forward acceleration, cycle by cycle from a known start: Köse's velocity update.
+
+From the start (standing: 0) up to the first heel strike and over the first cycles, the velocity is integrated (OFI).
+From then on, a cycle that begins with v_i would by OFI end with v_f = v_i + J(T). With the gate
+
+    G = 1 if |v_f − v_i| < ε, else 0;   softly, σ((ε − |v_f − v_i|) / width),
+
+    v = (1 − G) OFI(v_i) + G OFDRI(v_i, v_f := v_i),   v_i of the next cycle: v_i + (1 − G) J(T):
+
+what looks like drift is taken out, and what looks like a change of speed is kept. Behind the last cycle, and between
+cycles that do not touch, it is OFI again. The displacement is the integral of v by trapezoids.
+
+`updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
+velocity at the first heel strike); `integrated` is OFI over the whole recording. Everything is differentiable in the
+acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the cycles
+always is.
+
+Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
+measurement unit attached to the waist", 2011, section 2.1c.
+
+Readings, where the paper leaves a choice:
+    1. v_f − v_i "lower than" ε is meant without its sign; by OFI it is J(T) whatever v_i.
+    2. The first three initial heel strikes are those at which cycles 1, 2 and 3 begin: cycles 1 and 2 are integrated,
+       the third is the first that may be corrected.
+    3. OFI's cut-off is a parameter, 0 unless it is set. OFDRI's is that of the optimum rule (`optimum`), for each cycle
+       by itself, or OFI's. OFDRI's displacement then hardly depends on the choice; see `direct_reverse`.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+from jgait.direct_reverse import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
+from jgait.direct_reverse import signal_and_steps as _checked
+
+
+class VelocityUpdateParams(NamedTuple):
+    """Parameters, in natural units.
+
+    Attributes:
+        threshold: ε, the least change over a cycle that is taken for a change of speed [m/s].
+        width: of the soft gate [m/s].
+        cutoff_hz: of OFI's high-pass, 0 for none [Hz].
+        highest_hz: f_max of the optimum rule [Hz].
+        beta: β of OFDRI's weight [1].
+    """
+
+    threshold: Any = 0.3
+    width: Any = 0.05
+    cutoff_hz: Any = 0.0
+    highest_hz: Any = HIGHEST
+    beta: Any = 0.1
+
+
+class Covered(NamedTuple):
+    """Speed and way over a recording and its cycles; rows of cycles that are none hold 0.
+
+    Attributes:
+        velocity: (T,) forward [m/s].
+        displacement: (T,) since the first sample [m].
+        start: (K,) v_i, where each cycle begins [m/s].
+        change: (K,) v_f − v_i by OFI over the cycle alone [m/s].
+        kept: (K,) G, how much of the cycle is OFDRI [1].
+        updated: (K,) bool, the next cycle begins with what OFI says; OFI counts for more than OFDRI.
+        length: (K,) displacement over the cycle [m].
+        valid: (K,) bool, there is such a cycle.
+    """
+
+    velocity: Any
+    displacement: Any
+    start: Any
+    change: Any
+    kept: Any
+    updated: Any
+    length: Any
+    valid: Any
+
+
+class _Sampled(NamedTuple):
+    """The recording as all methods take it: acceleration, steps of time, cycles, and OFI of each piece of it."""
+
+    acc: Any
+    steps: Any
+    cycles: Cycles
+    at: Placed
+    change: Any
+
+
+def updated(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    initial: int = 3, soft: bool = False, optimum: bool = True, mask: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """The velocity update.
+
+    Args:
+        p: parameters.
+        acc: (T,) forward acceleration, without gravity [m/s²], finite.
+        cycles: from heel strike to heel strike of one side.
+        dt: sample time [s], or (T,) that from the sample before.
+        start: velocity at the first sample [m/s]; 0 when standing.
+        initial: how many heel strikes take their velocity from OFI, 1 or more; static.
+        soft: whether the gate is a sigmoid; static.
+        optimum: whether OFDRI's cut-off is that of the optimum rule, or OFI's; static.
+        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
+
+    Returns:
+        Velocity, displacement and cycles.
+
+    Raises:
+        ValueError: if shapes do not fit, or `initial` is not positive.
+    """
+    if initial < 1:
+        raise ValueError(f"initial must be 1 or more: no cycle begins with a known velocity otherwise; got {initial}")
+    seen = _sampled(p, acc, cycles, dt, mask)
+    change, before, there = _changes(seen)
+    first = jnp.arange(there.shape[0]) < initial - 1
+
+    def one(v: Any, cycle: Any) -> Any:
+        gap, gain, gated = cycle
+        off = p.threshold - jnp.abs(gain)
+        gate = jax.nn.sigmoid(off / p.width) if soft else (off > 0.0).astype(gain.dtype)
+        kept = jnp.where(gated, jnp.asarray(gate, gain.dtype), 0.0)
+        return v + gap + (1.0 - kept) * gain, (v + gap, kept)
+
+    begin = jnp.asarray(start, seen.acc.dtype)
+    begun, kept = lax.scan(one, begin, (before, change, there & ~first))[1]
+    return _covered(p, seen, begin, begun, kept, optimum=optimum)
+
+
+def frozen(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    optimum: bool = True, mask: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike.
+
+    Arguments, result and errors as of `updated`; `updated` is False everywhere.
+    """
+    seen = _sampled(p, acc, cycles, dt, mask)
+    begin = jnp.asarray(start, seen.acc.dtype)
+    begun = jnp.broadcast_to(begin + _changes(seen)[1][0], seen.at.valid.shape)
+    return _covered(p, seen, begin, begun, jnp.ones_like(begun), optimum=optimum)
+
+
+def integrated(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    mask: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFI over the whole recording, its filter never started anew; cycles only tell where lengths are read.
+
+    Arguments, result and errors as of `updated`; `updated` is True for every cycle.
+    """
+    seen = _sampled(p, acc, cycles, dt, mask)
+    found = since(seen.acc, seen.steps, p.cutoff_hz)
+    velocity = jnp.asarray(start, seen.acc.dtype) + found.change
+    way = _way(velocity, velocity, seen)
+    begun = velocity[cycles.begin]
+    return _listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
+
+
+def _sampled(p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, mask: Any) -> _Sampled:
+    values, steps = _checked(acc, dt, mask)
+    at = placed(cycles, values.shape[0])
+    return _Sampled(values, steps, cycles, at, since(values, steps, p.cutoff_hz, at.restart).change)
+
+
+def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
+    """OFI over each cycle, and over what lies between it and the cycle before; and whether there is one."""
+    begin, there = seen.cycles.begin, seen.at.valid
+    touches = seen.at.inside[begin]
+    over = jnp.where(there, seen.change[seen.cycles.end], 0.0)
+    return over, jnp.where(there & ~touches, seen.change[begin], 0.0), there
+
+
+def _covered(
+    p: VelocityUpdateParams, seen: _Sampled, start: Array, begun: Array, kept: Array, *, optimum: bool
+) -> Covered:
+    """All samples, given with what each cycle begins and how much of it is OFDRI."""
+    cycles, at = seen.cycles, seen.at
+    change = _changes(seen)[0]
+    cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
+    stop = begun + (1.0 - kept) * change
+    behind = jnp.where(at.ended > 0, stop[jnp.maximum(at.ended - 1, 0)], start)
+    base = jnp.where(at.inside, begun[at.number], behind)
+    direct = base + seen.change
+    both = direct_reverse_cycles(seen.acc, cycles, begun, begun, seen.steps, cutoff, p.beta)
+    velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
+    # An interval begins with the velocity of its own piece, which at a mark may be another than that up to it.
+    left = jnp.where(at.restart[:-1], base[1:], velocity[:-1])
+    way = _way(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
+    return _listed(seen, velocity, way, begun, change, kept)
+
+
+def _way(left: Array, velocity: Array, seen: _Sampled) -> Array:
+    """The displacement (T,), from the velocity at the begin of the interval behind each sample, and at its end."""
+    each = 0.5 * seen.steps[1:] * (left[:-1] + velocity[1:])
+    return jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
+
+
+def _listed(seen: _Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
+    there = seen.at.valid
+    begun, change, kept = (jnp.where(there, v, 0.0) for v in (begun, change, kept))
+    length = jnp.where(there, way[seen.cycles.end] - way[seen.cycles.begin], 0.0)
+    return Covered(velocity, way, begun, change, kept, there & (kept < 0.5), length, there)
