@@ -58,7 +58,7 @@ from jgait.estimators.ankle_strides import FLAGS
 from jgait.estimators.foot_model import FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.filtering import Belief, Covariance
-from jgait.kinematics import Vector, cross, subtract, vector
+from jgait.kinematics import Vector, cross, dot, subtract, vector
 from jgait.rotation import Quaternion, rotated
 from jgait.types import SIDES, Estimate, Legs, Recording, Strides
 
@@ -114,28 +114,53 @@ def _mean_over_interval(values: Any) -> Any:
 
 def controls(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any) -> AnkleControl:
     """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
-    h = leg.dt
-    free = gyr - leg.gyr_bias[None, :]
-    square = jnp.sum(free * free, axis=1)
-    together = jnp.maximum(TOGETHER_S * leg.rate_hz, 1.0)
+    means = (vector(_mean_over_interval(values)) for values in (gyr, acc))
+    return control(p, leg, vector(gyr), *means)
+
+
+def control(p: AnkleParams, now: Any, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
+    """What the sensor reads, of one sample or, elementwise, of many.
+
+    Args:
+        p: parameters.
+        now: jumps, doubts, dt, restart, rate_hz and gyr_bias by the names of `AnkleSignals`.
+        rate: angular rate at the sample [rad/s].
+        gyr: its mean over the interval [rad/s].
+        acc: mean specific force over the interval [m/s²].
+    """
+    h = now.dt
+    free = subtract(rate, vector(now.gyr_bias))
+    together = jnp.maximum(TOGETHER_S * now.rate_hz, 1.0)
     over = FootControl(
-        gyr=vector(_mean_over_interval(gyr)),
-        acc=vector(_mean_over_interval(acc)),
-        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * leg.gyr_jump) ** 2 + leg.gyr_doubt**2) * h,
-        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * leg.acc_jump) ** 2 + leg.acc_doubt**2) * h,
-        velocity_variance=together * (p.velocity_noise**2 + p.rate_noise**2 * square),
-        restart=leg.restart,
+        gyr=gyr,
+        acc=acc,
+        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * now.gyr_jump) ** 2 + now.gyr_doubt**2) * h,
+        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * now.acc_jump) ** 2 + now.acc_doubt**2) * h,
+        velocity_variance=together * (p.velocity_noise**2 + p.rate_noise**2 * dot(free, free)),
+        restart=now.restart,
     )
-    return AnkleControl(over, vector(gyr))
+    return AnkleControl(over, rate)
 
 
 def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Any) -> Belief:
     """The belief at the first stance: level as gravity says, the ankle at rest, the lever as the placement says."""
-    dtype = gyr.dtype
-    attitude, bias = Quaternion(*(leg.attitude[i] for i in range(4))), vector(leg.gyr_bias)
+    attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
+    return standing_prior(p, leg, attitude, vector(gyr[jnp.argmax(leg.valid)]))
+
+
+def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector) -> Belief:
+    """The belief at a stance of which nothing but gravity tells.
+
+    Args:
+        p: parameters.
+        leg: gyr_bias, still_time and mid_shank by the names of `AnkleSignals`.
+        attitude: of the sensor.
+        rate: that it reads [rad/s].
+    """
+    dtype = rate.x.dtype
+    bias = vector(leg.gyr_bias)
     lever = Vector(*(jnp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
-    first = jnp.argmax(leg.valid)
-    velocity = rotated(attitude, cross(subtract(vector(gyr[first]), bias), lever))
+    velocity = rotated(attitude, cross(subtract(rate, bias), lever))
     stood = leg.still_time > 0.0
     rested = p.gyr_bias**2 + (p.sway / jnp.where(stood, leg.still_time, 1.0)) ** 2
     biased = jnp.where(stood, rested, p.gyr_bias_unknown**2)

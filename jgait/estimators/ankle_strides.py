@@ -1,6 +1,6 @@
 """From the ankle's filter, or a method of `stride_length`, to strides and their flags; JAX, smooth given the events."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -42,27 +42,59 @@ def from_filter(
         cov: their covariance.
         side: 0 right, 1 left.
     """
-    here, there = leg.begin, leg.end
-    way = Vector(*(part[there] for part in state.position))
+    way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
+    yaw = heading(state, cov)
+    here, there = (Heading(*(part[at] for part in yaw)) for at in (leg.begin, leg.end))
+    strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
+    return strides, deviations(p, strides, way, here, there, durations(leg)[1]), flags(leg, strides)
+
+
+class Way(NamedTuple):
+    """How far and how high the ankle came [m], and the variances of both [m²]."""
+
+    length: Any
+    height: Any
+    length_variance: Any
+    height_variance: Any
+
+
+class Heading(NamedTuple):
+    """Where the sensor's forward axis points [rad], and the variance of it [rad²]."""
+
+    angle: Any
+    variance: Any
+
+
+def across(cov: Covariance) -> tuple[Any, Any, Any, Any]:
+    """The entries of a position's covariance that `measured` takes."""
+    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
+    return xx, xy, yy, zz
+
+
+def measured(way: Vector, entries: tuple[Any, Any, Any, Any]) -> Way:
+    """A stride from where the ankle stands at its end, counted from its begin; see `across`."""
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
-    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"][there] for a, b in ("xx", "xy", "yy", "zz"))
-    along = jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0)
+    xx, xy, yy, zz = entries
+    return Way(length, way.z, jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
+
+
+def heading(state: AnkleState, cov: Covariance) -> Heading:
+    """The heading of states."""
     one, none = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
     forward = rotated(state.attitude, Vector(one, none, none))
-    yaw = jnp.arctan2(forward.y, forward.x)
-    turn = wrapped(yaw[there] - yaw[here])
-    strides = told(leg, side, length, way.z, turn)
-    yaw_variance = cov["attitude.z", "attitude.z"]
-    length_sd = root(along + p.stride_noise**2)
-    duration = durations(leg)[1]
-    speed_sd = root((length_sd / duration) ** 2 + (length * TIMING / duration**2) ** 2)
-    deviations = strides._replace(
-        start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(length, jnp.nan),
-        height=root(zz + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
-        turn=root(jnp.abs(yaw_variance[there] - yaw_variance[here])),
+    return Heading(jnp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
+
+
+def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Any) -> Strides:
+    """Standard deviations of strides that begin and end with a heading and last for a time [s]."""
+    length_sd = root(way.length_variance + p.stride_noise**2)
+    speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
+    return strides._replace(
+        start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(way.length, jnp.nan),
+        height=root(way.height_variance + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
+        turn=root(jnp.abs(there.variance - here.variance)),
     )  # fmt: skip
-    return strides, deviations, flags(leg, strides)
 
 
 def by_method(
@@ -119,9 +151,17 @@ def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> S
     """The table of strides from what was measured and what was decided."""
     there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     start, duration = durations(leg)
+    return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there)
+
+
+def table(
+    side: int, times: tuple[Any, Any, Any], duration: Any, length: Any, height: Any, turn: Any, there: Any
+) -> Strides:
+    """Strides of one leg, or one of them, from start, final contact and end [s], and what was measured."""
+    start, leaves, lands = times
     return Strides(
-        side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leg.leaves, end=leg.lands,
-        length=length, width=jnp.full_like(length, jnp.nan), height=height, valid=there & (length > SHORTEST),
+        side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leaves, end=lands, length=length,
+        width=jnp.full_like(length, jnp.nan), height=height, valid=there & (length > SHORTEST),
         speed=length / duration, turn=turn,
     )  # fmt: skip
 
