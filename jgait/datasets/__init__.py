@@ -6,7 +6,17 @@ holds the sets. A set may hold more recordings than this version of jgait knows;
 
 from collections.abc import Collection
 
-from jgait.datasets import footprints, gaitmap_example, neura_sparse, pyshoe_vicon, tripod, walking5m, xio_gait
+from jgait.datasets import (
+    footprints,
+    gaitmap_example,
+    ipol_gait,
+    mobgap_lab,
+    neura_sparse,
+    pyshoe_vicon,
+    tripod,
+    walking5m,
+    xio_gait,
+)
 from jgait.datasets.registry import (
     ChecksumError,
     DatasetInfo,
@@ -50,6 +60,8 @@ _LOADERS = {
     "footprints": footprints,
     "pyshoe_vicon": pyshoe_vicon,
     "xio_gait": xio_gait,
+    "ipol_gait": ipol_gait,
+    "mobgap_lab": mobgap_lab,
 }
 
 

@@ -93,6 +93,16 @@ _DESCRIPTIONS = {
         "MIT (the repository's LICENSE.md)",
         "x-io Technologies, Gait-Tracking, github.com/xioTechnologies/Gait-Tracking",
     ),
+    "ipol_gait": (
+        "IMUs on lower back and both feet, 100 Hz, 10 m, U-turn, 10 m, with contacts by eye",
+        "AGPL-3.0 (the repository's LICENSE.txt); no separate data licence",
+        "Voisard et al. 2023, Image Processing On Line, art. 497",
+    ),
+    "mobgap_lab": (
+        "IMU on the lower back, 100 Hz, straight walks and daily activities, with motion capture and INDIP",
+        "Apache-2.0 (the repository's LICENSE and NOTICE)",
+        "Küderle and the Mobilise-D consortium, mobgap, github.com/mobilise-d/mobgap",
+    ),
 }
 
 

@@ -37,7 +37,8 @@ def little(empty, monkeypatch):
 
 def test_sets_have_terms_and_addresses():
     assert datasets.list_datasets() == (
-        "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait",
+        "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait",
+        "mobgap_lab",
     )  # fmt: skip
     for name in datasets.list_datasets():
         known = datasets.info(name)
@@ -64,7 +65,9 @@ def test_an_address_elsewhere():
         elsewhere.address("x")
 
 
-@pytest.mark.parametrize("name", ["neura_sparse", "walking5m", "footprints", "pyshoe_vicon", "xio_gait"])
+@pytest.mark.parametrize(
+    "name", ["neura_sparse", "walking5m", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait", "mobgap_lab"]
+)
 def test_nothing_there_says_how_to_get_it(empty, monkeypatch, name):
     assert not datasets.available(name)
     assert set(datasets.missing(name)) == set(datasets.info(name).files)

@@ -1,0 +1,240 @@
+"""`ipol_gait`: lower back and both feet, 100 Hz; stand, 10 m, U-turn, 10 m, stand (Voisard et al. 2023, IPOL 497).
+
+Upstream has 110 recordings (`<subject>-<trial>`) of 19 healthy people, more than this version of jgait can fetch;
+whichever are there are read. Upstream m/s² and rad/s, in the sensors' own axes, which are kept. Lower back: x up,
+y left, z backwards, tilted by up to 30° (z rises after every initial contact). Feet, as the instep slopes: x backwards
+and up, y right, z up.
+
+The accelerometers are not calibrated: at rest they read 9.8 to 10.1 m/s² on the back, 9.8 to 10.0 on the right foot,
+10.0 to 10.5 on the left. They are left so: who integrates them divides by what they read at rest.
+
+Time is the packet counter, the same for all sensors; lost packets are masked (one in 8-4, one in 19-3, in all three
+sensors). Events are packets and not rows: in 8-4 the signals' shape about the events moves by a sample where one was
+lost, if they are taken for rows.
+
+Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
+hand. No distance was measured; 20 m is what was asked for. Strides have no lengths.
+
+Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
+    initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
+    final_contacts, final_contact_sides: (n,) [s] and sides, the same number: each begins the swing that a contact ends.
+    bouts: {"start", "end" [s], "distance" [m], "speed" [m/s], "straight" (bool): (1,)}, one from the first contact to
+        the last; distance and speed are NaN.
+    turns: {"start", "end" [s]: (1,)}, the U-turn. 15-1 turns round once more 2 s before its end, which upstream does
+        not say.
+    straight_parts: (2, 2) [s] from the first contact to the U-turn, from there to the last contact.
+    trial: (start, end) [s], upstream's: first foot off to last strike.
+    nominal_distance: [m] 20, there and back.
+    test: what the person was asked to do.
+    height [m], mass [kg], age [years], gender: None where not said. sensor_height: None, never said.
+    reference_system: who says so.
+    no_reference: why there is no reference; None where there is one.
+    verified: whether every file's sha256 was known and agreed.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.datasets import registry
+from jgait.datasets.one_foot import foot_imu
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
+
+ROOT = "GaitData"
+RATE_HZ = 100.0
+SENSORS = {"lb": "lower_back", "rf": "foot_right", "lf": "foot_left"}
+COLUMNS = ("PacketCounter", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z")
+EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
+LOST = 0.5  # part of the packets that may be lost; with more the counter counts something else
+NOMINAL_DISTANCE = 20.0  # [m]
+NOTES = ("accelerometers as they came: at rest the left foot's reads up to 7 % more than gravity",)
+
+
+def names() -> list[str]:
+    """Recordings of which a sensor on the back or the table of events is there, for example '17-5'."""
+    found = [Path(file).name.removesuffix("_lb.txt") for file in registry.listing("ipol_gait", ROOT, "*_lb.txt")]
+    found += [Path(file).stem for file in registry.listing("ipol_gait", ROOT, "*.json")]
+    return sorted(
+        set(found), key=lambda name: [int(part) if part.isdigit() else 0 for part in name.split("-")] + [name]
+    )
+
+
+def load_one(name: str) -> Walk:
+    """One walk with its contacts."""
+    notes, flags = list(NOTES), []
+    tables = {}
+    for code, placement in SENSORS.items():
+        try:
+            path, known = registry.file("ipol_gait", f"{ROOT}/{name}_{code}.txt")
+        except registry.DatasetUnavailable as error:
+            notes.append(str(error))
+            continue
+        tables[placement] = _read_sensor(path)
+        flags.append(known)
+    if not tables:
+        raise RecordingError(f"{name} has none of the sensors {', '.join(SENSORS.values())}")
+    sensors, first = _on_one_clock(name, tables, notes)
+    time = next(iter(sensors.values())).time
+    about, why = {}, None
+    try:
+        path, known = registry.file("ipol_gait", f"{ROOT}/{name}.json")
+        about = _read_about(path)
+        flags.append(known)
+    except registry.DatasetUnavailable as error:
+        why = str(error)
+        notes.append(why)
+    swings = {
+        side: _swings(f"{name}.json: {key}", about.get(key, []), first, len(time), notes)
+        for side, key in EVENTS.items()
+    }
+    if why is None and not any(len(of) for of in swings.values()):
+        why = f"{name}.json has no events"
+    details = _contacts(swings) | _intervals(name, about, swings, first, len(time), notes) | _person(about)
+    reference = None
+    if why is None:
+        start, end = details["trial"] or (time[0], time[-1])
+        source = {"source": "contacts by two methods, checked by hand"}
+        valid = (time >= start) & (time <= end)
+        reference = Estimate(time, Legs(None, None), None, None, valid, source, _strides(swings))
+    details |= {
+        "nominal_distance": NOMINAL_DISTANCE,
+        "test": "stand, 10 m, U-turn, 10 m, stand",
+        "reference_system": None if reference is None else "checked by hand",
+        "no_reference": why,
+        "verified": all(flags),
+    }
+    subject = str(about.get("Subject", name.split("-")[0]))
+    return Walk(Recording(sensors, RATE_HZ, name, subject, tuple(notes)), reference, details)
+
+
+def _read_sensor(path: Path) -> np.ndarray:
+    """(n, 7): packet, accelerometer [m/s²], gyroscope [rad/s]; above the names of the columns may stand the rate."""
+    import pandas as pd
+
+    with path.open() as stream:
+        first = stream.readline()
+    rate = re.match(r"Acquisition frequency:\s*([\d.]+)", first)
+    if rate and float(rate.group(1)) != RATE_HZ:
+        raise RecordingError(f"{path.name} was recorded at {rate.group(1)} Hz; {RATE_HZ:.0f} Hz is expected")
+    table = pd.read_csv(path, sep="\t", skiprows=1 if rate else 0)
+    lacking = [column for column in COLUMNS if column not in table.columns]
+    if lacking:
+        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    values = table[list(COLUMNS)].to_numpy(np.float64)
+    if len(values) < 2:
+        raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
+    packets = values[:, 0]
+    bad = np.flatnonzero(~(np.diff(packets) >= 1) | (packets[1:] % 1 != 0))
+    if len(bad) or not np.isfinite(packets[0]):
+        row = bad[0] + 1 if len(bad) else 0
+        raise RecordingError(f"{path.name}: PacketCounter must count upwards; in row {row} it is {packets[row]}")
+    return values
+
+
+def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[str]) -> tuple[dict[str, Imu], int]:
+    """Sensors on the packets that any of them has, what one lacks masked; and the first packet."""
+    first = min(int(table[0, 0]) for table in tables.values())
+    length = max(int(table[-1, 0]) for table in tables.values()) + 1 - first
+    fewest = min(map(len, tables.values()))
+    if fewest < (1 - LOST) * length:
+        raise RecordingError(f"{name}: PacketCounter spans {length} packets, and there are {fewest} of a sensor")
+    sensors = {}
+    for placement, table in tables.items():
+        signals = np.full((length, 6), np.nan)
+        signals[table[:, 0].astype(np.int64) - first] = table[:, 1:]
+        time = np.arange(length) / RATE_HZ
+        sensors[placement], _ = foot_imu(f"{name}, {placement}", time, signals[:, 3:], signals[:, :3])
+        lost = int((~sensors[placement].mask).sum())
+        if lost:
+            notes.append(f"{placement}: {lost} of {length} samples are masked")
+    return sensors, first
+
+
+def _read_about(path: Path) -> dict[str, Any]:
+    try:
+        about = json.loads(path.read_text())
+    except ValueError as error:
+        raise RecordingError(f"{path.name} is no JSON: {error}") from error
+    lacking = [key for key in EVENTS.values() if key not in about] if isinstance(about, dict) else ["table"]
+    if lacking:
+        raise RecordingError(f"{path.name} has no {lacking[0]}")
+    return about
+
+
+def _swings(what: str, events: Any, first: int, length: int, notes: list[str]) -> np.ndarray:
+    """(n, 3) int: samples of foot off and foot strike, and which of upstream's events it is; bad ones are left out."""
+    try:
+        found = np.asarray(events, np.float64).reshape(len(events), 2) - first
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{what} must be pairs of foot off and foot strike: {error}") from error
+    keep = np.isfinite(found).all(axis=1) & (found[:, 0] >= 0) & (found[:, 1] < length) & (found[:, 0] < found[:, 1])
+    latest = np.maximum.accumulate(np.where(keep, found[:, 1], -1.0))
+    keep[1:] &= found[1:, 0] > latest[:-1]
+    if not keep.all():
+        notes.append(f"{what}: {(~keep).sum()} of {len(keep)} left out, outside the recording or not in order")
+    return np.concatenate([found[keep], np.flatnonzero(keep)[:, None]], axis=1).astype(np.int64)
+
+
+def _contacts(swings: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Initial and final contacts of both feet, in order of time."""
+    side = np.concatenate([np.full(len(swings[side]), SIDES.index(side)) for side in SIDES])
+    found: dict[str, Any] = {}
+    for name, column in (("initial_contact", 1), ("final_contact", 0)):
+        when = np.concatenate([swings[side][:, column] for side in SIDES]) / RATE_HZ
+        order = np.argsort(when, kind="stable")
+        found |= {f"{name}s": when[order], f"{name}_sides": side[order]}
+    return found
+
+
+def _strides(swings: dict[str, np.ndarray]) -> Strides:
+    """From each contact of a foot to its next; not valid where a swing between them was left out."""
+    before, after = (np.concatenate([swings[side][part] for side in SIDES]) for part in (slice(-1), slice(1, None)))
+    side = np.concatenate([np.full(max(len(swings[side]) - 1, 0), SIDES.index(side)) for side in SIDES])
+    start, final, end = (samples / RATE_HZ for samples in (before[:, 1], after[:, 0], after[:, 1]))
+    nothing = np.full(len(side), np.nan)
+    return Strides(side, start, final, end, nothing, nothing, nothing, after[:, 2] - before[:, 2] == 1)
+
+
+def _intervals(
+    name: str, about: dict[str, Any], swings: dict[str, np.ndarray], first: int, length: int, notes: list[str]
+) -> dict[str, Any]:
+    """The walk, the trial, the turn and what is straight."""
+
+    def interval(key: str) -> tuple[float, float] | None:
+        given = about.get(key)
+        if given is None:
+            return None
+        if len(given) == 2 and first <= given[0] < given[1] < first + length:
+            return (given[0] - first) / RATE_HZ, (given[1] - first) / RATE_HZ
+        notes.append(f"{name}.json: {key} {given} is no part of the recording's {length} samples")
+        return None
+
+    trial, turn = interval("TrialBoundaries"), interval("UTurnBoundaries")
+    strikes = np.concatenate([of[:, 1] for of in swings.values()]) / RATE_HZ
+    walked = np.array([[strikes.min(), strikes.max()]]) if len(strikes) else np.zeros((0, 2))
+    turns = np.zeros((0, 2)) if turn is None else np.array([turn])
+    parts = np.array([[walked[0, 0], turn[0]], [turn[1], walked[0, 1]]]) if turn and len(walked) else np.zeros((0, 2))
+    unknown = np.full(len(walked), np.nan)
+    return {
+        "bouts": {
+            "start": walked[:, 0], "end": walked[:, 1], "distance": unknown, "speed": unknown,
+            "straight": np.zeros(len(walked), bool),
+        },
+        "turns": {"start": turns[:, 0], "end": turns[:, 1]},
+        "straight_parts": parts[parts[:, 1] > parts[:, 0]],
+        "trial": trial,
+    }  # fmt: skip
+
+
+def _person(about: dict[str, Any]) -> dict[str, Any]:
+    def number(key: str, factor: float) -> float | None:
+        value = about.get(key)
+        return float(value) * factor if isinstance(value, (int, float)) else None
+
+    return {
+        "height": number("Height", 0.01), "mass": number("Weight", 1.0), "age": number("Age", 1.0),
+        "gender": about.get("Gender"), "sensor_height": None,
+    }  # fmt: skip
