@@ -1,5 +1,6 @@
 """How the tests run JAX: float64, no silent change of rank or type, compiled programs kept between runs."""
 
+import gc
 import importlib
 import os
 import sys
@@ -21,6 +22,25 @@ def pytest_configure(config: pytest.Config) -> None:
     compiled = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or config.rootpath / ".pytest_cache" / "jax")
     jax.config.update("jax_compilation_cache_dir", str(compiled))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+MAPPINGS = 15_000
+"""Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept for
+the whole run, they end it with a crash in the compiler."""
+
+
+def _mappings() -> int:
+    maps = Path("/proc/self/maps")
+    return maps.read_bytes().count(b"\n") if maps.exists() else 0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_let_go() -> Iterator[None]:
+    """After a file, once many are held, compiled programs are let go; the next file loads what it needs again."""
+    yield
+    if _mappings() > MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="session")
