@@ -25,8 +25,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 MAPPINGS = 15_000
-"""Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept for
-the whole run, they end it with a crash in the compiler."""
+"""Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept
+for the whole run, they end it with a crash in the compiler."""
 
 
 def _mappings() -> int:
