@@ -1,4 +1,4 @@
-"""Libraries in environments of their own: how experiments reach them, and what gaitmap gives back."""
+"""Libraries in environments of their own: how experiments reach them, and what gaitmap and mobgap give back."""
 
 import os
 import shutil
@@ -158,3 +158,92 @@ def test_gaitmap_finds_the_strides_of_a_made_walk(peers):
     assert one["zupts"][strides[:, 0]].all() and not one["zupts"][strides[:, 0] + int(0.5 * RATE_HZ)].any()
     np.testing.assert_allclose(found["removed"]["position"], one["position"], atol=1e-6)
     assert np.abs(found["left in"]["position"] - one["position"]).max() > 0.02
+
+
+# --- mobgap ---
+
+STEP = 0.5  # [s]
+HEIGHT = 0.95  # [m] of the sensor
+RISE = 0.025  # [m] of the trunk with each step
+
+
+def trunk_walk(seconds=12.0):
+    """A trunk that rises and falls with each step, brakes with it, and turns to and fro with each stride."""
+    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    phase = 2 * np.pi * time / STEP
+    vertical = 9.81 + RISE / 2 * (2 * np.pi / STEP) ** 2 * np.cos(phase)
+    forward = -1.5 * np.sin(phase) - 0.7 * np.sin(2 * phase)
+    zero = np.zeros_like(time)
+    yaw = 0.5 * np.cos(phase / 2)  # most to the left, 0, at even contacts, to the right at odd ones
+    return np.stack([vertical, zero, forward], 1), np.stack([yaw, zero, zero], 1)
+
+
+@pytest.fixture(scope="module")
+def mobgap_found(load_experiment):
+    """What mobgap says of the walk, seen whole and in two bouts."""
+    peers = load_experiment("_peers")
+    if not peers.available("mobgap"):
+        pytest.skip(peers.unavailable_reason("mobgap"))
+    acc, gyr = trunk_walk()
+    job = {"acc": acc, "gyr": gyr, "sampling_rate_hz": RATE_HZ, "sensor_height": HEIGHT}
+    contacts = np.arange(100, 1101, round(STEP * RATE_HZ))
+    return peers.run(
+        "mobgap_trunk",
+        {
+            "whole": {**job, "bouts": [[50, 1150]], "contacts": contacts},
+            "two": {**job, "bouts": [[50, 450], [650, 1150]]},
+        },
+    )
+
+
+def test_mobgap_finds_a_contact_for_every_step_of_a_made_walk(mobgap_found):
+    found = mobgap_found["whole"]
+    for detector in ("ionescu", "shin", "hklee"):
+        contacts = found[f"{detector}_contacts"]
+        assert 18 <= len(contacts) <= 22, detector
+        np.testing.assert_allclose(np.diff(contacts)[1:-1], STEP * RATE_HZ, atol=3)
+        assert found[f"{detector}_cadences"] == pytest.approx(1 / STEP, rel=0.03)
+    assert not any(name.startswith("given") for name in mobgap_found["two"])
+
+
+def test_mobgap_tells_left_from_right_by_the_turning_of_the_trunk(mobgap_found):
+    found = mobgap_found["whole"]
+    sides = found["given_sides_mccamley"]
+    # The trunk turns to the left, as the right leg swings forwards, when the right foot lands.
+    np.testing.assert_array_equal(sides, np.arange(len(sides)) % 2)
+    assert np.isin(found["given_sides_ullrich"], (0, 1)).all()
+    np.testing.assert_array_equal(np.abs(np.diff(found["given_sides_ullrich"])), 1)
+
+
+def test_mobgap_s_step_length_is_an_inverted_pendulum_s(mobgap_found):
+    found = mobgap_found["whole"]
+    np.testing.assert_array_equal(found["given_contacts"], np.arange(100, 1101, 50))
+    pendulum = 2 * np.sqrt(2 * HEIGHT * RISE - RISE**2)
+    for setting, factor in (("ms_all", 4.739 / 4), ("ms_ms", 4.587 / 4)):
+        steps = found[f"given_step_lengths_{setting}"]
+        assert np.isnan(steps[-1])
+        # mobgap integrates what it has cut, and filters it: the outer steps suffer.
+        np.testing.assert_allclose(steps[3:-4], factor * pendulum, rtol=0.05)
+        assert found[f"given_distances_{setting}"] == pytest.approx(np.nansum(steps))
+        assert found[f"given_speeds_{setting}"] == pytest.approx(np.nanmean(steps) / STEP, rel=0.05)
+
+
+def test_mobgap_treats_each_bout_by_itself(mobgap_found):
+    found = mobgap_found["two"]
+    for detector in ("ionescu", "shin", "hklee"):
+        contacts, bouts = found[f"{detector}_contacts"], found[f"{detector}_bouts"]
+        assert np.all((contacts >= 50) & (contacts < 1150) & ~((contacts >= 450) & (contacts < 650)))
+        np.testing.assert_array_equal(bouts, contacts >= 650)
+        lengths = found[f"{detector}_step_lengths_ms_all"]
+        np.testing.assert_array_equal(np.isnan(lengths), np.append(np.diff(bouts) == 1, True))
+        sums = [np.nansum(lengths[bouts == bout]) for bout in (0, 1)]
+        np.testing.assert_allclose(found[f"{detector}_distances_ms_all"], sums)
+
+
+def test_a_bout_that_mobgap_cannot_use_is_named(peers):
+    if not peers.available("mobgap"):
+        pytest.skip(peers.unavailable_reason("mobgap"))
+    acc, gyr = trunk_walk(3.0)
+    job = {"acc": acc, "gyr": gyr, "sampling_rate_hz": RATE_HZ, "sensor_height": HEIGHT, "bouts": [[280, 310]]}
+    with pytest.raises(RuntimeError, match=r"inside the 300 samples are needed; got \[\[280, 310\]\]"):
+        peers.run("mobgap_trunk", {"short": job})
