@@ -13,7 +13,8 @@ sensors). Events are packets and not rows: in 8-4 the signals' shape about the e
 lost, if they are taken for rows.
 
 Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
-hand. No distance was measured; 20 m is what was asked for. Strides have no lengths.
+hand. One contact of the right foot seems to be lacking in the U-turn of 19-3; the stride over it is not `valid`. No
+distance was measured; 20 m is what was asked for. Strides have no lengths.
 
 Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
     initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
@@ -190,12 +191,18 @@ def _contacts(swings: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def _strides(swings: dict[str, np.ndarray]) -> Strides:
-    """From each contact of a foot to its next; not valid where a swing between them was left out."""
+    """From each contact of a foot to its next; not valid where a swing between them is lacking, or was left out.
+
+    That one is lacking shows by the other foot, which comes down twice meanwhile.
+    """
     before, after = (np.concatenate([swings[side][part] for side in SIDES]) for part in (slice(-1), slice(1, None)))
     side = np.concatenate([np.full(max(len(swings[side]) - 1, 0), SIDES.index(side)) for side in SIDES])
     start, final, end = (samples / RATE_HZ for samples in (before[:, 1], after[:, 0], after[:, 1]))
+    other = [swings[SIDES[1 - of]][:, 1] / RATE_HZ for of in side]
+    between = np.array([np.sum((of > a) & (of < b)) for of, a, b in zip(other, start, end, strict=True)])
+    valid = (after[:, 2] - before[:, 2] == 1) & (between <= 1)
     nothing = np.full(len(side), np.nan)
-    return Strides(side, start, final, end, nothing, nothing, nothing, after[:, 2] - before[:, 2] == 1)
+    return Strides(side, start, final, end, nothing, nothing, nothing, valid)
 
 
 def _intervals(

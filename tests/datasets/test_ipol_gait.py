@@ -1,0 +1,242 @@
+"""A walk there and back with three sensors: packets, events and gaps by files written here, axes by the real ones."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jgait import datasets
+from jgait.datasets import ipol_gait
+
+real = pytest.mark.skipif(not datasets.available("ipol_gait"), reason=datasets.unavailable_reason("ipol_gait"))
+HEADER = "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\n"
+ABOUT = {
+    "Subject": 3, "Trial": 1, "Age": 40, "Gender": "F", "Height": 170.0, "Weight": 60.0,
+    "TrialBoundaries": [40, 260], "UTurnBoundaries": [140, 170],
+    "RightFootEvents": [[40, 60], [90, 110], [150, 165], [200, 220]],
+    "LeftFootEvents": [[65, 85], [115, 135], [172, 192], [240, 260]],
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "ipol_gait" / "GaitData"
+    folder.mkdir(parents=True)
+    return folder
+
+
+def table(samples=300, first=0):
+    values = np.tile([0.0, 9.5, -0.5, 2.0, 0.1, 0.2, -0.3, 0.0, 0.0, 0.0], (samples, 1))
+    values[:, 0] = first + np.arange(samples)
+    return values
+
+
+def write(folder, name="3-1", about=ABOUT, rate="Acquisition frequency: 100 Hz\n", header=HEADER, **tables):
+    for code in ipol_gait.SENSORS:
+        given = tables.get(code, table())
+        if given is not None:
+            lines = ["\t".join(map(str, row)) for row in given]
+            (folder / f"{name}_{code}.txt").write_text(rate + header + "\n".join(lines) + "\n")
+    if about is not None:
+        (folder / f"{name}.json").write_text(json.dumps(about))
+
+
+def load(name="3-1"):
+    walks = datasets.load("ipol_gait", [name])
+    assert walks.failures == ()
+    return walks[0]
+
+
+def test_sensors_in_the_axes_and_units_of_the_files(folder):
+    write(folder)
+    walk = load()
+    assert set(walk.recording.sensors) == {"lower_back", "foot_right", "foot_left"}
+    for imu in walk.recording.sensors.values():
+        np.testing.assert_allclose(imu.acc[0], [9.5, -0.5, 2.0])
+        np.testing.assert_allclose(imu.gyr[0], [0.1, 0.2, -0.3])
+        np.testing.assert_allclose(imu.time, np.arange(300) / 100)
+        assert imu.mask.all()
+    assert (walk.recording.subject, walk.recording.sampling_rate_hz) == ("3", 100.0)
+    assert walk.info["verified"] is False and walk.info["no_reference"] is None
+    assert walk.info["height"] == pytest.approx(1.7) and walk.info["mass"] == 60 and walk.info["sensor_height"] is None
+
+
+def test_contacts_strides_and_the_turn(folder):
+    write(folder)
+    walk = load()
+    info, strides = walk.info, walk.reference.strides
+    np.testing.assert_allclose(info["initial_contacts"], [0.6, 0.85, 1.1, 1.35, 1.65, 1.92, 2.2, 2.6])
+    np.testing.assert_array_equal(info["initial_contact_sides"], [0, 1, 0, 1, 0, 1, 0, 1])
+    np.testing.assert_allclose(info["final_contacts"], [0.4, 0.65, 0.9, 1.15, 1.5, 1.72, 2.0, 2.4])
+    np.testing.assert_array_equal(info["final_contact_sides"], info["initial_contact_sides"])
+    np.testing.assert_array_equal(strides.side, [0, 0, 0, 1, 1, 1])
+    np.testing.assert_allclose(strides.start, [0.6, 1.1, 1.65, 0.85, 1.35, 1.92])
+    np.testing.assert_allclose(strides.final_contact, [0.9, 1.5, 2.0, 1.15, 1.72, 2.4])
+    np.testing.assert_allclose(strides.end, [1.1, 1.65, 2.2, 1.35, 1.92, 2.6])
+    assert strides.valid.all() and np.isnan(strides.length).all()
+    assert info["trial"] == (0.4, 2.6)
+    np.testing.assert_array_equal(np.flatnonzero(walk.reference.valid), np.arange(40, 261))
+    assert walk.reference.distance is None and info["nominal_distance"] == 20
+    np.testing.assert_allclose([info["turns"]["start"], info["turns"]["end"]], [[1.4], [1.7]])
+    np.testing.assert_allclose(info["straight_parts"], [[0.6, 1.4], [1.7, 2.6]])
+    np.testing.assert_allclose([info["bouts"]["start"], info["bouts"]["end"]], [[0.6], [2.6]])
+    assert not info["bouts"]["straight"].any() and np.isnan(info["bouts"]["distance"]).all()
+
+
+def test_events_are_packets_and_lost_packets_are_masked(folder):
+    lost, late = np.delete(table(), [30, 31], axis=0), table(299, first=1)
+    late[50, 4] = np.nan
+    write(folder, lb=lost, lf=late)
+    walk = load()
+    masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
+    assert masks == {"lower_back": [30, 31], "foot_right": [], "foot_left": [0, 51]}
+    assert np.all(walk.recording.sensors["foot_left"].gyr[51] == 0)
+    assert "lower_back: 2 of 300 samples are masked" in walk.recording.notes
+    assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
+    write(folder, **{code: table(295, first=5) for code in ipol_gait.SENSORS})
+    walk = load()
+    assert walk.info["initial_contacts"][0] == pytest.approx(0.55) and walk.info["trial"] == pytest.approx((0.35, 2.55))
+
+
+def test_a_stride_over_a_contact_that_is_lacking_is_not_valid(folder):
+    right = [pair for pair in ABOUT["RightFootEvents"] if pair != [90, 110]]
+    write(folder, about={**ABOUT, "RightFootEvents": right})
+    strides = load().reference.strides
+    np.testing.assert_allclose(strides.start, [0.6, 1.65, 0.85, 1.35, 1.92])
+    np.testing.assert_array_equal(strides.valid, [False, True, True, True, True])
+
+
+def test_events_that_cannot_be_are_left_out_and_named(folder):
+    right = [[40, 60], [110, 90], [150, 165], [160, 220], [240, 300]]
+    write(folder, about={**ABOUT, "RightFootEvents": right, "UTurnBoundaries": [170, 140]})
+    walk = load()
+    strides = walk.reference.strides
+    np.testing.assert_array_equal(strides.side, [0, 1, 1, 1])
+    np.testing.assert_array_equal(strides.valid, [False, True, True, True])
+    assert "3-1.json: RightFootEvents: 3 of 5 left out, outside the recording or not in order" in walk.recording.notes
+    assert "3-1.json: UTurnBoundaries [170, 140] is no part of the recording's 300 samples" in walk.recording.notes
+    assert walk.info["straight_parts"].shape == (0, 2) and len(walk.info["turns"]["start"]) == 0
+
+
+def test_what_is_missing_is_named(folder):
+    write(folder, lf=None, about=None)
+    walk = load()
+    assert set(walk.recording.sensors) == {"lower_back", "foot_right"} and walk.recording.subject == "3"
+    assert walk.reference is None and "lacks GaitData/3-1.json" in walk.info["no_reference"]
+    assert any("lacks GaitData/3-1_lf.txt" in note for note in walk.recording.notes)
+    assert len(walk.info["initial_contacts"]) == 0 and walk.info["trial"] is None and walk.info["height"] is None
+    assert len(walk.info["bouts"]["start"]) == 0 and walk.info["straight_parts"].shape == (0, 2)
+    write(folder, about={**ABOUT, "RightFootEvents": [], "LeftFootEvents": [], "Height": None})
+    walk = load()
+    assert walk.reference is None and walk.info["no_reference"] == "3-1.json has no events"
+    assert walk.info["height"] is None
+
+
+def test_bad_files_are_named_and_the_others_are_not_lost(folder):
+    write(folder, "3-1")
+    write(folder, "3-2", header=HEADER.replace("Gyr_Y", "Rate_Y"))
+    write(folder, "3-3", lb=table(1))
+    write(folder, "3-4", rf=table()[::-1])
+    write(folder, "3-5", rate="Acquisition frequency: 50 Hz\n")
+    write(folder, "3-6", about={"LeftFootEvents": []})
+    write(folder, "3-7", about={**ABOUT, "LeftFootEvents": [[1, 2, 3]]})
+    write(folder, "3-8", lb=np.concatenate([table(10), table(10, first=5000)]))
+    write(folder, "3-9")
+    (folder / "3-9.json").write_text("{")
+    write(folder, "3-10", rate="")
+    (folder / "4-1.json").write_text("{}")
+    assert datasets.names("ipol_gait")[-2:] == ("3-10", "4-1")
+    walks = datasets.load("ipol_gait")
+    assert [walk.recording.name for walk in walks] == ["3-1", "3-10"]
+    expected = {
+        "3-2": "3-2_lb.txt has no column Gyr_Y", "3-3": "3-3_lb.txt has 1 samples",
+        "3-4": "3-4_rf.txt: PacketCounter must count upwards; in row 1 it is 298",
+        "3-5": "3-5_lb.txt was recorded at 50 Hz; 100 Hz is expected", "3-6": "3-6.json has no RightFootEvents",
+        "3-7": "3-7.json: LeftFootEvents must be pairs", "3-8": "PacketCounter spans 5010 packets, and there are 20",
+        "3-9": "3-9.json is no JSON", "4-1": "4-1 has none of the sensors lower_back",
+    }  # fmt: skip
+    reasons = dict(walks.failures)
+    assert set(reasons) == set(expected)
+    for name, reason in expected.items():
+        assert reason in reasons[name]
+
+
+# --- the real walks ---
+
+BEFORE, AFTER = np.arange(-15, -4), np.arange(5, 16)  # samples about a contact
+
+
+@pytest.fixture(scope="module")
+def walks():
+    loaded = datasets.load("ipol_gait")
+    assert loaded.failures == ()
+    return loaded
+
+
+@real
+def test_axes_of_the_back_are_as_said(walks):
+    for walk in walks:
+        imu, info = walk.recording.sensors["lower_back"], walk.info
+        contacts = np.rint(info["initial_contacts"] * 100).astype(int)
+        before, after = (np.mean([imu.acc[at + span, 2].mean() for at in contacts]) for span in (BEFORE, AFTER))
+        assert after - before > 1, "the trunk brakes after a contact, and z points backwards"
+        rest = imu.acc[50:250].mean(axis=0)
+        assert rest[0] > 8 and np.linalg.norm(rest) == pytest.approx(9.9, abs=0.3)
+        turn = slice(*(round(info["turns"][end][0] * 100) for end in ("start", "end")))
+        turned = np.sum(imu.gyr[turn] @ rest / np.linalg.norm(rest)) / 100
+        assert abs(turned) == pytest.approx(np.pi, abs=0.6), "gravity tells the axis of the U-turn"
+
+
+@real
+def test_feet_push_off_and_swing_about_their_y(walks):
+    """At foot off the heel rises, a turn to the negative about a y that points right."""
+    for walk in walks:
+        for number, side in enumerate(("right", "left")):
+            imu = walk.recording.sensors[f"foot_{side}"]
+            of = walk.info["final_contact_sides"] == number
+            off = np.rint(walk.info["final_contacts"][of] * 100).astype(int)
+            assert np.median([imu.gyr[at - 8 : at + 2, 1].mean() for at in off]) < -4
+            assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 4)
+
+
+@real
+def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
+    for walk in walks:
+        info = walk.info
+        again = np.flatnonzero(np.diff(info["initial_contact_sides"]) == 0)
+        twice = info["initial_contacts"][again]
+        assert np.all((twice > info["turns"]["start"]) & (twice < info["turns"]["end"])), "but in the U-turn"
+        np.testing.assert_allclose(info["trial"], (info["final_contacts"][0], info["initial_contacts"][-1]))
+        strides = walk.reference.strides
+        assert (~strides.valid).sum() == len(again), "a stride over a contact that is lacking"
+        assert np.all((strides.start < strides.final_contact) & (strides.final_contact < strides.end))
+        swing = (strides.end - strides.final_contact) / (strides.end - strides.start)
+        assert np.median(swing) == pytest.approx(0.4, abs=0.05)
+        assert info["straight_parts"].shape == (2, 2) and np.all(np.diff(info["straight_parts"]) > 5)
+
+
+@real
+def test_the_events_of_a_recording_that_lost_a_packet_fit_its_signals(walks):
+    """Rates of the foot about each foot off, against their median before the loss, at the shift that fits best."""
+    if "8-4" not in [walk.recording.name for walk in walks]:
+        pytest.skip("8-4 is not there")
+    walk = next(walk for walk in walks if walk.recording.name == "8-4")
+    assert np.flatnonzero(~walk.recording.sensors["lower_back"].mask).tolist() == [1120]
+    shifts = []
+    for number, side in enumerate(("right", "left")):
+        gyr = walk.recording.sensors[f"foot_{side}"].gyr
+        off = np.rint(walk.info["final_contacts"][walk.info["final_contact_sides"] == number] * 100).astype(int)
+        about = gyr[off[:, None, None] + np.arange(-3, 4)[:, None] + np.arange(-15, 15)]
+        template = np.median(about[1:5, 3], axis=0)
+        later = about[5:-1][off[5:-1] > 1150]
+        shifts.extend(np.argmin(np.sum((later - template) ** 2, axis=(2, 3)), axis=1) - 3)
+    assert len(shifts) > 15 and abs(np.mean(shifts)) < 0.5
+
+
+@real
+def test_the_known_files_are_verified(walks):
+    known = {file.split("/")[-1].removesuffix(".json") for file in datasets.info("ipol_gait").files if ".json" in file}
+    assert {walk.recording.name for walk in walks if walk.info["verified"]} == known & {w.recording.name for w in walks}
+    assert len(known) == 7
