@@ -170,7 +170,7 @@ def optimum_cutoff(
     data = (values, steps, jnp.asarray(change, values.dtype))
 
     def residual(cutoff: Any, given: Any) -> Any:
-        return since(given[0], given[1], cutoff).change[-1] - given[2]
+        return _scanned(given[0], given[1], cutoff)[0] - given[2]
 
     return _least(residual, data, (), highest_hz)
 
@@ -266,6 +266,11 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
         cutoff_hz: f_c [Hz], one, or (T,) that for the interval up to each sample.
         restart: (T,) bool, marks; None: only the first sample.
     """
+    return _scanned(acc, steps, cutoff_hz, restart)[1]
+
+
+def _scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> tuple[Array, Since]:
+    """What `since` says, and J behind the last sample for those who need no more: nothing is then stored."""
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
     shares = _share(cutoff_hz, steps)
 
@@ -278,8 +283,9 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
         return (kept * low, kept * found.change, kept * found.time, now - kept * low), found
 
     nothing = jnp.zeros_like(acc[0])
-    found: Since = lax.scan(one, (nothing, nothing, nothing, acc[0]), (acc, shares, steps, anew), unroll=UNROLL)[1]
-    return found
+    samples = (acc, shares, steps, anew)
+    (_, last, _, _), found = lax.scan(one, (nothing, nothing, nothing, acc[0]), samples, unroll=UNROLL)
+    return last, found
 
 
 def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:
@@ -348,8 +354,9 @@ def _least(residual: Callable[[Any, Any], Any], data: Any, shape: tuple[int, ...
     high = parts[jnp.where(root, first + 1, jnp.minimum(lowest + 1, GRID))] * top
     sign = jnp.sign(values[0])
     # Without a change of sign the end of the range may be the lowest point.
-    bottom = (sign == 0.0) | (~root & (lowest == 0) & (sign * slopes(jnp.zeros_like(top))[1] >= 0.0))
-    ceiling = ~root & (lowest == GRID) & (sign * slopes(top)[1] <= 0.0)
+    edges = jax.vmap(slopes)(jnp.stack([0.0 * top, top]))[1]
+    bottom = (sign == 0.0) | (~root & (lowest == 0) & (sign * edges[0] >= 0.0))
+    ceiling = ~root & (lowest == GRID) & (sign * edges[1] <= 0.0)
 
     def narrow(_: Any, state: Any) -> Any:
         f, low, high, root = state

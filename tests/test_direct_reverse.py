@@ -1,0 +1,238 @@
+"""Laws of the integrals of a gait cycle: what the ends pin down, what β and a bias do, which cut-off is the best."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait.direct_reverse import (
+    Cycles,
+    _least,
+    direct,
+    direct_reverse,
+    direct_reverse_cycles,
+    optimum_cutoff,
+    optimum_cutoffs,
+    placed,
+    since,
+    weight,
+)
+
+DT, SAMPLES = 0.01, 111
+TIME = np.arange(SAMPLES) * DT
+ACC = jnp.asarray(
+    1.2 * np.sin(2.0 * np.pi * TIME / 0.55 + 0.4) + 0.2 + 0.1 * np.random.default_rng(0).standard_normal(SAMPLES)
+)
+START, END = 1.1, 1.25
+
+
+def way(velocity, dt=DT):
+    return dt * jnp.sum(0.5 * (velocity[1:] + velocity[:-1]))
+
+
+@pytest.fixture(scope="module")
+def both():
+    return jax.jit(lambda acc, cutoff, beta, end=END: direct_reverse(acc, START, end, DT, cutoff, beta))
+
+
+ALL = jnp.ones(SAMPLES, bool)
+
+
+@pytest.fixture(scope="module")
+def best():
+    return jax.jit(lambda acc, change, highest=1.0, mask=ALL: optimum_cutoff(acc, change, DT, highest, mask))
+
+
+@pytest.fixture(scope="module")
+def slope(best):
+    """Gradient of the best cut-off in the signal, the change and the highest."""
+    return jax.jit(jax.grad(best, (0, 1, 2)))
+
+
+def padded(acc):
+    """A cycle behind which there is nonsense, and where it is none."""
+    more = SAMPLES - len(acc)
+    return jnp.concatenate([acc, jnp.full(more, 1e3)]), jnp.arange(SAMPLES) < len(acc)
+
+
+def test_the_filter_is_the_textbook_recursion_and_nothing_at_zero():
+    cutoff, alpha = 0.4, 1.0 / (1.0 + 2.0 * np.pi * 0.4 * DT)
+    expected = [float(ACC[0])]
+    for before, now in zip(np.asarray(ACC), np.asarray(ACC)[1:], strict=False):
+        expected.append(alpha * (expected[-1] + now - before))
+    steps = jnp.full(SAMPLES, DT).at[0].set(0.0)
+    found = since(ACC, steps, cutoff)
+    np.testing.assert_allclose(found.filtered, expected, atol=1e-13)
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * DT * (np.array(expected)[1:] + np.array(expected)[:-1]))])
+    np.testing.assert_allclose(direct(ACC, START, DT, cutoff), START + sums, atol=1e-13)
+    np.testing.assert_array_equal(since(ACC, steps, 0.0).filtered, ACC)
+
+
+def test_both_ends_are_kept_and_reverse_minus_direct_is_one_number(both):
+    for cutoff in (0.0, 0.3):
+        ahead = direct(ACC, START, DT, cutoff)
+        found = both(ACC, cutoff, 0.1)
+        np.testing.assert_allclose([found[0], found[-1]], [START, END], atol=1e-14)
+        # What is left between OFDRI and the direct integral is w times that number.
+        w = np.asarray(weight(TIME / TIME[-1]))
+        gap = (np.asarray(found) - np.asarray(ahead))[1:] / w[1:]
+        np.testing.assert_allclose(gap, END - float(ahead[-1]), rtol=1e-9)
+
+
+def test_the_weight_is_symmetric_and_as_printed():
+    s = np.linspace(0.0, 1.0, 31)
+    for beta in (0.05, 0.1, 0.4):
+        w = np.asarray(weight(s, beta))
+        raw = np.arctan((2.0 * s - 1.0) / (2.0 * beta))
+        np.testing.assert_allclose(w, (raw - raw[0]) / (raw[-1] - raw[0]), atol=1e-14)
+        np.testing.assert_allclose(w + w[::-1], 1.0, atol=1e-14)
+    np.testing.assert_allclose(weight(s, 1e4), s, atol=1e-8)
+
+
+def test_the_way_does_not_depend_on_beta_but_the_velocity_does(both):
+    ways = [float(way(both(ACC, 0.2, beta))) for beta in (0.02, 0.1, 0.4, 3.0)]
+    np.testing.assert_allclose(ways, ways[0], rtol=1e-13)
+    assert np.abs(both(ACC, 0.2, 0.02) - both(ACC, 0.2, 3.0)).max() > 0.01
+    assert abs(float(jax.grad(lambda beta: way(both(ACC, 0.2, beta)))(0.1))) < 1e-14
+
+
+def test_a_constant_bias_leaves_the_way_and_for_a_straight_weight_the_velocity(both):
+    bare, off = (both(a, 0.0, 0.1) for a in (ACC, ACC + 0.3))
+    np.testing.assert_allclose(way(off), way(bare), rtol=1e-13)
+    assert np.abs(off - bare).max() > 0.02
+    np.testing.assert_allclose(both(ACC + 0.3, 0.0, 1e6), both(ACC, 0.0, 1e6), atol=1e-9)
+    # The direct integral keeps the whole of it.
+    np.testing.assert_allclose(way(direct(ACC + 0.3, START, DT)) - way(direct(ACC, START, DT)), 0.15 * TIME[-1] ** 2)
+
+
+def test_seen_from_the_end_a_cycle_is_the_same(both):
+    turned = direct_reverse(ACC[::-1], -END, -START, DT)
+    np.testing.assert_allclose(-turned[::-1], both(ACC, 0.0, 0.1), atol=1e-13)
+
+
+def test_gradients_are_those_of_differences(both):
+    def value(x):
+        return way(both(ACC * x[3], x[0], x[1], x[2]) ** 2)
+
+    at = jnp.asarray([0.15, 0.1, END, 1.0])
+    ours, told = jax.jit(jax.grad(value))(at), jax.jit(value)
+    for k in range(4):
+        by = jnp.zeros(4).at[k].set(1e-5)
+        theirs = (told(at + by) - told(at - by)) / 2e-5
+        np.testing.assert_allclose(ours[k], theirs, rtol=1e-6)
+        assert abs(float(theirs)) > 1e-4
+    # Without a filter too; the values go on smoothly below zero.
+    for cutoff in (0.0, 0.05, 0.5):
+        ours = jax.grad(lambda f: way(both(ACC, f, 0.1)))(cutoff)
+        theirs = (way(both(ACC, cutoff + 1e-5, 0.1)) - way(both(ACC, cutoff - 1e-5, 0.1))) / 2e-5
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+def test_the_best_cutoff_makes_the_residual_zero_where_any_does(best, slope):
+    fine = np.linspace(0.0, 1.0, 1001)
+    ends = np.asarray(jax.vmap(lambda f: direct(ACC, 0.0, DT, f)[-1])(fine))
+    for change in (0.05, 0.15, 0.22):
+        found = float(best(ACC, change, 1.0))
+        assert 0.0 < found < 1.0
+        np.testing.assert_allclose(np.interp(found, fine, ends), change, atol=1e-6)
+        # The least of those that do.
+        first = np.flatnonzero(np.diff(np.sign(ends - change)))[0]
+        assert fine[first] <= found <= fine[first + 1]
+        by_signal, by_change, by_highest = slope(ACC, change, 1.0)
+        theirs = (best(ACC, change + 1e-6, 1.0) - best(ACC, change - 1e-6, 1.0)) / 2e-6
+        np.testing.assert_allclose(by_change, theirs, rtol=1e-6)
+        theirs = (best(ACC * (1.0 + 1e-6), change, 1.0) - best(ACC * (1.0 - 1e-6), change, 1.0)) / 2e-6
+        np.testing.assert_allclose(jnp.sum(by_signal * ACC), theirs, rtol=1e-6)
+        assert float(by_highest) == 0.0
+
+
+def test_where_none_does_it_is_the_nearest(best, slope):
+    # In between: the slope of the residual is zero there.
+    inner = float(best(ACC, -0.5, 1.0))
+    assert 0.5 < inner < 1.0
+    value, flat = jax.jvp(lambda f: direct(ACC, 0.0, DT, f)[-1], (inner,), (1.0,))
+    assert float(value) > -0.4 and abs(float(flat)) < 1e-12
+    by = jnp.asarray(0.1 * TIME**2)
+    theirs = (best(ACC + 1e-5 * by, -0.5, 1.0) - best(ACC - 1e-5 * by, -0.5, 1.0)) / 2e-5
+    assert abs(float(theirs)) > 1e-3
+    by_signal, by_change, _ = slope(ACC, -0.5, 1.0)
+    np.testing.assert_allclose(jnp.sum(by_signal * by), theirs, rtol=1e-6)
+    assert abs(float(by_change)) < 1e-14
+    # At the ends of the range: no gradient below, that of the range above.
+    for change, highest, expected in ((0.5, 1.0, 0.0), (-0.5, 0.3, 1.0)):
+        assert float(best(ACC, change, highest)) == (highest if expected else 0.0)
+        by_signal, by_change, by_highest = slope(ACC, change, highest)
+        assert not np.any(by_signal) and float(by_change) == 0.0 and float(by_highest) == expected
+
+
+def test_nothing_to_correct_is_not_corrected(best, slope):
+    still = jnp.zeros(SAMPLES)
+    assert float(best(still, 0.0, 1.0)) == 0.0
+    # The residual is zero whatever the cut-off, so that its slope is: no 0/0.
+    assert all(not np.any(part) for part in slope(still, 0.0, 1.0))
+
+
+def test_two_roots_between_two_looks_are_found():
+    """A residual that dips below zero only from 0.44 to 0.46 Hz is shallower than the grid can see."""
+    found = jax.jit(lambda top: _least(lambda f, d: d[0] * ((f - 0.45) ** 2 - 1e-4), (jnp.ones(()),), (), top))(1.0)
+    np.testing.assert_allclose(found, 0.44, atol=1e-9)
+
+
+CYCLES = Cycles(jnp.asarray([5, 115, 240, 0], dtype=jnp.int32), jnp.asarray([115, 225, 345, 0], dtype=jnp.int32), 3)
+LONG = jnp.asarray(np.tile(np.asarray(ACC), 4)[:370] * np.linspace(0.8, 1.3, 370))
+STARTS, ENDS = jnp.asarray([1.0, 1.2, 0.9, 0.0]), jnp.asarray([1.2, 1.15, 1.0, 0.0])
+
+
+def test_over_a_recording_each_cycle_is_as_by_itself(best):
+    found, cutoffs = jax.jit(recorded)(LONG)
+    inside = np.zeros(370, bool)
+    for k in range(3):
+        b, e = int(CYCLES.begin[k]), int(CYCLES.end[k])
+        alone, real = padded(LONG[b : e + 1])
+        cutoff = best(alone, ENDS[k] - STARTS[k], 1.0, real)
+        np.testing.assert_allclose(cutoffs[k], cutoff, atol=1e-12)
+        theirs = direct_reverse(alone, STARTS[k], ENDS[k], DT, cutoff, mask=real)
+        np.testing.assert_allclose(found[b + 1 : e + 1], theirs[1 : e + 1 - b], atol=1e-12)
+        np.testing.assert_allclose(theirs[e - b :], ENDS[k], atol=1e-14)  # to the end of the padding
+        inside[b + 1 : e + 1] = True
+    assert float(cutoffs[3]) == 0.0 and np.any(np.asarray(cutoffs) > 0.0)
+    np.testing.assert_array_equal(np.asarray(found)[~inside], 0.0)
+    np.testing.assert_array_equal(placed(CYCLES, 370).inside, inside)
+
+
+def recorded(acc):
+    cutoffs = optimum_cutoffs(acc, CYCLES, ENDS - STARTS, DT)
+    return direct_reverse_cycles(acc, CYCLES, STARTS, ENDS, DT, cutoffs), cutoffs
+
+
+def test_cycles_of_different_length_map(best, slope):
+    short, real = padded(0.9 * ACC[:90])
+    rows, mask = jnp.stack([ACC, short]), jnp.stack([ALL, real])
+
+    def one(acc, there):
+        return optimum_cutoff(acc, 0.15, DT, 1.0, there)
+
+    cutoffs, slopes = jax.jit(jax.vmap(jax.value_and_grad(one)))(rows, mask)
+    for k in range(2):
+        np.testing.assert_allclose(cutoffs[k], best(rows[k], 0.15, 1.0, mask[k]), atol=1e-12)
+        np.testing.assert_allclose(slopes[k], slope(rows[k], 0.15, 1.0, mask[k])[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(direct(0.9 * ACC[:90], 0.0, DT, cutoffs[1])[-1], 0.15, atol=1e-12)
+    assert not np.any(np.asarray(slopes)[1, 90:]) and np.all(np.asarray(slopes)[1, 1:90])
+
+
+def test_single_precision_and_wrong_shapes(best):
+    small = ACC.astype(jnp.float32)
+    cutoff = best(small, np.float32(0.15), np.float32(1.0))
+    assert cutoff.dtype == jnp.float32
+    np.testing.assert_allclose(cutoff, best(ACC, 0.15, 1.0), atol=1e-5)
+    found = direct_reverse(small, START, END, DT, cutoff)
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, direct_reverse(ACC, START, END, DT, float(cutoff)), atol=1e-5)
+    with pytest.raises(ValueError, match=r"must be \(T,\) floating point"):
+        direct(ACC[:, None], START, DT)
+    with pytest.raises(ValueError, match="dt must be one number"):
+        direct(ACC, START, jnp.ones(3))
+    with pytest.raises(ValueError, match="the mask must be"):
+        direct(ACC, START, DT, mask=jnp.ones(3, bool))
+    with pytest.raises(ValueError, match=r"must be \(K,\) with K >= 1"):
+        placed(Cycles(jnp.zeros(0, int), jnp.zeros(0, int), 0), 10)
