@@ -1,4 +1,4 @@
-"""`mobgap_lab`: lower back, 100 Hz, with motion capture and with the INDIP system (Mobilise-D, mobile-dmo's mobgap).
+"""`mobgap_lab`: lower back, 100 Hz, with motion capture and with the INDIP system (the Mobilise-D consortium's mobgap).
 
 Recordings are called `<cohort>/<participant>/<test>/<trial>`. `Test5` is a straight walk, `Test11` a circuit of daily
 activities with short bouts and turns. Upstream has more participants than this version of jgait can fetch; whichever
@@ -21,7 +21,8 @@ Keys of `Walk.info`; empty or None where nothing is known:
     bouts: {"start", "end" [s], "distance", "distance_feet" [m], "speed" [m/s], "cadence" [steps/s], "straight" (bool),
         "unseen_contacts" (int): (b,)}, each from its first contact to its last; NaN where not said. `straight`:
         upstream found no turn in it; `unseen_contacts`: how many initial contacts have no time.
-    turns: {"start", "end" [s], "angle" [rad], left positive: (k,)} inside bouts.
+    turns: {"start", "end" [s], "angle" [rad], left positive: (k,)} inside bouts. Take the sign from the gyroscope: in
+        HA/001 and HA/002 the motion capture's is the other one in 1 of 13 turns, the INDIP's in 7 of 10.
     straight_parts: (p, 2) [s] the bouts without a turn.
     trial: (start, end) [s] of the recording.
     test, trial_name: "Test5", "Trial1". straight: whether the test is a straight walk.
