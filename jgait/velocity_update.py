@@ -7,8 +7,10 @@ From then on, a cycle that begins with v_i would by OFI end with v_f = v_i + J(T
 
     v = (1 − G) OFI(v_i) + G OFDRI(v_i, v_f := v_i),   v_i of the next cycle: v_i + (1 − G) J(T):
 
-what looks like drift is taken out, and what looks like a change of speed is kept. Behind the last cycle, and between
-cycles that do not touch, it is OFI again. The displacement is the integral of v by trapezoids.
+what looks like drift is taken out, and what looks like a change of speed is kept. A change spread over cycles, in each
+less than ε, is lost with the drift; and while nothing is updated, the velocity at one heel strike stands for that at
+all. Behind the last cycle, and between cycles that do not touch, it is OFI again. The displacement is the integral of
+v by trapezoids.
 
 `updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
 velocity at the first heel strike); `integrated` is OFI over the whole recording. Everything is differentiable in the
@@ -23,7 +25,7 @@ Readings, where the paper leaves a choice:
     2. The first three initial heel strikes are those at which cycles 1, 2 and 3 begin: cycles 1 and 2 are integrated,
        the third is the first that may be corrected.
     3. OFI's cut-off is a parameter, 0 unless it is set. OFDRI's is that of the optimum rule (`optimum`), for each cycle
-       by itself, or OFI's. OFDRI's displacement then hardly depends on the choice; see `direct_reverse`.
+       by itself, or OFI's.
 """
 
 from typing import Any, NamedTuple

@@ -1,0 +1,206 @@
+"""The velocity update on made walks: what it keeps, what it takes out, and that all its ways agree where they must."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait.direct_reverse import Cycles, optimum_cutoffs
+from jgait.velocity_update import VelocityUpdateParams, frozen, integrated, updated
+
+DT, SAMPLES, PERIOD, FIRST = 0.01, 1100, 105, 180
+TIME = np.arange(SAMPLES) * DT
+MARKS = FIRST + PERIOD * np.arange(9)
+CYCLES = Cycles(jnp.asarray([*MARKS[:-1], 0, 0], dtype=jnp.int32), jnp.asarray([*MARKS[1:], 0, 0], dtype=jnp.int32), 8)
+P = VelocityUpdateParams()
+
+
+def ramp(at, width):
+    """From 0 to 1, centred at a time [s], smooth."""
+    return 0.5 * (1.0 + np.tanh((TIME - at) / width))
+
+
+def speed(step=0.0, wave=0.15):
+    """Standing, 1.2 m/s, and half a metre a second faster from the end of the fourth cycle on; a wave each step."""
+    on = ramp(0.8, 0.12)
+    middle = (MARKS[4] + 0.5 * PERIOD) * DT
+    return on * (1.2 + wave * np.sin(4.0 * np.pi * (TIME - FIRST * DT) / (PERIOD * DT))) + step * ramp(middle, 0.08)
+
+
+def way(velocity):
+    return np.concatenate([[0.0], np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]))])
+
+
+WALK, FASTER = (jnp.asarray(np.gradient(speed(step), DT)) for step in (0.0, 0.5))
+
+
+@pytest.fixture(scope="module")
+def methods():
+    return {
+        "hard": jax.jit(lambda p, acc: updated(p, acc, CYCLES, DT, optimum=False)),
+        "soft": jax.jit(lambda p, acc: updated(p, acc, CYCLES, DT, optimum=False, soft=True)),
+        "optimum": jax.jit(lambda p, acc: updated(p, acc, CYCLES, DT)),
+        "frozen": jax.jit(lambda p, acc: frozen(p, acc, CYCLES, DT, optimum=False)),
+        "integrated": jax.jit(lambda p, acc: integrated(p, acc, CYCLES, DT)),
+    }
+
+
+def test_without_errors_all_are_the_walk(methods):
+    true = speed()
+    for name, method in methods.items():
+        found = method(P, WALK)
+        # Trapezoids of a sampled acceleration: a few mm/s.
+        np.testing.assert_allclose(found.velocity, true - true[0], atol=0.01, err_msg=name)
+        np.testing.assert_allclose(found.displacement, way(np.asarray(found.velocity)), atol=1e-12)
+        lengths = np.asarray(found.displacement)[MARKS[1:]] - np.asarray(found.displacement)[MARKS[:-1]]
+        np.testing.assert_allclose(found.length[:8], lengths, atol=1e-13)
+        np.testing.assert_allclose(found.length[:8], 1.2 * PERIOD * DT, rtol=0.01)
+
+
+def test_a_bias_is_taken_out_once_the_first_velocities_are_known(methods):
+    bias = jnp.where(jnp.arange(SAMPLES) > int(MARKS[2]), 0.1, 0.0)
+    clean, off = (methods["hard"](P, acc) for acc in (WALK, WALK + bias))
+    np.testing.assert_array_equal(off.updated, [True, True] + [False] * 8)
+    np.testing.assert_array_equal(off.valid, [True] * 8 + [False] * 2)
+    np.testing.assert_allclose(off.change[2:8] - clean.change[2:8], 0.1 * PERIOD * DT, rtol=0.01)
+    # The third cycle's first interval has half the bias; from the fourth on it is constant.
+    np.testing.assert_allclose(off.length[2], clean.length[2], atol=1e-3)
+    np.testing.assert_allclose(off.length[3:], clean.length[3:], atol=1e-12)
+    # OFI keeps all of it: ½ b t² over six cycles.
+    ofi = methods["integrated"](P, WALK + bias).displacement - methods["integrated"](P, WALK).displacement
+    np.testing.assert_allclose(ofi[MARKS[-1]], 0.05 * (6 * PERIOD * DT) ** 2, rtol=0.01)
+
+
+def test_a_change_of_speed_is_kept_and_frozen_is_blind_to_it(methods):
+    true = speed(0.5)
+    found, blind = methods["hard"](P, FASTER), methods["frozen"](P, FASTER)
+    np.testing.assert_array_equal(found.updated[:8], [True, True, False, False, True, False, False, False])
+    np.testing.assert_allclose(found.velocity, true - true[0], atol=0.015)
+    np.testing.assert_allclose(found.start[:8], true[MARKS[:-1]], atol=0.01)
+    assert not np.any(blind.updated) and np.all(np.asarray(blind.kept) == np.asarray(blind.valid))
+    np.testing.assert_allclose(np.asarray(blind.velocity)[MARKS], true[MARKS[0]], atol=0.01)
+    np.testing.assert_allclose(blind.start[:8], blind.start[0], atol=0.0)
+    # A threshold above the change is blind as well, but for the two cycles that are always integrated.
+    high = methods["hard"](P._replace(threshold=0.6), FASTER)
+    np.testing.assert_allclose(high.length[5:8], blind.length[5:8], atol=0.02)
+    assert np.all(np.asarray(found.length[5:8] - high.length[5:8]) > 0.45)
+
+
+def test_the_recursion_is_the_papers(methods):
+    """A loop in plain words, with noise and cycles of different length that leave a gap."""
+    acc = np.asarray(FASTER) + 0.4 * np.random.default_rng(1).standard_normal(SAMPLES)
+    begin, end = MARKS[:-1].copy(), MARKS[1:].copy()
+    begin[3] += 20
+    cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(end, jnp.int32), 8)
+    found = jax.jit(lambda a: updated(P, a, cycles, DT, 0.1, optimum=False, initial=2))(jnp.asarray(acc))
+
+    def changes(a, b):
+        return way(acc[a : b + 1])
+
+    velocity, v, at, told = np.full(SAMPLES, 0.1), 0.1, 0, []
+    for k, (a, b) in enumerate(zip(begin, end, strict=True)):
+        velocity[at : a + 1] = v + changes(at, a)
+        v = velocity[a]
+        j = changes(a, b)
+        s = np.arange(b - a + 1) / (b - a)
+        w = 0.5 + np.arctan((s - 0.5) / 0.1) / (2.0 * np.arctan(5.0))
+        keep = k > 0 and abs(j[-1]) < 0.3
+        velocity[a : b + 1] = v + j - (w * j[-1] if keep else 0.0)
+        v, at = velocity[b], b
+        told.append(not keep)
+    velocity[at:] = v + changes(at, SAMPLES - 1)
+    np.testing.assert_array_equal(found.updated, told)
+    assert 1 < sum(told) < 8
+    np.testing.assert_allclose(found.velocity, velocity, atol=1e-11)
+    np.testing.assert_allclose(found.displacement, way(velocity), atol=1e-10)
+
+
+def test_a_jump_of_velocity_at_a_mark_belongs_to_the_next_cycle(methods):
+    """Frozen behind a gap in which one sped up: the gap's last interval ends with OFI's velocity."""
+    begin = MARKS[:-1].copy()
+    begin[6] += 40
+    cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(MARKS[1:], jnp.int32), 8)
+    at = np.arange(SAMPLES)
+    push = np.where((at > MARKS[6]) & (at <= begin[6]), 1.0, 0.0)
+    found = jax.jit(lambda acc: frozen(P, acc, cycles, DT, optimum=False))(WALK + push)
+    before, length = float(found.velocity[begin[6]]), float(found.length[6])
+    assert before - float(found.start[6]) > 0.2
+    alone = np.concatenate([[float(found.start[6])], np.asarray(found.velocity)[begin[6] + 1 : MARKS[7] + 1]])
+    np.testing.assert_allclose(length, way(alone)[-1], atol=1e-12)
+
+
+def test_the_best_cutoff_takes_the_change_out_by_itself(methods):
+    acc = WALK + jnp.where(jnp.arange(SAMPLES) > int(MARKS[2]), 0.1, 0.0)
+    found = methods["optimum"](P, acc)
+    plain = methods["hard"](P, acc)
+    cutoffs = jax.jit(lambda a: optimum_cutoffs(a, CYCLES, 0.0, DT, P.highest_hz))(acc)
+    assert np.any(np.asarray(cutoffs[2:8]) > 0.05) and np.all(np.asarray(cutoffs) < 1.0)
+    np.testing.assert_array_equal(found.updated, plain.updated)
+    np.testing.assert_allclose(np.asarray(found.velocity)[MARKS], np.asarray(plain.velocity)[MARKS], atol=1e-12)
+    assert np.abs(found.velocity - plain.velocity).max() > 1e-3
+
+
+def test_a_narrow_soft_gate_is_the_hard_one(methods):
+    hard, soft = methods["hard"](P, FASTER), methods["soft"](P._replace(width=1e-4), FASTER)
+    np.testing.assert_allclose(soft.displacement, hard.displacement, atol=1e-10)
+    np.testing.assert_array_equal(soft.updated, hard.updated)
+    wide = methods["soft"](P._replace(width=0.2), FASTER)
+    assert np.all((np.asarray(wide.kept[2:8]) > 0.05) & (np.asarray(wide.kept[2:8]) < 0.95))
+
+
+def test_gradients_are_those_of_differences(methods):
+    def total(values, method="soft"):
+        p = P._replace(threshold=values[0], width=values[1], cutoff_hz=values[2])
+        return methods[method](p, FASTER * values[3]).displacement[-1]
+
+    at = jnp.asarray([0.3, 0.15, 0.02, 1.0])
+    ours, value = jax.jit(jax.grad(total))(at), jax.jit(total)
+    for k in range(4):
+        by = jnp.zeros(4).at[k].set(1e-6)
+        np.testing.assert_allclose(ours[k], (value(at + by) - value(at - by)) / 2e-6, rtol=1e-6)
+        assert abs(float(ours[k])) > 1e-3
+    # The hard gate decides, and has no gradient; by β the way does not change.
+    hard = jax.jit(jax.grad(lambda v: total(v, "hard")))(at)
+    assert float(hard[0]) == 0.0 and float(hard[1]) == 0.0 and abs(float(hard[2])) > 1e-3
+
+
+def test_padding_and_recordings_side_by_side():
+    def one(acc, mask, cycles):
+        found = updated(P, acc, cycles, DT, mask=mask, optimum=False)
+        return found.displacement[-1], found
+
+    short, both = 900, np.array([8, int(np.sum(MARKS[1:] < 900))])
+    count = int(both[1])
+    rows = jnp.stack([WALK, jnp.where(jnp.arange(SAMPLES) < short, FASTER, 50.0)])
+    mask = jnp.stack([jnp.ones(SAMPLES, bool), jnp.arange(SAMPLES) < short])
+    there = np.arange(10)[None, :] < both[:, None]
+    cycles = Cycles(*(jnp.asarray(np.where(there, at, 0)) for at in CYCLES[:2]), jnp.asarray(both))
+    (value, found), slope = jax.jit(jax.vmap(jax.value_and_grad(one, has_aux=True)))(rows, mask, cycles)
+    fewer = Cycles(CYCLES.begin[:count], CYCLES.end[:count], count)
+    alone = jax.jit(lambda acc: updated(P, acc, fewer, DT, optimum=False))(FASTER[:short])
+    np.testing.assert_allclose(found.velocity[1, :short], alone.velocity, atol=1e-12)
+    np.testing.assert_allclose(found.length[1, :count], alone.length, atol=1e-12)
+    assert not np.any(found.length[1, count:]) and not np.any(found.start[1, count:])
+    # Behind the end nobody moves, and what is read there does not count.
+    np.testing.assert_allclose(found.displacement[1, short:], alone.displacement[-1], atol=1e-12)
+    np.testing.assert_allclose(value[1], alone.displacement[-1], atol=1e-12)
+    assert np.all(np.isfinite(slope)) and not np.any(np.asarray(slope)[1, short:])
+
+
+def test_no_cycle_is_plain_integration(methods):
+    none = Cycles(jnp.zeros(3, jnp.int32), jnp.zeros(3, jnp.int32), 0)
+    plain = methods["integrated"](P, WALK)
+    for method in (updated, frozen):
+        found = jax.jit(lambda acc, m=method: m(P, acc, none, DT, optimum=False))(WALK)
+        np.testing.assert_allclose(found.displacement, plain.displacement, atol=1e-12)
+        assert not np.any(found.valid) and not np.any(found.updated) and not np.any(found.length)
+
+
+def test_single_precision_and_wrong_values(methods):
+    found = methods["hard"](P, FASTER.astype(jnp.float32))
+    assert found.displacement.dtype == jnp.float32
+    np.testing.assert_allclose(found.displacement, methods["hard"](P, FASTER).displacement, atol=1e-3)
+    with pytest.raises(ValueError, match="initial must be 1 or more"):
+        updated(P, WALK, CYCLES, DT, initial=0)
+    with pytest.raises(ValueError, match=r"begin and end of cycles must be \(K,\)"):
+        updated(P, WALK, CYCLES._replace(end=CYCLES.end[:-1]), DT)
