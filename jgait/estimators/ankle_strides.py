@@ -46,7 +46,11 @@ def from_filter(
     yaw = heading(state, cov)
     here, there = (Heading(*(part[at] for part in yaw)) for at in (leg.begin, leg.end))
     strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
-    return strides, deviations(p, strides, way, here, there, durations(leg)[1]), flags(leg, strides)
+    return (
+        strides,
+        deviations(p, strides, way, here, there, durations(leg)[1]),
+        flags(strides, clipped=leg.clips, half=leg.half),
+    )
 
 
 class Way(NamedTuple):
@@ -129,7 +133,7 @@ def by_method(
         swings = stride_length.pendulum(known, raw, swung, dt)
         length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
     strides = told(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
-    return strides, flags(leg, strides)
+    return strides, flags(strides, clipped=leg.clips, half=leg.half)
 
 
 def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
@@ -166,12 +170,7 @@ def table(
     )  # fmt: skip
 
 
-def flags(leg: AnkleSignals, strides: Strides) -> dict[str, Any]:
-    """What is special about each stride; True only where it is valid."""
-    found = {
-        "turning": jnp.abs(strides.turn) > TURNING,
-        "stairs": jnp.abs(strides.height) > STAIRS,
-        "clipped": leg.clips,
-        "half": leg.half,
-    }
+def flags(strides: Strides, **decided: Any) -> dict[str, Any]:
+    """What is special about each stride, what was decided among it; True only where it is valid."""
+    found = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
     return {name: flag & strides.valid for name, flag in found.items()}

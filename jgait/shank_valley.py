@@ -1,0 +1,74 @@
+r"""When the ankle stands, told while the person walks: the valley of the stance rate, in constant memory.
+
+`shank_stance` looks at the whole time between two swings. Here the least rate since the swing is kept, anew after each
+greatest one while the foot comes down (`landing` samples); once it has then stayed the least for `hold` samples, it was
+the valley. What comes between push-off and the swing does not count. A step of a `lax.scan`, for a device at each
+sample.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+
+class State(NamedTuple):
+    """What is remembered from one sample to the next.
+
+    Attributes:
+        seeks: bool, a valley is looked for.
+        since: sample at which the swing was known to be over.
+        most: greatest rate since then while the foot came down [rad/s].
+        least: least rate since that [rad/s].
+        at: its sample.
+    """
+
+    seeks: Any
+    since: Any
+    most: Any
+    least: Any
+    at: Any
+
+
+class Phase(NamedTuple):
+    """What a detector of `shank_events` says at the sample.
+
+    Attributes:
+        over: bool, a swing was found to be over.
+        leaves: bool, the foot pushes off or swings.
+    """
+
+    over: Any
+    leaves: Any
+
+
+def begin(rate: ArrayLike) -> State:
+    """The state before the first swing; `rate` is the first one [rad/s]."""
+    x = jnp.asarray(rate)
+    none = jnp.zeros_like(x, dtype=jnp.int32)
+    return State(jnp.zeros_like(x, dtype=bool), none, x, x, none)
+
+
+def step(s: State, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Any, landing: Any) -> tuple[State, Any]:
+    """One sample.
+
+    Args:
+        s: from `begin` or the step before.
+        index: of the sample, int32.
+        rate: low-passed sagittal rate, the forward swing negative [rad/s].
+        phase: of the gait.
+        hold: for how many samples the valley's rate is the least.
+        landing: for how many samples after a swing the foot comes down.
+
+    Returns:
+        The state to carry on, and whether the sample `state.at` has turned out to be a valley.
+    """
+    now, x = jnp.asarray(index, jnp.int32), jnp.asarray(rate)
+    since = jnp.where(phase.over, now, s.since)
+    lands = now - since < landing
+    rises = phase.over | (lands & (x >= s.most))
+    most = jnp.where(rises, x, s.most)
+    lower = rises | ((x < s.least) & ~phase.leaves)
+    least, at = jnp.where(lower, x, s.least), jnp.where(lower, now, s.at)
+    found = s.seeks & ~lands & (now - at >= hold)
+    return State((s.seeks | phase.over) & ~found, since, most, least, at), found
