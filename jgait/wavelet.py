@@ -200,7 +200,7 @@ def threshold(x: ArrayLike, limit: ArrayLike, *, hard: bool) -> Array:
 
     Args:
         x: (...) any unit.
-        limit: (...) that broadcasts with it, same unit.
+        limit: as many axes as it, or none, and the same unit.
         hard: static.
 
     Returns:
@@ -239,7 +239,7 @@ def from_details(
     parts = [jnp.asarray(share, whole.dtype) for share in shares]  # type: ignore[union-attr]
     found = transform(whole, wavelet, len(parts))
     kept = tuple(
-        threshold(d, share * magnitude(d[within], relative_to, mask), hard=hard)
+        threshold(d, share * magnitude(d[within], relative_to, mask)[None], hard=hard)
         for d, share in zip(found.details, parts, strict=True)
     )
     return inverse(Transform(jnp.zeros_like(found.approximation), kept), wavelet)[within]
