@@ -6,7 +6,7 @@ import numpy as np
 import optax
 import pytest
 
-from jgait import params, shank_events
+from jgait import shank_events, tune
 from jgait.shank_events import LOBES, Detector
 from jgait.shank_soft_count import TRANSFORMS, Widths, soft_count, weights
 
@@ -16,11 +16,12 @@ FIDGETS = (0.5, 9.3)
 
 
 def walk(peaks, width=0.12):
-    """Swings of some peak rates [rad/s], and a leg that fidgets before and after."""
-    rate = np.zeros(SAMPLES)
+    """Swings of some peak rates [rad/s], and a leg that trembles, and fidgets before and after."""
+    rate = 0.02 * np.sin(20.0 * TIME)
     for k, peak in enumerate(peaks):
         at = 1.6 + 1.2 * k
-        rate += 0.5 * peak * np.exp(-0.5 * ((TIME - at - 0.4) / 0.1) ** 2)
+        for bump in (at - 0.45, at + 0.4):  # push-off and landing
+            rate += 0.4 * peak * np.exp(-0.5 * ((TIME - bump) / 0.1) ** 2)
         rate -= peak * np.exp(-0.5 * ((TIME - at) / width) ** 2)
     for at in FIDGETS:
         rate -= 0.7 * np.exp(-0.5 * ((TIME - at) / 0.1) ** 2)
@@ -74,27 +75,12 @@ def test_a_threshold_that_misses_slow_strides_is_mended_by_counts():
     count_all = jax.jit(jax.vmap(lambda rate, d: jnp.sum(shank_events.swings(rate, RATE, d).stride), (0, None)))
     np.testing.assert_array_equal(count_all(rates, start), 0)
 
-    def loss(free):
-        d = params.constrain(free, TRANSFORMS, start)
-        return jnp.mean((jax.vmap(lambda rate: soft_count(rate, RATE, d))(rates) - counts) ** 2)
+    def loss(d, item):
+        return (soft_count(item[0], RATE, d) - item[1]) ** 2
 
-    free = params.unconstrain(start, TRANSFORMS)
-    adam = optax.adam(0.05)
-
-    @jax.jit
-    def descend(free):
-        def one(carried, _):
-            free, state = carried
-            value, slope = jax.value_and_grad(loss)(free)
-            move, state = adam.update(slope, state)
-            return (optax.apply_updates(free, move), state), value
-
-        (free, _), values = jax.lax.scan(one, (free, adam.init(free)), None, length=60)
-        return free, values
-
-    free, values = descend(free)
-    tuned = params.constrain(free, TRANSFORMS, start)
-    assert values[-1] < 0.05 * values[0]
+    found = tune.fit(loss, start, TRANSFORMS, (rates, counts), optax.adam(0.05), steps=40)
+    tuned = found.params
+    assert found.best_loss < 0.05 * found.losses[0]
     assert np.deg2rad(20.0) < tuned.threshold < np.deg2rad(100.0)
     np.testing.assert_array_equal(count_all(rates, tuned), counts)
     assert tuned.rest_share == LOBES.rest_share  # what is fixed stays

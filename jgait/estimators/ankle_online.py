@@ -215,7 +215,7 @@ def over(
     p: AnkleParams, worn: Worn, state: OnlineState, gyr: Any, acc: Any, measured: Any = None,
     options: AnkleOptions = ONLINE,
 ) -> tuple[OnlineState, Now]:  # fmt: skip
-    """The same step over many samples in one scan: pure, for jit, vmap and grad.
+    """The same step over many samples in one scan, not compiled: to be part of another program.
 
     Args:
         p: parameters.

@@ -137,7 +137,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions 
         low_passed=tuple(map(butterworth.at_rest, cascades, (x, rates, rates[1]))),
         detector=shank_events.begin(rates[1], zero),
         jumps=jnp.asarray(worn.jumps, x.dtype),
-        history=jnp.asarray(worn.history, x.dtype),
+        history=jnp.asarray(worn.history, x.dtype).at[:, :6].set(x),
         valley=shank_valley.begin(rates[1]),
         stood=none - 2**30,
         slow=none,
