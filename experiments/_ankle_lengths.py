@@ -90,9 +90,9 @@ def signals(leg: Leg, turn: np.ndarray | None = None) -> Signals:
     )  # fmt: skip
 
 
-def stacked(items: list[Signals]) -> Signals:
-    """Legs of one set, padded to one length and one number of strides."""
-    samples, strides = max(len(s.gyr) for s in items), max(len(s.end) for s in items)
+def stacked(items: list[Signals], room: int = 1) -> Signals:
+    """Legs of one set, padded to one length and one number of strides, for which there is at least so much room."""
+    samples, strides = max(len(s.gyr) for s in items), max(room, *(len(s.end) for s in items))
 
     def longer(values: np.ndarray, count: int) -> np.ndarray:
         return np.pad(values, [(0, count - len(values))] + [(0, 0)] * (values.ndim - 1))

@@ -251,15 +251,15 @@ def rotation_sweep(found: dict[str, tuple[list[Leg], np.ndarray, Signals]], quic
                 wrong = errors(after, s).mae_cm
                 line += [float(np.mean(change)), float(np.max(change)), wrong]
             lines.append(line)
-        rows.append(Row(f"rotation25_{name}_change_cm", line[1], "cm", n=len(of), split="random axes"))
+        rows.append(Row(f"rotation25_{name}_3d_change_cm", line[1], "cm", n=len(of), split="random axes"))
         rows.append(Row(f"rotation25_{name}_li_change_cm", line[4], "cm", n=len(of), split="random axes"))
         gain = 100.0 * (1.0 - line[3] / line[6])
         rows.append(Row(f"rotation25_{name}_gain_over_li_pct", gain, "%", 78.0 if name == "tripod" else None, len(of)))
     columns = ["", "3-D: change cm", "most", "MAE", "Li: change cm", "most", "MAE"]
     show("Sensor turned on the leg", columns, lines)
-    changes = [row.value for row in rows if row.metric.endswith("_change_cm") and "_li_" not in row.metric]
+    changes = [row.value for row in rows if row.metric.endswith("_3d_change_cm")]
     if changes:
-        rows.append(Row("rotation25_change_cm", max(changes), "cm", n=len(changes), split="worst set, random axes"))
+        rows.append(Row("rotation25_3d_change_cm", max(changes), "cm", n=len(changes), split="worst set, random axes"))
     return rows
 
 
