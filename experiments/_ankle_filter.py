@@ -4,6 +4,7 @@ Only the lever with which the filter starts is learned, on the other speed, the 
 nearly straight with it: two levers tell the best one, and the filter is run again with that.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -72,14 +73,19 @@ def _measured_with(lever: Any, spread: Any, inputs: AnkleInputs) -> dict[str, An
 def run(name: str, levers: np.ndarray, inputs: AnkleInputs) -> dict[str, np.ndarray]:
     """(legs,) levers [m] → lengths, whether each is one, its deviation and rise (legs, n), lever found (legs,) [m].
 
-    Some at a time, the last of them filled up, so that sets of all sizes share a program.
+    Some at a time, the last of them filled up, so that sets of all sizes share a program; two such at once, since one
+    keeps no more than one core busy.
     """
     spread = np.full(SIDE_BY_SIDE, LEARNED_SD.get(name, float(AnkleParams().lever_along_sd)))
-    parts = []
-    for first in range(0, len(levers), SIDE_BY_SIDE):
+
+    def part(first: int) -> dict[str, np.ndarray]:
         rows = np.minimum(np.arange(first, first + SIDE_BY_SIDE), len(levers) - 1)
-        told = _measured_with(levers[rows], spread, jax.tree.map(lambda v, rows=rows: v[rows], inputs))
-        parts.append(jax.tree.map(np.asarray, told))
+        told = _measured_with(levers[rows], spread, jax.tree.map(lambda v: v[rows], inputs))
+        return jax.tree.map(np.asarray, told)
+
+    parts = [part(0)]  # compiles
+    with ThreadPoolExecutor(2) as pool:
+        parts += pool.map(part, range(SIDE_BY_SIDE, len(levers), SIDE_BY_SIDE))
     return jax.tree.map(lambda *v: np.concatenate(v)[: len(levers)], *parts)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jgait.plot_feet import foot_height, foot_paths, stride_series
+from jgait.plot_strides import leg_strides
 from jgait.plot_walk import blank, stick_figure, stride_signals
 from jgait.plot_widths import two_feet
 from jgait.types import SIDES, Estimate, LegTrajectory
@@ -19,6 +20,7 @@ __all__ = [
     "foot_path",
     "foot_paths",
     "joint_angles",
+    "leg_strides",
     "save",
     "stick_figure",
     "stride_series",

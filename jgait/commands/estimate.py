@@ -1,20 +1,23 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from jgait.commands import estimate_feet, estimate_legs
-from jgait.commands.cohort import EstimatorName
+from jgait.commands import estimate_feet, estimate_legs, estimate_strides
 from jgait.commands.console import console, errors, note, stop
 from jgait.commands.pipeline import pipeline_of, refuse_others, start_of
+from jgait.types import Estimate
 
 
 def estimate(
     files: Annotated[list[Path], typer.Argument(help="CSV files, one recording each.")],
-    estimator: EstimatorName = "leg_ekf",
+    estimator: Annotated[
+        str, typer.Option("--estimator", help="leg_ekf, foot_ins, stride_width_ekf or ankle_stride.")
+    ] = "leg_ekf",
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")] = None,
     gyr_unit: Annotated[str, typer.Option(help="deg/s or rad/s.")] = "deg/s",
     acc_unit: Annotated[str, typer.Option(help="m/s^2 or g.")] = "m/s^2",
@@ -38,16 +41,34 @@ def estimate(
         float | None,
         typer.Option(min=-0.2, max=0.4, help="stride_width_ekf: what the feet are farther apart than the range [m]."),
     ] = None,
+    lever: Annotated[
+        float | None,
+        typer.Option(
+            min=-0.05,
+            max=0.2,
+            help="ankle_stride: height of the sensor over the ankle [m]; 0.03 at the ankle, 0.18 on the shank.",
+        ),
+    ] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(
+            help="ankle_stride: which of the sensor's axes should look forward, left and up, such as x,y,z; only to "
+            "notice sensors that are upside down or on the other leg."
+        ),
+    ] = None,
     params: Annotated[Path | None, typer.Option(help="Parameters from this file, as `jgait tune` writes it.")] = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("jgait-results"),
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """Joint angles (leg_ekf), strides and ways of the feet (foot_ins), or those of both with widths (stride_width_ekf).
+    """Joint angles (leg_ekf), ways and strides of the feet (foot_ins), those of both with widths (stride_width_ekf), or
+    strides of a leg (ankle_stride).
 
     Columns: time [s], and for each sensor thigh_right_gyr_x … thigh_right_acc_z, likewise shank_right, thigh_left,
     shank_left. One leg is enough; accelerometers make the angles stay true in turns and on long walks. For the feet
     foot_right_gyr_x … foot_left_acc_z, one foot or both, and for widths feet_range [m], the distance between the feet,
-    empty where nothing was heard. The person should stand still for a second or more somewhere in the recording.
+    empty where nothing was heard. For ankle_stride ankle_right_gyr_x … shank_left_acc_z, one leg or both, mounted in
+    any way. The person should stand still for a second or more somewhere in the recording.
     """
     from jgait import io
 
@@ -56,16 +77,23 @@ def estimate(
         "--thigh": thigh, "--shank": shank, "--scale": scale, "--pivot": pivot, "--level": level,
         "--range-offset": range_offset,
     })  # fmt: skip
+    for option, value in (("--lever", lever), ("--axes", axes)):
+        if value is not None and estimator != "ankle_stride":
+            stop(f"{option} is an option of ankle_stride; got --estimator {estimator}")
     start = start_of(pipeline, params, paper)
     if estimator == "leg_ekf":
         show: Any = estimate_legs.legs(start, thigh, shank, scale, paper, told=params is not None)
     elif estimator in ("foot_ins", "stride_width_ekf"):
         show = estimate_feet.feet(estimator, start, pivot, level, range_offset, paper, told=params is not None)
+    elif estimator == "ankle_stride":
+        show = estimate_strides.strides(start, lever, axes, told=params is not None)
     else:
         stop(
-            f"jgait estimate shows what leg_ekf, foot_ins and stride_width_ekf give; for {estimator} use jgait evaluate"
+            "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf and ankle_stride give; "
+            f"for {estimator} use jgait evaluate"
         )
-    failed = 0
+    failures: dict[str, str] = {}
+    numbers: dict[str, Any] = {}
     for file in files:
         try:
             recording = io.read_csv(
@@ -74,7 +102,7 @@ def estimate(
             result = show.run(recording)
         except (ValueError, OSError) as error:
             errors.print(f"[bold red]{escape(str(file))}:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
-            failed += 1
+            failures[str(file)] = str(error)
             continue
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -83,11 +111,31 @@ def estimate(
             stop(f"nothing more could be written to {out}: {error}")
         for told in result.diagnostics["notes"]:
             note(f"{file.name}: {told}")
-        show.table.add_row(*show.row(result, file.stem))
+        for row in show.rows(result, file.stem):
+            show.table.add_row(*row)
+        numbers[str(file)] = {**_numbers(result, written), **({} if show.numbers is None else show.numbers(result))}
         console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
     if show.table.rows:
         console.print(show.table)
         console.print(show.caption, style="dim")
-    if failed:
-        errors.print(f"{failed} of {len(files)} recordings could not be used", highlight=False)
-        raise typer.Exit(1 if failed < len(files) else 2)
+    if json_file is not None:
+        whole = {"estimator": estimator, "recordings": numbers, "failures": failures}
+        try:
+            json_file.parent.mkdir(parents=True, exist_ok=True)
+            json_file.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        except OSError as error:
+            stop(f"{json_file} could not be written: {error}")
+    if failures:
+        errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
+        raise typer.Exit(1 if len(failures) < len(files) else 2)
+
+
+def _numbers(result: Estimate, written: list[Path]) -> dict[str, Any]:
+    """What the JSON file says of every recording, whatever the estimator."""
+    way = None if result.distance is None else float(result.distance[-1])
+    return {
+        "duration_s": float(result.time[-1] - result.time[0]),
+        "distance_m": way,
+        "notes": list(result.diagnostics["notes"]),
+        "files": [str(path) for path in written],
+    }

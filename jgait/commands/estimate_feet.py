@@ -41,7 +41,7 @@ def feet(
         def run(recording: Recording) -> Estimate:
             return foot_ins.estimate(own, recording, options)
 
-        return Show(run, _write, _row, table_of("foot_ins", columns), caption)
+        return Show(run, _write, _rows, table_of("foot_ins", columns), caption)
     if range_offset is None and not told:
         note(f"no --range-offset: the default of {params.range_offset:g} m is taken, and widths are off by its error")
     widths = params if range_offset is None else stride_width_ekf.with_body(params, {"range_offset": range_offset})
@@ -56,7 +56,7 @@ def feet(
     return Show(
         together,
         _write_widths,
-        lambda result, name: [*_row(result, name), _trusted(result)],
+        lambda result, name: [[*row, _trusted(result)] for row in _rows(result, name)],
         table_of(
             "stride_width_ekf, the paper's pipeline" if paper else "stride_width_ekf",
             (*columns, "stride width [cm]"),
@@ -88,11 +88,11 @@ def _write_widths(result: Estimate, out: Path, name: str) -> list[Path]:
     return files
 
 
-def _row(result: Estimate, name: str) -> list[str]:
+def _rows(result: Estimate, name: str) -> list[list[str]]:
     rows = np.flatnonzero(np.asarray(result.strides.valid, bool))
     told = (_median(getattr(result.strides, field), rows, 2) for field in ("length", "speed"))
     way = "–" if result.distance is None else f"{result.distance[-1]:.2f}"
-    return [name, f"{result.time[-1] - result.time[0]:.1f}", way, str(rows.size), *told]
+    return [[name, f"{result.time[-1] - result.time[0]:.1f}", way, str(rows.size), *told]]
 
 
 def _trusted(result: Estimate) -> str:

@@ -18,16 +18,18 @@ class Show(NamedTuple):
     Attributes:
         run: recording → estimate; raises ValueError for one that cannot be used.
         write: (estimate, folder, name) → files written.
-        row: (estimate, name) → a row of the table.
+        rows: (estimate, name) → rows of the table.
         table: of all recordings.
         caption: below it.
+        numbers: estimate → what else the JSON file says of it; None: no more than of all.
     """
 
     run: Callable[[Recording], Estimate]
     write: Callable[[Estimate, Path, str], list[Path]]
-    row: Callable[[Estimate, str], list[str]]
+    rows: Callable[[Estimate, str], list[list[str]]]
     table: Table
     caption: str
+    numbers: Callable[[Estimate], dict[str, Any]] | None = None
 
 
 def table_of(title: str, columns: tuple[str, ...]) -> Table:
@@ -66,7 +68,7 @@ def legs(
     return Show(
         lambda recording: leg_ekf.estimate(p, recording, options),
         _write,
-        _row,
+        _rows,
         table_of(
             "leg_ekf, the paper's pipeline" if paper else "leg_ekf",
             ("recording", "duration [s]", "distance [m]", *angles),
@@ -86,7 +88,7 @@ def _write(result: Estimate, out: Path, name: str) -> list[Path]:
     ]
 
 
-def _row(result: Estimate, name: str) -> list[str]:
+def _rows(result: Estimate, name: str) -> list[list[str]]:
     cells = [name, f"{result.time[-1] - result.time[0]:.1f}", f"{result.distance[-1]:.2f}"]
     for leg in result.legs:
         for values in (None, None) if leg is None else (leg.hip_angle, leg.knee_angle):
@@ -95,4 +97,4 @@ def _row(result: Estimate, name: str) -> list[str]:
             else:
                 low, high = np.degrees([np.min(values), np.max(values)])
                 cells.append(f"{low:.0f} … {high:.0f}")
-    return cells
+    return [cells]
