@@ -55,3 +55,33 @@ def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):
     looked = np.ones((3, 40), bool)
     true[:, 0] += 0.4  # wrong references decide little
     assert ours.lever_of(ours.BOTH_LEVERS, told, true, looked) == pytest.approx(0.13, abs=0.01)
+
+
+def test_the_papers_tables_from_known_counts_and_distances(load_experiment, capsys):
+    ours = load_experiment("_ankle_sim")
+    true, far = np.array([30, 40, 50]), np.full(3, 42.05)
+    counts = {way.title: true.copy() for way in ours.COUNTS}
+    counts["Jiménez"] = true + [3, -2, 10]
+    ways = {way.title: far.copy() for way in ours.DISTANCES}
+    ways["filter"] = 1.01 * far
+    ways["Li 2-D"] = far * [0.9, 0.95, 1.0]
+    found = [ours.Measured(f"route B, {pace}", true, far, counts, ways, np.full(3, 0.04)) for pace in ours.PACES]
+    rows = {row.metric: row for row in ours.cohort_table(found)}
+    assert rows["sim_count_error_pct"].value == rows["sim_distance_error_pct"].value == 0.0
+    assert rows["sim_count_jimenez_error_pct"].value == pytest.approx(35.0 / 3.0)
+    assert rows["sim_count_jimenez_error_pct_max"].value == pytest.approx(20.0)
+    assert rows["sim_distance_filter_error_pct"].value == pytest.approx(1.0)
+    assert rows["sim_distance_li_error_pct"].value == pytest.approx(5.0) and rows["sim_distance_li_error_pct"].n == 6
+    two = {row.metric: row for row in ours.table_one(found, [0, 1]) + ours.table_two(found, [0, 1])}
+    assert two["sim_two_count_jimenez_error_pct"].value == pytest.approx(7.5)  # 10 % of A's, 5 % of B's
+    assert two["sim_two_distance_li_error_pct"].value == pytest.approx(7.5)
+    assert two["sim_two_distance_li_error_pct"].paper == pytest.approx((5.7 + 11.1) / 2.0)
+    said = capsys.readouterr().out
+    assert "+3 -2" in said and "-4.21 (-10.0 %)" in said
+
+
+def test_the_two_subjects_are_those_with_the_papers_legs(load_experiment, parts):
+    ours, legs = load_experiment("_ankle_sim"), parts[0]
+    cohort = [legs.Leg(*(None,) * 7, tall, None, ()) for tall in (0.70, 0.855, 0.83, 0.95)]
+    assert ours.alike(cohort) == [2, 1]
+    assert ours.alike(cohort[:2]) == [1, 0]  # never the same one twice
