@@ -38,7 +38,7 @@ LATER = 0.4
 SLIP, SAY = 0.02, 0.5
 """[1] Probability that a step was missed or counted twice; log odds that a usual turn of the pelvis gives a side."""
 
-ROWS = 3.0
+ROWS = 4.0
 """[Hz] Rows of the result for every second, unless told otherwise."""
 
 PAPER_RATE = 100.0
@@ -88,7 +88,7 @@ class Contacts(NamedTuple):
         valid: bool; False for a row that is no contact.
         coarse: the coarse instant near which it was read off [s].
         step_frequency: there [Hz].
-        certainty: of the side: probability that it is right, from 0 (as likely as not) to 1 [1].
+        certainty: of the side: how much more probable it is than the other, 0 … 1 [1].
     """
 
     time: Any
@@ -182,10 +182,13 @@ def sides(yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequen
         after = (jnp.where(there, passed + evidence, odds), jnp.where(there, t, before))
         return after, jnp.where(there, passed, 0.0)
 
+    def chain(*rows: Array) -> Array:
+        passed: Array = lax.scan(step, (jnp.zeros_like(at[0]), rows[0][0]), rows)[1]
+        return passed
+
     rows = (at, f, says, jnp.asarray(valid))
-    start = (jnp.zeros_like(at[0]), at[0])
-    passed = [lax.scan(step, start, rows, reverse=back)[1] for back in (False, True)]
-    return passed[0] + says + passed[1]
+    before, after = jax.vmap(chain)(*(jnp.stack([row, row[::-1]]) for row in rows))
+    return before + says + after[::-1]
 
 
 def initial_contacts(
@@ -204,7 +207,7 @@ def initial_contacts(
         coarse: how its coarse instants are found.
         mask: (T,) bool, False where a sample was lost or is padding: it counts as unaccelerated; None: all count.
         start_s: time of the first sample [s].
-        capacity: rows of the result; static. None: three for every second. Contacts without room are left out.
+        capacity: rows of the result; static. None: four for every second. Contacts without room are left out.
 
     Returns:
         The contacts, (capacity,); where nobody walks no row is valid.

@@ -1,0 +1,200 @@
+"""Contacts and sides of made trunks of which they are known, and of a real one."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import butterworth, trunk_contacts_soft, trunk_events, trunk_rhythm
+from jgait.trunk_events import LITERAL, PaperRule, Peaks, Soft, initial_contacts
+
+RATE, STEP = 100.0, 0.55
+SAMPLES = 2750  # of everything that the compiled detectors see
+FIRST, STEPS = 2.0, 12
+CONTACTS = FIRST + STEP * np.arange(STEPS)
+LEFT = np.arange(STEPS) % 2
+DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule()}
+
+
+def trunk(rate=RATE, seconds=SAMPLES / RATE, contacts=CONTACTS, strength=1.0, left=LEFT):
+    """Forward and upward acceleration, and yaw rate: braked and thrown up at every contact, standing at both ends."""
+    time = np.arange(round(seconds * rate)) / rate
+    phase = 2.0 * np.pi * (time - contacts[0]) / STEP
+    walks = 1.0 / (1.0 + np.exp(-20.0 * (time - contacts[0] + 0.3 * STEP)))
+    walks = walks / (1.0 + np.exp(20.0 * (time - contacts[-1] - 0.3 * STEP)))
+    forward, upward = -1.0 * np.sin(phase) * walks, 1.5 * np.cos(phase - 0.2) * walks
+    yaw = np.zeros_like(time)
+    for t, side in zip(contacts, left, strict=True):
+        late = (time - t) / 0.02
+        forward += -1.5 * late * np.exp(-0.5 * late**2)
+        upward += 3.0 * np.exp(-0.5 * (late - 1.2) ** 2)
+        yaw += (1.0 if side else -1.0) * 0.6 * np.exp(-0.5 * ((time - t - 0.9 * STEP) / (0.3 * STEP)) ** 2)
+    return strength * forward, strength * upward, yaw
+
+
+@pytest.fixture(scope="module")
+def detect():
+    """`detect(name, signals, mask, start_s)`, compiled once a detector."""
+    programs = {
+        name: jax.jit(lambda *x, s=settings: initial_contacts(*x[:3], RATE, s, mask=x[3], start_s=x[4], capacity=60))
+        for name, settings in DETECTORS.items()
+    }
+    every = np.ones(SAMPLES, bool)
+    return lambda name, signals, mask=every, start=0.0: programs[name](*signals, mask, np.float64(start))
+
+
+def rows(found):
+    """The valid rows in NumPy, after a look at the others."""
+    valid = np.asarray(found.valid)
+    for field in found:
+        assert not np.asarray(field)[~valid].any()
+    return trunk_events.Contacts(*(np.asarray(field)[valid] for field in found))
+
+
+# The made trunk has one shape; how late a detector is on it is no error, how much that varies is one.
+@pytest.mark.parametrize(("name", "spread"), [("soft", 0.01), ("peaks", 0.02), ("paper", 0.02)])
+def test_every_contact_is_found_once_with_its_side(detect, name, spread):
+    found = rows(detect(name, trunk()))
+    assert len(found.time) == STEPS
+    late = found.time - CONTACTS
+    assert np.abs(late - np.median(late)).max() < spread
+    assert np.abs(np.median(late)) < 0.06
+    np.testing.assert_array_equal(found.side, LEFT)
+    assert found.certainty.min() > 0.85
+    np.testing.assert_allclose(found.step_frequency, 1.0 / STEP, rtol=0.03)
+    assert np.abs(found.coarse - CONTACTS).max() < 0.06
+
+
+def test_a_pelvis_that_turns_the_other_way_has_the_other_leg(detect):
+    forward, upward, yaw = trunk()
+    np.testing.assert_array_equal(rows(detect("soft", (forward, upward, -yaw))).side, 1 - LEFT)
+
+
+def test_sides_hold_through_a_turn_and_a_contact_that_misleads(detect):
+    forward, upward, yaw = trunk()
+    time = np.arange(SAMPLES) / RATE
+    turning = yaw + 2.0 * np.exp(-0.5 * ((time - 5.0) / 0.6) ** 2)  # 170 degrees to the left
+    np.testing.assert_array_equal(rows(detect("soft", (forward, upward, turning))).side, LEFT)
+    wrong = trunk(left=np.where(np.arange(STEPS) == 6, 1, LEFT))[2]
+    np.testing.assert_array_equal(rows(detect("soft", (forward, upward, wrong))).side, LEFT)
+
+
+def test_a_step_that_was_not_seen_does_not_change_the_sides_after_it():
+    seen = np.delete(np.arange(STEPS), 5)
+    yaw = trunk()[2]
+    told = jax.jit(lambda *x: trunk_events.sides(x[0], RATE, *x[1:]))
+    odds = told(yaw, CONTACTS[seen], np.full(seen.size, 1.0 / STEP), np.ones(seen.size, bool))
+    np.testing.assert_array_equal(np.asarray(odds) > 0.0, LEFT[seen] == 1)
+
+
+def test_who_does_not_walk_has_no_contact(detect):
+    quiet = 0.1 * np.random.default_rng(0).normal(size=(3, SAMPLES))
+    for name in DETECTORS:
+        assert not detect(name, quiet).valid.any()
+    assert not detect("soft", trunk(strength=0.05)).valid.any()
+    few = trunk(contacts=CONTACTS[:2], left=LEFT[:2])
+    assert not detect("soft", few).valid.any()
+    assert not detect("soft", np.zeros((3, SAMPLES))).valid.any()
+
+
+def test_side_by_side_as_one_by_one(detect):
+    both = [np.stack(pair) for pair in zip(trunk(), trunk(strength=0.7), strict=True)]
+    together = jax.jit(jax.vmap(lambda *x: initial_contacts(*x, RATE, PaperRule(), capacity=60)))(*both)
+    for k in range(2):
+        alone = detect("paper", [x[k] for x in both])
+        np.testing.assert_array_equal(together.valid[k], alone.valid)
+        np.testing.assert_allclose(together.time[k], alone.time, rtol=0.0, atol=1e-9)
+
+
+def test_what_the_mask_leaves_out_has_no_effect(detect):
+    signals, mask = trunk(), np.arange(SAMPLES) < 940
+    clean = detect("soft", signals, mask)
+    spoiled = detect("soft", [np.where(mask, x, 1e6) for x in signals], mask)
+    for a, b in zip(clean, spoiled, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert int(clean.valid.sum()) == STEPS
+    later = rows(detect("soft", signals, mask, 5.0))
+    np.testing.assert_allclose(later.time - 5.0, rows(clean).time, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("rate", "settings"), [(25.0, Soft()), (400.0, LITERAL)])
+def test_supported_rates_find_the_same_contacts_in_single_precision(detect, rate, settings):
+    single = [x.astype(np.float32) for x in trunk(rate, 10.0)]
+    found = rows(jax.jit(lambda *x: initial_contacts(*x, rate, settings))(*single))
+    usual = rows(detect("paper" if settings is LITERAL else "soft", trunk()))
+    assert found.time.dtype == np.float32
+    assert len(found.time) == STEPS
+    np.testing.assert_array_equal(found.side, LEFT)
+    # Half a sample of 25 Hz; a jolt of 20 ms is hardly seen in such.
+    assert np.abs(found.time - usual.time).max() < 0.02
+
+
+def test_maxima_stand_out_on_both_sides():
+    x = np.array([5.0, 0.0, 1.0, 0.5, 3.0, 2.5, 2.9, 0.0, 1.9, 0.1, 4.0])
+    certain, where = trunk_rhythm.maxima(x, np.full(x.size, 1.5))
+    # Neither the start nor the end is one: on one side of each nothing is known.
+    np.testing.assert_array_equal(np.asarray(where)[np.asarray(certain)], [4, 8])
+
+
+def test_a_changing_cut_off_is_the_filter_where_it_does_not_change():
+    x = np.cumsum(np.random.default_rng(0).normal(size=300))
+    bank = jax.jit(lambda y: trunk_rhythm.low_passed(y, RATE))(x)
+    corners = trunk_rhythm.CUTOFFS
+    for k in (0, 3):
+        expected = butterworth.low_pass_both_ways(x, float(corners[k]), RATE)
+        np.testing.assert_allclose(bank[k], expected, rtol=1e-9)
+        np.testing.assert_allclose(trunk_rhythm.between(bank, np.full(300, corners[k])), expected, rtol=1e-9)
+    middle = trunk_rhythm.between(bank, np.full(300, np.sqrt(corners[3] * corners[4])))
+    np.testing.assert_allclose(middle, 0.5 * (bank[3] + bank[4]), rtol=1e-9)
+
+
+def test_soft_contacts_have_the_gradient_of_differences():
+    forward, upward, _ = trunk(seconds=6.0, contacts=CONTACTS[:6], left=LEFT[:6])
+    coarse, push = CONTACTS[:6] + 0.02, np.random.default_rng(1).normal(size=forward.size)
+
+    @jax.jit
+    def loss(settings, ahead):
+        found = trunk_contacts_soft.instants(ahead, upward, RATE, coarse, settings)
+        return jnp.sum((found - CONTACTS[:6]) ** 2) * 1e3
+
+    settings, by = jax.tree.map(jnp.asarray, Soft()), 1e-5
+    ours, ahead = jax.jit(jax.grad(loss, (0, 1)))(settings, forward)
+    for name in Soft._fields:
+        value = getattr(settings, name)
+        up, down = (loss(settings._replace(**{name: value + d}), forward) for d in (by, -by))
+        np.testing.assert_allclose(getattr(ours, name), (up - down) / (2.0 * by), rtol=1e-5, atol=1e-7)
+    along = (loss(settings, forward + by * push) - loss(settings, forward - by * push)) / (2.0 * by)
+    np.testing.assert_allclose(jnp.sum(ahead * push), along, rtol=1e-5)
+    assert min(abs(float(g)) for g in ours) > 0.0  # everything can be learned
+
+
+def test_what_cannot_be_read_says_why():
+    forward, upward, yaw = trunk()
+    with pytest.raises(ValueError, match="between 25 and 400 Hz; got 20"):
+        initial_contacts(forward, upward, yaw, 20.0)
+    with pytest.raises(ValueError, match=r"yaw_rate has shape \(2749,\)"):
+        initial_contacts(forward, upward, yaw[1:], RATE)
+    with pytest.raises(ValueError, match=r"T >= 10; forward has shape \(9,\)"):
+        initial_contacts(forward[:9], upward[:9], yaw[:9], RATE)
+    with pytest.raises(ValueError, match="upward must be floating point; got int64"):
+        initial_contacts(forward, upward.astype(int), yaw, RATE)
+
+
+def test_a_real_walk_there_and_back(data, detect):
+    walk = next(w for w in data("ipol_gait") if w.recording.name == "12-1")
+    worn = walk.recording.sensors["lower_back"]
+    up = worn.acc[:300].mean(axis=0)
+    up /= np.linalg.norm(up)
+    ahead = np.array([0.0, 0.0, -1.0]) + up[2] * up
+    ahead /= np.linalg.norm(ahead)
+    # The lean of the trunk is taken to be that of standing: contacts need no more.
+    acc = worn.acc[:SAMPLES] - 9.80665 * up
+    found = rows(detect("soft", (acc @ ahead, acc @ up, worn.gyr[:SAMPLES] @ up)))
+    told, side = walk.info["initial_contacts"], walk.info["initial_contact_sides"]
+    time = found.time + worn.time[0]
+    nearest = np.abs(time[:, None] - told[None, :]).argmin(axis=0)
+    error = time[nearest] - told
+    hit = np.abs(error) < 0.2
+    assert hit.sum() >= len(told) - 1 and len(time) <= len(told) + 1
+    assert np.abs(error[hit] - np.median(error[hit])).mean() < 0.025
+    assert (found.side[nearest] == side)[hit].mean() >= 0.95

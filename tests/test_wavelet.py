@@ -1,0 +1,137 @@
+"""Stationary wavelet transforms against pywavelets', their laws, and the paper's thresholds."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import pywt
+
+from jgait import wavelet
+
+RNG = np.random.default_rng(0)
+X = RNG.normal(size=1024)
+SHARES = (1 / 5, 1 / 4, 1 / 3)
+
+
+@pytest.mark.parametrize("name", ["haar", "db2", "db5", "sym4", "coif2", "bior2.4", "rbio3.1"])
+@pytest.mark.parametrize("levels", [1, 3, 10])
+def test_there_and_back_as_pywavelets(name, levels):
+    expected = pywt.swt(X, name, level=levels)
+    ours = wavelet.transform(X, name, levels)
+    np.testing.assert_allclose(ours.approximation, expected[0][0], rtol=0.0, atol=1e-12)
+    for detail, (_, theirs) in zip(ours.details, reversed(expected), strict=True):
+        np.testing.assert_allclose(detail, theirs, rtol=0.0, atol=1e-12)
+    # Not a transform of any signal: the ways back differ, and the mean of them is taken.
+    changed = [(RNG.normal(size=X.size), RNG.normal(size=X.size)) for _ in expected]
+    made = wavelet.Transform(jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed)))
+    np.testing.assert_allclose(wavelet.inverse(made, name), pywt.iswt(changed, name), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["haar", "db5", "bior2.4"])
+def test_the_inverse_gives_the_signal_back(name):
+    np.testing.assert_allclose(wavelet.inverse(wavelet.transform(X, name, 4), name), X, rtol=0.0, atol=1e-12)
+
+
+def test_taps_may_reach_round_a_short_signal():
+    short = X[:16]
+    expected = pywt.swt(short, "db5", level=4)
+    ours = wavelet.transform(short, "db5", 4)
+    np.testing.assert_allclose(ours.approximation, expected[0][0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(ours.details[3], expected[0][1], rtol=0.0, atol=1e-12)
+
+
+def test_three_levels_give_exactly_what_ten_give():
+    three, ten = wavelet.transform(X, "db5", 3), wavelet.transform(X, "db5", 10)
+    nothing = jnp.zeros_like(X)
+    for detail, same in zip(three.details, ten.details[:3], strict=True):
+        np.testing.assert_array_equal(detail, same)
+    few = wavelet.inverse(wavelet.Transform(nothing, three.details), "db5")
+    many = wavelet.inverse(wavelet.Transform(nothing, ten.details[:3] + (nothing,) * 7), "db5")
+    np.testing.assert_array_equal(few, many)
+
+
+def by_pywavelets(x, relative_to, hard):
+    """The paper's filter with ten levels, in plain NumPy."""
+    more = -len(x) % 1024
+    before = more // 2
+    padded = np.pad(x, (before, more - before), mode="symmetric")
+    rows = []
+    for level, (approximation, d) in zip(range(10, 0, -1), pywt.swt(padded, "db5", level=10), strict=True):
+        kept, inside = np.zeros_like(d), d[before : before + len(x)]
+        if level <= 3:
+            size = np.abs(inside).max() if relative_to == "max" else np.sqrt(np.mean(inside**2))
+            kept = pywt.threshold(d, SHARES[level - 1] * size, "hard" if hard else "soft")
+        rows.append((np.zeros_like(approximation), kept))
+    return pywt.iswt(rows, "db5")[before : before + len(x)]
+
+
+@pytest.mark.parametrize(("relative_to", "hard"), [("max", True), ("rms", False)])
+def test_details_thresholded_as_with_ten_levels_of_pywavelets(relative_to, hard):
+    ours = wavelet.from_details(X[:700], SHARES, relative_to=relative_to, hard=hard)
+    np.testing.assert_allclose(ours, by_pywavelets(X[:700], relative_to, hard), rtol=0.0, atol=1e-12)
+
+
+def test_channels_and_walks_side_by_side_as_one_by_one():
+    both = np.stack([X[:300], X[300:600]], axis=1)
+    together = wavelet.from_details(both, SHARES)
+    mapped = jax.vmap(lambda x: wavelet.from_details(x, SHARES), in_axes=1, out_axes=1)(both)
+    for k in range(2):
+        alone = wavelet.from_details(both[:, k], SHARES)
+        np.testing.assert_allclose(together[:, k], alone, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(mapped[:, k], alone, rtol=1e-12, atol=1e-14)
+
+
+def test_magnitudes_count_what_the_mask_counts():
+    mask = np.arange(6) < 4
+    x = np.array([3.0, -4.0, 0.0, 0.0, 100.0, 100.0])
+    assert float(wavelet.magnitude(x, "max", mask)) == 4.0
+    assert float(wavelet.magnitude(x, "rms", mask)) == 2.5
+    assert float(wavelet.magnitude(x, "rms", np.zeros(6, bool))) == 0.0
+    assert np.isfinite(jax.grad(lambda y: wavelet.magnitude(y, "rms"))(np.zeros(6))).all()
+
+
+def test_gradients_are_those_of_differences():
+    x, push = X[:200], RNG.normal(size=200)
+
+    @jax.jit
+    def loss(shares, y):
+        return jnp.sum(wavelet.from_details(y, shares, multiple=8) ** 3)
+
+    shares, by = jnp.asarray(SHARES), 1e-6
+    ours, along = jax.jit(jax.grad(loss, (0, 1)))(shares, x)
+    for k in range(3):
+        step = by * jnp.eye(3)[k]
+        np.testing.assert_allclose(ours[k], (loss(shares + step, x) - loss(shares - step, x)) / (2.0 * by), rtol=1e-5)
+    slope = (loss(shares, x + by * push) - loss(shares, x - by * push)) / (2.0 * by)
+    np.testing.assert_allclose(jnp.sum(along * push), slope, rtol=1e-5)
+
+
+def test_float32_stays_float32_and_close():
+    single = wavelet.from_details(X.astype(np.float32), SHARES)
+    assert single.dtype == jnp.float32
+    np.testing.assert_allclose(single, wavelet.from_details(X, SHARES), atol=1e-5)
+
+
+@pytest.mark.parametrize("samples", [5, 700, 1024])
+def test_padding_is_symmetric_and_takes_turns_when_short(samples):
+    ours, before = wavelet.padded(X[:samples])
+    more = 1024 - samples
+    np.testing.assert_array_equal(ours, np.pad(X[:samples], (more // 2, more - more // 2), mode="symmetric"))
+    assert before == more // 2
+
+
+def test_what_cannot_be_transformed_says_why():
+    with pytest.raises(ValueError, match="3 levels need a multiple of 8 samples along the first axis; got 1023"):
+        wavelet.transform(X[:1023], "db5", 3)
+    with pytest.raises(ValueError, match="got 'morl'"):
+        wavelet.transform(X, "morl", 3)
+    with pytest.raises(ValueError, match="levels must be at least 1; got 0"):
+        wavelet.transform(X, "db5", 0)
+    with pytest.raises(ValueError, match="floating point; got int64"):
+        wavelet.transform(np.arange(8), "db5", 1)
+    with pytest.raises(ValueError, match="all of the approximation's shape"):
+        wavelet.inverse(wavelet.Transform(X, (X[:512],)), "db5")
+    with pytest.raises(ValueError, match="max, rms; got 'mean'"):
+        wavelet.magnitude(X, "mean")
+    with pytest.raises(ValueError, match="positive number of samples; got 0"):
+        wavelet.padded(X, 0)
