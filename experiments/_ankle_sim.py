@@ -168,14 +168,14 @@ def table_two(found: list[Measured], two: list[int]) -> list[Row]:
     for m in found:
         off = {way.title: (m.distances[way.title] - m.far)[two] for way in DISTANCES}
         far = float(m.far[0])
-        cells = ("\n".join(f"{v:+.2f} ({100 * v / far:+.1f} %)" for v in off[way.title]) for way in DISTANCES)
+        cells = ("\n".join(f"{v:+.2f} {100 * v / far:+.1f}%" for v in off[way.title]) for way in DISTANCES)
         lines.append([f"{m.route}, A\nB", *cells])
     far = sum(float(m.far[0]) for m in found)
     share = {
         way.title: 100.0 * sum(np.abs(m.distances[way.title] - m.far)[two] for m in found) / far for way in DISTANCES
     }
     lines.append(["Σ |error| [%], A\nB", *("\n".join(f"{v:.1f}" for v in share[way.title]) for way in DISTANCES)])
-    show("Table II in simulation: error of the distance, metres and %", ["", *(way.title for way in DISTANCES)], lines)
+    show("Table II in simulation: error of the distance [m] and in %", ["", *(way.title for way in DISTANCES)], lines)
     return _two("sim_two_distance", list(DISTANCES), share, len(found))
 
 

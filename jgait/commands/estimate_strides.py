@@ -52,14 +52,9 @@ def strides(params: Any, lever: float | None, axes: str | None, *, told: bool) -
 
     columns = ("recording", "leg", "strides", "distance [m]", "length [m]", "speed [m/s]", "special")
     caption = "length and speed: medians over whole strides; whole tables in the files"
-    return Show(
-        run,
-        _write,
-        _rows,
-        table_of("ankle_stride", columns),
-        caption,
-        _numbers,
-    )
+    table = table_of("ankle_stride", columns)
+    table.columns[-1].justify, table.columns[-1].min_width = "left", 22
+    return Show(run, _write, _rows, table, caption, _numbers)
 
 
 def believed_axes(text: str) -> np.ndarray:
