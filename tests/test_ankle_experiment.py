@@ -77,7 +77,7 @@ def test_the_papers_tables_from_known_counts_and_distances(load_experiment, caps
     assert two["sim_two_distance_li_error_pct"].value == pytest.approx(7.5)
     assert two["sim_two_distance_li_error_pct"].paper == pytest.approx((5.7 + 11.1) / 2.0)
     said = capsys.readouterr().out
-    assert "+3 -2" in said and "-4.21 -10.0%" in said
+    assert "+3 -2" in said and "-4.20 -10.0%" in said
 
 
 def test_the_two_subjects_are_those_with_the_papers_legs(load_experiment, parts):

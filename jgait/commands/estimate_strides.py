@@ -50,10 +50,10 @@ def strides(params: Any, lever: float | None, axes: str | None, *, told: bool) -
         said = () if believed is None else worn_otherwise(recording, believed)
         return result._replace(diagnostics={**result.diagnostics, "notes": (*result.diagnostics["notes"], *said)})
 
-    columns = ("recording", "leg", "strides", "distance [m]", "length [m]", "speed [m/s]", "special")
+    columns = ("recording", "leg", "strides", "distance\n[m]", "length\n[m]", "speed\n[m/s]", "special")
     caption = "length and speed: medians over whole strides; whole tables in the files"
     table = table_of("ankle_stride", columns)
-    table.columns[-1].justify, table.columns[-1].min_width = "left", 22
+    table.columns[-1].justify = "left"
     return Show(run, _write, _rows, table, caption, _numbers)
 
 
