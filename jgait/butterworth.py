@@ -163,3 +163,31 @@ def low_pass_both_ways(x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: Arr
     behind = 2.0 * values[-1:] - values[-2 : -more - 2 : -1]
     there = _filtered(cascade, jnp.concatenate([before, values, behind]))
     return _filtered(cascade, there, reverse=True)[more:-more]
+
+
+def low_pass_until(
+    x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, last: ArrayLike, order: int = 2
+) -> Array:
+    """The filter forwards and then backwards over a recording with padding behind it, which changes nothing.
+
+    Before its first sample and behind its last one the recording is taken to have lasted for ever, on the way back as
+    the filter left it.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit, finite.
+        cutoff_hz: where the gain of both ways together is 1/2 [Hz].
+        sampling_rate_hz: of the samples [Hz].
+        last: index of the last sample before the padding.
+        order: of one way: 2, 4, 6 …; static.
+
+    Returns:
+        The same shape and unit; in the padding, what follows from the last sample.
+
+    Raises:
+        ValueError: as `low_pass`.
+    """
+    cascade = sections(cutoff_hz, sampling_rate_hz, order)
+    forth = _filtered(cascade, _samples(x, 1))
+    inside = jnp.arange(forth.shape[0], dtype=jnp.int32) <= last
+    inside = inside.reshape(inside.shape + (1,) * (forth.ndim - 1))
+    return _filtered(cascade, jnp.where(inside, forth, forth[last][None]), reverse=True)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, two_feet
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist_ofdri
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]
@@ -14,6 +14,7 @@ _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "stride_width_ekf": stride_width_ekf.estimator,
     "two_feet": two_feet.estimator,
     "ankle_stride": ankle_stride.estimator,
+    "waist_ofdri": waist_ofdri.estimator,
 }
 
 
