@@ -179,6 +179,7 @@ class Learned(NamedTuple):
 EXPECTED = Learned(0.1, 5.0)  # before any data; 0.1 m either way, and a factor of 1.5
 SPREAD = (0.1, float(np.log(1.5)))
 STRIDE_SD = 0.03  # [m] of a stride's length against a reference
+SETTLED = 1e-5  # [m], and of the logarithm [1]: a smaller step is the last
 
 
 def _moved(free: Any, s: Signals, method: str) -> tuple[Any, Any]:
@@ -217,6 +218,8 @@ def learn(s: Signals, chosen: np.ndarray | None = None, method: str = "3-D", *, 
         pull = (d * weight) @ e + (free - prior) / np.square(SPREAD)
         step = np.linalg.solve(normal, pull)
         free = free - np.clip(step, -np.array(SPREAD), np.array(SPREAD))
+        if np.max(np.abs(step)) < SETTLED:
+            break
     return Learned(float(free[0]), float(np.exp(free[1])))
 
 

@@ -91,8 +91,9 @@ def _line(scores: list[Score]) -> list[Any]:
 
 
 def held_out(
-    s: Signals, key: np.ndarray, method: str, *, cutoff: bool = False, judged: Signals | None = None
-) -> tuple[np.ndarray, list[Learned]]:
+    s: Signals, key: np.ndarray, method: str, *, cutoff: bool = False, judged: Signals | None = None,
+    known: list[Learned] | None = None,
+) -> tuple[np.ndarray, list[Learned]]:  # fmt: skip
     """Lengths (legs, n) of each leg with what was learned on the legs of another key.
 
     Args:
@@ -101,10 +102,11 @@ def held_out(
         method: whose lengths.
         cutoff: learn the cut-off too.
         judged: the same legs, for example turned, to be measured instead.
+        known: what a call before learned.
     """
     out, fits = np.zeros(np.shape(s.length)), []
-    for one in dict.fromkeys(key.tolist()):
-        fit = learn(s, key != one, method, cutoff=cutoff)
+    for number, one in enumerate(dict.fromkeys(key.tolist())):
+        fit = learn(s, key != one, method, cutoff=cutoff) if known is None else known[number]
         told = lengths(method, with_lever(fit.height), fit.cutoff_hz, s if judged is None else judged)
         out[key == one] = np.asarray(told)[key == one]
         fits.append(fit)
@@ -238,7 +240,7 @@ def rotation_sweep(found: dict[str, tuple[list[Leg], np.ndarray, Signals]], quic
             continue
         rng = np.random.default_rng(0)
         axes = rng.normal(size=(len(of), 3))
-        before = {m: held_out(s, key, m)[0] for m in ("3-D", "Li 2-D")}
+        before = {m: held_out(s, key, m) for m in ("3-D", "Li 2-D")}
         for angle in ANGLES[-1:] if quick else ANGLES:
             turned = stacked([
                 signals(leg, np.asarray(turn(jnp.asarray(axis), np.deg2rad(angle))))
@@ -246,8 +248,8 @@ def rotation_sweep(found: dict[str, tuple[list[Leg], np.ndarray, Signals]], quic
             ])  # fmt: skip
             line: list[Any] = [f"{name}, {angle:.0f}°"]
             for method in ("3-D", "Li 2-D"):
-                after = held_out(s, key, method, judged=turned)[0]
-                change = 100.0 * np.abs(after - before[method])[np.asarray(s.full)]
+                after = held_out(s, key, method, judged=turned, known=before[method][1])[0]
+                change = 100.0 * np.abs(after - before[method][0])[np.asarray(s.full)]
                 wrong = errors(after, s).mae_cm
                 line += [float(np.mean(change)), float(np.max(change)), wrong]
             lines.append(line)

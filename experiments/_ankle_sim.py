@@ -175,7 +175,9 @@ def table_two(found: list[Measured], two: list[int]) -> list[Row]:
         way.title: 100.0 * sum(np.abs(m.distances[way.title] - m.far)[two] for m in found) / far for way in DISTANCES
     }
     lines.append(["Σ |error| [%], A\nB", *("\n".join(f"{v:.1f}" for v in share[way.title]) for way in DISTANCES)])
-    show("Table II in simulation: error of the distance in metres and %", ["", *(way.title for way in DISTANCES)], lines)
+    show(
+        "Table II in simulation: error of the distance in metres and %", ["", *(way.title for way in DISTANCES)], lines
+    )
     return _two("sim_two_distance", list(DISTANCES), share, len(found))
 
 
