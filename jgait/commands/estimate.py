@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from jgait.commands import estimate_feet, estimate_legs, estimate_strides
+from jgait.commands import estimate_feet, estimate_legs, estimate_strides, estimate_waist
 from jgait.commands.console import console, errors, note, stop
 from jgait.commands.pipeline import pipeline_of, refuse_others, start_of
 from jgait.types import Estimate
@@ -16,7 +16,7 @@ from jgait.types import Estimate
 def estimate(
     files: Annotated[list[Path], typer.Argument(help="CSV files, one recording each.")],
     estimator: Annotated[
-        str, typer.Option("--estimator", help="leg_ekf, foot_ins, stride_width_ekf or ankle_stride.")
+        str, typer.Option("--estimator", help="leg_ekf, foot_ins, stride_width_ekf, ankle_stride or waist_ofdri.")
     ] = "leg_ekf",
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")] = None,
     gyr_unit: Annotated[str, typer.Option(help="deg/s or rad/s.")] = "deg/s",
@@ -56,30 +56,36 @@ def estimate(
             "notice sensors that are upside down or on the other leg."
         ),
     ] = None,
+    height: Annotated[
+        float | None, typer.Option(min=0.8, max=2.4, help="waist_ofdri: height of the person [m].")
+    ] = None,
+    sensor_height: Annotated[
+        float | None,
+        typer.Option(min=0.4, max=1.6, help="waist_ofdri: height of the sensor above the ground [m]; 0.97."),
+    ] = None,
     params: Annotated[Path | None, typer.Option(help="Parameters from this file, as `jgait tune` writes it.")] = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("jgait-results"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """Joint angles (leg_ekf), ways and strides of the feet (foot_ins), those of both with widths (stride_width_ekf), or
-    strides of a leg (ankle_stride).
+    """Joint angles (leg_ekf), ways and strides of the feet (foot_ins), those of both with widths (stride_width_ekf),
+    strides of a leg (ankle_stride), or contacts and distance from the waist (waist_ofdri).
 
     Columns: time [s], and for each sensor thigh_right_gyr_x … thigh_right_acc_z, likewise shank_right, thigh_left,
     shank_left. One leg is enough; accelerometers make the angles stay true in turns and on long walks. For the feet
     foot_right_gyr_x … foot_left_acc_z, one foot or both, and for widths feet_range [m], the distance between the feet,
-    empty where nothing was heard. For ankle_stride ankle_right_gyr_x … shank_left_acc_z, one leg or both, mounted in
-    any way. The person should stand still for a second or more somewhere in the recording.
+    empty where nothing was heard. For ankle_stride ankle_right_gyr_x … shank_left_acc_z, one leg or both; for
+    waist_ofdri waist_gyr_x … waist_acc_z (or lower_back, or pelvis); both mounted in any way. The person should stand
+    still for a second or more somewhere in the recording.
     """
     from jgait import io
 
     pipeline = pipeline_of(estimator, paper)
     refuse_others(estimator, {
         "--thigh": thigh, "--shank": shank, "--scale": scale, "--pivot": pivot, "--level": level,
-        "--range-offset": range_offset,
+        "--range-offset": range_offset, "--lever": lever, "--axes": axes, "--height": height,
+        "--sensor-height": sensor_height,
     })  # fmt: skip
-    for option, value in (("--lever", lever), ("--axes", axes)):
-        if value is not None and estimator != "ankle_stride":
-            stop(f"{option} is an option of ankle_stride; got --estimator {estimator}")
     start = start_of(pipeline, params, paper)
     if estimator == "leg_ekf":
         show: Any = estimate_legs.legs(start, thigh, shank, scale, paper, told=params is not None)
@@ -87,9 +93,11 @@ def estimate(
         show = estimate_feet.feet(estimator, start, pivot, level, range_offset, paper, told=params is not None)
     elif estimator == "ankle_stride":
         show = estimate_strides.strides(start, lever, axes, told=params is not None)
+    elif estimator == "waist_ofdri":
+        show = estimate_waist.walks(start, height, sensor_height, paper, told=params is not None)
     else:
         stop(
-            "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf and ankle_stride give; "
+            "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf, ankle_stride and waist_ofdri give; "
             f"for {estimator} use jgait evaluate"
         )
     failures: dict[str, str] = {}

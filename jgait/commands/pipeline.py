@@ -17,7 +17,11 @@ OF = {
     "--pivot": ("foot_ins", "stride_width_ekf"),
     "--level": ("foot_ins", "stride_width_ekf"),
     "--range-offset": ("stride_width_ekf",),
-    "--paper": ("leg_ekf", "stride_width_ekf"),
+    "--lever": ("ankle_stride",),
+    "--axes": ("ankle_stride",),
+    "--height": ("waist_ofdri",),
+    "--sensor-height": ("waist_ofdri",),
+    "--paper": ("leg_ekf", "stride_width_ekf", "waist_ofdri"),
 }
 """Options that only some estimators know, and which."""
 
@@ -32,9 +36,9 @@ def refuse_others(estimator: str, given: Mapping[str, Any]) -> None:
 def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
     """The estimator that was asked for; leaves with 2 where there is none."""
     from jgait import estimators
-    from jgait.estimators import leg_ekf, stride_width_ekf
+    from jgait.estimators import leg_ekf, stride_width_ekf, waist_ofdri
 
-    papers = {"leg_ekf": leg_ekf.PAPER, "stride_width_ekf": stride_width_ekf.PAPER}
+    papers = {"leg_ekf": leg_ekf.PAPER, "stride_width_ekf": stride_width_ekf.PAPER, "waist_ofdri": waist_ofdri.PAPER}
     if name in estimators.names():
         refuse_others(name, {"--paper": paper})
     try:

@@ -44,6 +44,7 @@ from jgait.estimators.waist_inputs import WaistInputs, pad
 from jgait.estimators.waist_model import WaistControl, WaistModelParams, WaistObservation
 from jgait.estimators.waist_params import (
     DEFAULT,
+    PAPER,
     TRANSFORMS,
     WaistOptions,
     WaistParams,
@@ -82,6 +83,7 @@ UNUSED = {
 __all__ = [
     "DEFAULT",
     "FLAGS",
+    "PAPER",
     "TRANSFORMS",
     "UNUSED",
     "WaistOptions",

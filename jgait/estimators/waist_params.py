@@ -121,6 +121,9 @@ class WaistOptions(NamedTuple):
 DEFAULT = WaistOptions()
 """The best pipeline."""
 
+PAPER = WaistOptions(distance="update", detector="paper")
+"""The paper's pipeline, in the readings of `trunk_events` and `velocity_update`."""
+
 
 def check_options(options: WaistOptions) -> None:
     """Refuse options that are none.
