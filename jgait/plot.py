@@ -12,7 +12,7 @@ from jgait.plot_feet import foot_height, foot_paths, stride_series
 from jgait.plot_strides import leg_strides
 from jgait.plot_walk import blank, stick_figure, stride_signals
 from jgait.plot_widths import two_feet
-from jgait.types import SIDES, Estimate, LegTrajectory
+from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
 __all__ = [
     "distance",
@@ -180,10 +180,10 @@ def distance(
     reference_label: str = "reference",
     others: dict[str, Estimate] | None = None,
 ) -> Any:
-    """Walked distance over time, from the start of the window.
+    """Walked distance over time, from the start of the window, with a band of two standard deviations where stated.
 
     Args:
-        estimate: what to draw.
+        estimate: what to draw; a band if its diagnostics have `distance_stddev` and no window is asked for.
         reference: motion capture or simulated truth, dashed.
         seconds: from and to [s].
         title: above the figure.
@@ -209,6 +209,10 @@ def distance(
         draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": (":", "-.")[number % 2]})
     if reference is not None and reference.distance is not None:
         draw(reference, reference_label, REFERENCE)
+    spread = estimate.diagnostics.get("distance_stddev")
+    if spread is not None and seconds is None:
+        way, off = as_float(estimate.distance), 2.0 * as_float(spread)
+        axis.fill_between(np.asarray(estimate.time), way - off, way + off, color="0.85", linewidth=0.0, label="±2σ")
     draw(estimate, label, ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
