@@ -1,0 +1,384 @@
+r"""What a sensor costs that sleeps part of the time: power, schedules, masks, energy, battery life.
+
+A schedule repeats m units on and n units off, each of u seconds. Before it measures, the sensor is powered for its
+wake-up time w. Taken out of the off-time, as the paper does, the mean power over the period c = (m + n) u is
+
+    p̄ = [p_on m u + p_wake min(w, n u) + p_off (n u − min(w, n u))] / c.
+
+The paper's Table 2, duty cycle p/q in lowest terms, is p of q units of 1.4 s on: ten units, 10/q wake-ups in 14 s, a
+saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscope's energy. All nine printed values come out.
+
+`relaxed_power` and `relaxed_masks` are the same with soft edges, smooth in duty and period.
+
+Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
+gait assessment using wearable sensors", Wireless Health 2010, sections 1 and 5, Table 2; tests/test_power.py.
+"""
+
+import math
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+JOULES_PER_WATT_HOUR = 3600.0
+PAPER_UNIT = 1.4
+"""Unit of the paper's schedules [s]: a tenth of its 14 s, about a stride."""
+
+
+class Sensor(NamedTuple):
+    """What a sensor draws.
+
+    Attributes:
+        on: power while it measures [W].
+        off: power while it sleeps [W].
+        wake: power while it wakes up [W]; None: as while it measures.
+        wake_up: from power on to the first usable sample [s].
+    """
+
+    on: Any
+    off: Any = 0.0
+    wake: Any = None
+    wake_up: Any = 0.0
+
+    @property
+    def waking(self) -> Any:
+        """Power while it wakes up [W]."""
+        return self.on if self.wake is None else self.wake
+
+
+GYROSCOPE = Sensor(on=30e-3, wake_up=0.2)
+"""The paper's gyroscope: 30 mW, 200 ms to power up and settle."""
+
+ACCELEROMETER = Sensor(on=2.7e-3)
+"""The paper's accelerometer: 2.7 mW, never off."""
+
+
+class Battery(NamedTuple):
+    """What a battery holds.
+
+    Attributes:
+        energy: usable energy [J].
+    """
+
+    energy: Any
+
+    @classmethod
+    def from_watt_hours(cls, energy: Any) -> "Battery":
+        """A battery of so many watt-hours [Wh]."""
+        return cls(energy * JOULES_PER_WATT_HOUR)
+
+    def life(self, *powers: Any) -> Any:
+        """How long it lasts [s] under the sum of mean powers [W]."""
+        return self.energy / sum(powers[1:], powers[0])
+
+
+class Schedule(NamedTuple):
+    """On and off in turn, on first.
+
+    Attributes:
+        on: units on in each period [1].
+        off: units off in each period [1]; 0 never switches.
+        unit: length of a unit [s].
+        ahead: True wakes the sensor at the end of the off-time, so that the whole on-time is measured (the paper);
+            False at the start of the on-time, of which the wake-up is then lost.
+    """
+
+    on: int
+    off: int
+    unit: float = PAPER_UNIT
+    ahead: bool = True
+
+    @property
+    def period(self) -> float:
+        """On-time and off-time together [s]."""
+        return (self.on + self.off) * self.unit
+
+    @property
+    def duty(self) -> float:
+        """On-time over period [1]."""
+        return self.on / (self.on + self.off)
+
+
+class Masks(NamedTuple):
+    """A sensor over time.
+
+    Attributes:
+        powered: (T,) it draws power: measures or wakes up.
+        usable: (T,) its samples are good.
+    """
+
+    powered: Any
+    usable: Any
+
+
+def check_duty(duty: Any) -> None:
+    """Refuse a duty cycle outside (0, 1].
+
+    Raises:
+        ValueError: if it is; 40 % is 0.4.
+    """
+    if not (math.isfinite(duty) and 0.0 < duty <= 1.0):
+        hint = f"; {duty:g} % is {duty / 100:g}" if math.isfinite(duty) and 1.0 < duty <= 100.0 else ""
+        raise ValueError(f"duty must lie in (0, 1]: the part of the time that is measured; got {duty!r}{hint}")
+
+
+def check_sensor(sensor: Sensor) -> None:
+    """Refuse powers and times that no sensor has.
+
+    Raises:
+        ValueError: if one is negative or not finite.
+    """
+    for name, value in (("on", sensor.on), ("off", sensor.off), ("wake", sensor.waking), ("wake_up", sensor.wake_up)):
+        if not (math.isfinite(value) and value >= 0.0):
+            unit = "s" if name == "wake_up" else "W"
+            raise ValueError(f"{name} of a sensor must be finite and not negative [{unit}]; got {value!r}")
+
+
+def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
+    """Refuse a schedule that the sensor cannot follow.
+
+    Raises:
+        ValueError: if units are not whole or not there, if the wake-up is longer than the on-time (more is spent on
+            waking than on measuring), or longer than the off-time it is taken from (the sensor would never be off).
+    """
+    check_sensor(sensor)
+    for name, units, least in (("on", schedule.on, 1), ("off", schedule.off, 0)):
+        if units != int(units) or units < least:
+            raise ValueError(f"{name} must be a whole number of units from {least} up; got {units!r}")
+    if not (math.isfinite(schedule.unit) and schedule.unit > 0.0):
+        raise ValueError(f"unit must be a positive number of seconds; got {schedule.unit!r}")
+    if schedule.off == 0:
+        return
+    on_time, off_time = schedule.on * schedule.unit, schedule.off * schedule.unit
+    if sensor.wake_up > on_time or (sensor.wake_up == on_time and not schedule.ahead):
+        raise ValueError(
+            f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its on-time of {on_time:g} s: it would "
+            f"spend more on waking than on measuring; make the unit or the duty cycle longer"
+        )
+    if schedule.ahead and sensor.wake_up > off_time:
+        raise ValueError(
+            f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its off-time of {off_time:g} s: it would "
+            f"never be off; make the unit longer or leave the sensor on"
+        )
+
+
+def schedule_of_duty(
+    duty: float, unit: float = PAPER_UNIT, *, largest: int = 10, ahead: bool = True, sensor: Sensor = GYROSCOPE
+) -> Schedule:
+    """The shortest schedule of whole units that has a duty cycle: p of q units on, p/q in lowest terms.
+
+    Args:
+        duty: part of the time that is measured [1], in (0, 1].
+        unit: length of a unit [s].
+        largest: most units in a period; the paper's tenths need 10.
+        ahead: see `Schedule`.
+        sensor: that has to follow it.
+
+    Returns:
+        The schedule.
+
+    Raises:
+        ValueError: if `duty` is outside (0, 1] or no such fraction, or the sensor cannot follow the schedule.
+    """
+    check_duty(duty)
+    fraction = Fraction(duty).limit_denominator(largest)
+    if abs(float(fraction) - duty) > 1e-6 or fraction == 0:
+        raise ValueError(
+            f"no schedule of at most {largest} units has a duty cycle of {duty:g}; the nearest is {fraction}, or allow "
+            f"more units with `largest`"
+        )
+    schedule = Schedule(fraction.numerator, fraction.denominator - fraction.numerator, unit, ahead)
+    check_schedule(schedule, sensor)
+    return schedule
+
+
+def mean_power(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
+    """Mean power under a periodic schedule [W], wake-ups included.
+
+    Raises:
+        ValueError: if the sensor cannot follow the schedule.
+    """
+    check_schedule(schedule, sensor)
+    wake = sensor.wake_up if schedule.off else 0.0
+    on_time = schedule.on * schedule.unit - (0.0 if schedule.ahead else wake)
+    asleep = schedule.period - on_time - wake
+    return (sensor.on * on_time + sensor.waking * wake + sensor.off * asleep) / schedule.period
+
+
+def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
+    """Part of the sensor's own energy that the schedule saves against always on [1]: the paper's Table 2 is 100 ×."""
+    return 1.0 - mean_power(schedule, sensor) / sensor.on
+
+
+def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
+    """A schedule at the samples of a recording that starts with the on-time.
+
+    The sensor is taken to have followed the schedule before: with `ahead`, the first sample is usable.
+
+    Args:
+        schedule: to be followed.
+        samples: T.
+        rate_hz: sampling rate [Hz].
+        sensor: that follows it.
+
+    Returns:
+        Boolean (T,) masks.
+
+    Raises:
+        ValueError: if the sensor cannot follow the schedule, or the rate is not positive.
+    """
+    check_schedule(schedule, sensor)
+    if not (math.isfinite(rate_hz) and rate_hz > 0.0):
+        raise ValueError(f"rate_hz must be positive; got {rate_hz!r}")
+    if schedule.off == 0:
+        return Masks(np.ones(samples, bool), np.ones(samples, bool))
+    # A sample belongs to the interval it begins; the hundredth of a sample keeps rounding off the edges.
+    late = 0.01 / rate_hz
+    phase = np.mod(np.arange(samples) / rate_hz + late, schedule.period)
+    on = phase < schedule.on * schedule.unit
+    if schedule.ahead:
+        return Masks(on | (phase >= schedule.period - sensor.wake_up), on)
+    return Masks(on, on & (phase >= sensor.wake_up))
+
+
+def wake_samples(sensor: Sensor, rate_hz: float) -> int:
+    """Whole samples that a wake-up lasts, rounded up."""
+    return math.ceil(sensor.wake_up * rate_hz - 1e-6)
+
+
+def usable_of(powered: Any, rate_hz: float, sensor: Sensor = GYROSCOPE, *, warm: bool = True) -> Any:
+    """Which samples are good of a sensor that is switched on and off at will: causal.
+
+    Args:
+        powered: (T,) bool.
+        rate_hz: sampling rate [Hz].
+        sensor: that is switched.
+        warm: whether it had been on long enough before the first sample.
+
+    Returns:
+        (T,) bool: powered, and for all of the wake-up time before.
+    """
+    powered = jnp.asarray(powered, bool)
+    lead = wake_samples(sensor, rate_hz)
+    before = jnp.full((lead,), warm)
+    on = jnp.cumsum(jnp.concatenate([before, powered]).astype(jnp.int32))
+    on = jnp.concatenate([jnp.zeros_like(on[:1]), on])
+    return on[lead + 1 :] - on[: powered.shape[0]] == lead + 1
+
+
+def powered_for(wanted: Any, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
+    """When the sensor must be powered so that wanted samples are good: it is woken ahead, which takes foresight.
+
+    Args:
+        wanted: (T,) bool.
+        rate_hz: sampling rate [Hz].
+        sensor: that is switched.
+
+    Returns:
+        (T,) bool: wanted, or within the wake-up time before. A wake-up before the first sample is not in it.
+    """
+    wanted = jnp.asarray(wanted, bool)
+    lead = wake_samples(sensor, rate_hz)
+    on = jnp.cumsum(jnp.concatenate([wanted, jnp.zeros((lead,), bool)]).astype(jnp.int32))
+    on = jnp.concatenate([jnp.zeros_like(on[:1]), on])
+    return on[lead + 1 :] - on[: wanted.shape[0]] > 0
+
+
+def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
+    """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1.
+
+    Args:
+        used: (T,) masks; what is powered and not usable is waking.
+        rate_hz: sampling rate [Hz].
+        sensor: that is switched.
+
+    Returns:
+        Energy [J]; over T / rate_hz it is the mean power.
+
+    Raises:
+        ValueError: if the masks differ in shape.
+    """
+    if np.shape(used.powered) != np.shape(used.usable):
+        raise ValueError(f"the masks must have one shape; got {np.shape(used.powered)} and {np.shape(used.usable)}")
+    # A boolean becomes the default float, a fraction keeps its own.
+    powered, usable = (jnp.where(m, 1.0, 0.0) if jnp.asarray(m).dtype == bool else jnp.asarray(m) for m in used)
+    on, good = jnp.sum(powered), jnp.sum(usable)
+    asleep = powered.shape[0] - on
+    return (sensor.on * good + sensor.waking * (on - good) + sensor.off * asleep) / rate_hz
+
+
+def _soft_minimum(a: Any, b: Any, softness: Any) -> Any:
+    """The smaller of two, rounded over `softness`; below both."""
+    return -softness * jnp.logaddexp(-a / softness, -b / softness)
+
+
+def relaxed_power(duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softness: Any = 0.02) -> Any:
+    """Mean power as a smooth function of duty and period [W], woken ahead.
+
+        p̄ = p_on d + p_off (1 − d) + (p_wake − p_off) s(w, (1 − d) c) / c
+
+    where the soft minimum s lets the wake-up vanish with the off-time, so that nothing jumps at d = 1.
+
+    Args:
+        duty: d, part of the time that is measured [1], in (0, 1].
+        period: c, on-time and off-time together [s].
+        sensor: that is switched.
+        softness: over what time the minimum is rounded [s]; towards 0 the power is that of `mean_power`.
+
+    Returns:
+        Mean power [W], in the shape of duty and period.
+
+    Raises:
+        ValueError: if a concrete duty lies outside (0, 1], or a period or the softness is not positive.
+    """
+    _check_relaxed(duty, period, softness)
+    off_time = (1.0 - duty) * period
+    # What the rounding leaves where there is no off-time is taken off again.
+    floor = _soft_minimum(sensor.wake_up, 0.0 * off_time, softness)
+    woken = _soft_minimum(sensor.wake_up, off_time, softness) - floor
+    return sensor.on * duty + sensor.off * (1.0 - duty) + (sensor.waking - sensor.off) * woken / period
+
+
+def relaxed_masks(time: Any, duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softness: Any = 0.02) -> Masks:
+    """On-fractions between 0 and 1 in place of a mask, smooth in duty and period: sigmoids at the edges.
+
+        usable(t) = σ(δ(t) / s),   δ the time to the nearest edge of the on-time, positive inside.
+
+    Args:
+        time: (T,) [s]; an on-time begins at 0.
+        duty: part of the time that is measured [1], in (0, 1].
+        period: on-time and off-time together [s].
+        sensor: that is switched, woken ahead.
+        softness: s, width of an edge [s]; towards 0 the masks are those of `masks`.
+
+    Returns:
+        (T,) fractions. A filter takes one as a weight: the variance of its sample over the fraction.
+
+    Raises:
+        ValueError: if a concrete duty lies outside (0, 1], or a period or the softness is not positive.
+    """
+    _check_relaxed(duty, period, softness)
+    time = jnp.asarray(time)
+    on_time = duty * period
+    awake = jnp.minimum(on_time + sensor.wake_up, period)
+
+    def fraction(start: Any, length: Any) -> Any:
+        middle = start + 0.5 * length
+        away = time - middle
+        inside = 0.5 * length - jnp.abs(away - period * jnp.round(away / period))
+        # Where there is no off-time there is no edge: the fraction goes to 1 as the off-time closes.
+        return 1.0 - jax.nn.sigmoid(-inside / softness) * jnp.tanh(0.5 * (period - length) / softness)
+
+    usable = fraction(0.0, on_time)
+    return Masks(fraction(on_time - awake, awake), usable)
+
+
+def _check_relaxed(duty: Any, period: Any, softness: Any) -> None:
+    for value in (v for v in (duty,) if not isinstance(v, jax.core.Tracer)):
+        for one in np.ravel(np.asarray(value)):
+            check_duty(float(one))
+    for name, value in (("period", period), ("softness", softness)):
+        if not isinstance(value, jax.core.Tracer) and not np.all(np.asarray(value) > 0.0):
+            raise ValueError(f"{name} must be a positive number of seconds; got {value!r}")
