@@ -346,6 +346,8 @@ def relaxed_masks(time: Any, duty: Any, period: Any, sensor: Sensor = GYROSCOPE,
 
         usable(t) = σ(δ(t) / s),   δ the time to the nearest edge of the on-time, positive inside.
 
+    Halfway between two edges the slope turns over, which shows where they are but a few s apart.
+
     Args:
         time: (T,) [s]; an on-time begins at 0.
         duty: part of the time that is measured [1], in (0, 1].

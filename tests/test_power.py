@@ -141,7 +141,7 @@ def test_soft_masks_tend_to_the_schedule_and_cost_what_it_costs():
 
 @pytest.mark.parametrize(("duty", "period"), [(0.37, 3.1), (0.9, 2.2), (0.97, 4.0)])
 def test_slopes_of_the_smooth_form_are_those_of_differences(duty, period):
-    time = jnp.arange(300.0) / RATE
+    time = jnp.arange(300.0) / RATE + 0.003  # no sample halfway between edges, where the slope turns over
     weights = jnp.cos(jnp.arange(300.0))
 
     def both(values):
