@@ -10,10 +10,11 @@ From then on, a cycle that begins with v_i would by OFI end with v_f = v_i + J(T
 what looks like drift is taken out, and what looks like a change of speed is kept. A change spread over cycles, in each
 less than ε, is lost with the drift; and while nothing is updated, the velocity at one heel strike stands for that at
 all. Behind the last cycle, and between cycles that do not touch, it is OFI again. The displacement is the integral of
-v by trapezoids.
+v by trapezoids. A recording of several bouts starts anew at samples whose velocity is known: each bout has initial heel
+strikes of its own.
 
 `updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
-velocity at the first heel strike); `integrated` is OFI over the whole recording. Everything is differentiable in the
+velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. Everything is differentiable in the
 acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the cycles
 always is.
 
@@ -82,18 +83,39 @@ class Covered(NamedTuple):
 
 
 class _Sampled(NamedTuple):
-    """The recording as all methods take it: acceleration, steps of time, cycles, and OFI of each piece of it."""
+    """The recording as all methods take it.
+
+    Attributes:
+        acc: (T,) acceleration [m/s²].
+        steps: (T,) time since the sample before [s].
+        cycles: where they are.
+        at: the same by sample.
+        given: (T,) bool, the velocity is known there, outside cycles.
+        restart: (T,) bool, that, or a cycle begins or ends: OFI starts anew.
+        change: (T,) OFI since the one before [m/s].
+        start: (T,) the velocity known last before each sample [m/s].
+        behind: (T,) bool, it was known after the last cycle ended.
+        anew: (K,) bool, it was known between the cycle before and this one, or there is no cycle before.
+        begin: (K,) known there [m/s].
+    """
 
     acc: Any
     steps: Any
     cycles: Cycles
     at: Placed
+    given: Any
+    restart: Any
     change: Any
+    start: Any
+    behind: Any
+    anew: Any
+    begin: Any
 
 
 def updated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
     initial: int = 3, soft: bool = False, optimum: bool = True, mask: ArrayLike | None = None,
+    known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
     """The velocity update.
 
@@ -102,11 +124,13 @@ def updated(
         acc: (T,) forward acceleration, without gravity [m/s²], finite.
         cycles: from heel strike to heel strike of one side.
         dt: sample time [s], or (T,) that from the sample before.
-        start: velocity at the first sample [m/s]; 0 when standing.
-        initial: how many heel strikes take their velocity from OFI, 1 or more; static.
+        start: velocity at the first sample and wherever it is known, one or (T,) [m/s]; 0 when standing.
+        initial: how many heel strikes of each bout take their velocity from OFI, 1 or more; static.
         soft: whether the gate is a sigmoid; static.
         optimum: whether OFDRI's cut-off is that of the optimum rule, or OFI's; static.
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
+        known: (T,) bool, a bout begins: the velocity is `start`, whatever came before. In a cycle, its end included, it
+            is not looked at. None: only the first sample.
 
     Returns:
         Velocity, displacement and cycles.
@@ -116,81 +140,104 @@ def updated(
     """
     if initial < 1:
         raise ValueError(f"initial must be 1 or more: no cycle begins with a known velocity otherwise; got {initial}")
-    seen = _sampled(p, acc, cycles, dt, mask)
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
     change, before, there = _changes(seen)
-    first = jnp.arange(there.shape[0]) < initial - 1
+    number = jnp.arange(there.shape[0])
+    first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < initial - 1
 
     def one(v: Any, cycle: Any) -> Any:
-        gap, gain, gated = cycle
+        anew, begin, gap, gain, gated = cycle
         off = p.threshold - jnp.abs(gain)
         gate = jax.nn.sigmoid(off / p.width) if soft else (off > 0.0).astype(gain.dtype)
         kept = jnp.where(gated, jnp.asarray(gate, gain.dtype), 0.0)
-        return v + gap + (1.0 - kept) * gain, (v + gap, kept)
+        begun = jnp.where(anew, begin, v) + gap
+        return begun + (1.0 - kept) * gain, (begun, kept)
 
-    begin = jnp.asarray(start, seen.acc.dtype)
-    begun, kept = lax.scan(one, begin, (before, change, there & ~first))[1]
-    return _covered(p, seen, begin, begun, kept, optimum=optimum)
+    rows = (seen.anew, seen.begin, before, change, there & ~first)
+    begun, kept = lax.scan(one, jnp.zeros_like(seen.acc[0]), rows)[1]
+    return _covered(p, seen, begun, kept, optimum=optimum)
 
 
 def frozen(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    optimum: bool = True, mask: ArrayLike | None = None,
+    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
-    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike.
+    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout.
 
     Arguments, result and errors as of `updated`; `updated` is False everywhere.
     """
-    seen = _sampled(p, acc, cycles, dt, mask)
-    begin = jnp.asarray(start, seen.acc.dtype)
-    begun = jnp.broadcast_to(begin + _changes(seen)[1][0], seen.at.valid.shape)
-    return _covered(p, seen, begin, begun, jnp.ones_like(begun), optimum=optimum)
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
+    number = jnp.arange(seen.anew.shape[0])
+    begun = (seen.begin + _changes(seen)[1])[lax.cummax(jnp.where(seen.anew, number, 0))]
+    return _covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
 
 
 def integrated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    mask: ArrayLike | None = None,
+    mask: ArrayLike | None = None, known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
-    """OFI over the whole recording, its filter never started anew; cycles only tell where lengths are read.
+    """OFI over each bout, its filter never started anew within; cycles only tell where lengths are read.
 
     Arguments, result and errors as of `updated`; `updated` is True for every cycle.
     """
-    seen = _sampled(p, acc, cycles, dt, mask)
-    found = since(seen.acc, seen.steps, p.cutoff_hz)
-    velocity = jnp.asarray(start, seen.acc.dtype) + found.change
-    way = _way(velocity, velocity, seen)
-    begun = velocity[cycles.begin]
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
+    velocity = seen.start + since(seen.acc, seen.steps, p.cutoff_hz, seen.given).change
+    left = jnp.concatenate([jnp.where(seen.given[:-1], seen.start[1:], velocity[:-1]), velocity[-1:]])
+    way, begun = _way(left, velocity, seen), left[cycles.begin]
     return _listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
 
 
-def _sampled(p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, mask: Any) -> _Sampled:
+def _sampled(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike, mask: Any, known: Any
+) -> _Sampled:
     values, steps = _checked(acc, dt, mask)
     at = placed(cycles, values.shape[0])
-    return _Sampled(values, steps, cycles, at, since(values, steps, p.cutoff_hz, at.restart).change)
+    given = jnp.zeros_like(at.inside) if known is None else jnp.asarray(known, bool)
+    starts = jnp.asarray(start, values.dtype)
+    if given.shape != values.shape or starts.shape not in ((), values.shape):
+        raise ValueError(
+            f"known must be {values.shape} as the signal, start that or one number; got {given.shape}, {starts.shape}"
+        )
+    anew = given & ~at.inside
+    starts = jnp.broadcast_to(starts, values.shape)
+    restart = at.restart | anew
+    change = since(values, steps, p.cutoff_hz, restart).change
+    index = jnp.arange(values.shape[0], dtype=jnp.int32)
+    upto = lax.cummax(jnp.where(anew, index, -1))
+    before = jnp.concatenate([jnp.full_like(upto[:1], -1), upto[:-1]])
+    ends = jnp.asarray(cycles.end).astype(jnp.int32)
+    ended = jnp.where(at.ended > 0, ends[jnp.maximum(at.ended - 1, 0)], -1)
+    # of each cycle, what was known up to and with the sample at which it begins
+    last = upto[cycles.begin]
+    earlier = jnp.concatenate([jnp.full_like(ends[:1], -1), ends[:-1]])
+    return _Sampled(
+        values, steps, cycles, at, anew, restart, change, starts[jnp.maximum(before, 0)], before >= ended,
+        (last >= earlier) & at.valid, starts[jnp.maximum(last, 0)],
+    )  # fmt: skip
 
 
 def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
     """OFI over each cycle, and over what lies between it and the cycle before; and whether there is one."""
     begin, there = seen.cycles.begin, seen.at.valid
-    touches = seen.at.inside[begin]
+    # a cycle may begin where the one before ends, or where the velocity is known
+    gap = ~seen.at.inside[begin] & ~seen.given[begin]
     over = jnp.where(there, seen.change[seen.cycles.end], 0.0)
-    return over, jnp.where(there & ~touches, seen.change[begin], 0.0), there
+    return over, jnp.where(there & gap, seen.change[begin], 0.0), there
 
 
-def _covered(
-    p: VelocityUpdateParams, seen: _Sampled, start: Array, begun: Array, kept: Array, *, optimum: bool
-) -> Covered:
+def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
     """All samples, given with what each cycle begins and how much of it is OFDRI."""
     cycles, at = seen.cycles, seen.at
     change = _changes(seen)[0]
     cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
     stop = begun + (1.0 - kept) * change
-    behind = jnp.where(at.ended > 0, stop[jnp.maximum(at.ended - 1, 0)], start)
+    behind = jnp.where(seen.behind, seen.start, stop[jnp.maximum(at.ended - 1, 0)])
     base = jnp.where(at.inside, begun[at.number], behind)
     direct = base + seen.change
     both = direct_reverse_cycles(seen.acc, cycles, begun, begun, seen.steps, cutoff, p.beta)
     velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
     # An interval begins with the velocity of its own piece, which at a mark may be another than that up to it.
-    left = jnp.where(at.restart[:-1], base[1:], velocity[:-1])
+    left = jnp.where(seen.restart[:-1], base[1:], velocity[:-1])
     way = _way(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
     return _listed(seen, velocity, way, begun, change, kept)
 
