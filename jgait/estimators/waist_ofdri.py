@@ -63,6 +63,9 @@ TURNING = 0.35
 TURNED = 1.0
 """[rad] After a turn by more, a bias of the accelerometer has turned round, and integration is not to be relied on."""
 
+EDGE_STEPS = 2
+"""So many intervals after standing, and before it, are of setting off and of stopping."""
+
 FLAGS = ("turning", "unsure")
 """What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
 
@@ -173,10 +176,13 @@ def _turned(inputs: WaistInputs, found: Intervals) -> Any:
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Any:
-    """(K,) of the pendulum's steps [m²]: in turns, and where a walk ends in standing, it says less."""
-    closes = jnp.concatenate([inputs.stands[1:], jnp.zeros_like(inputs.stands[:1])]) & inputs.steps
+    """(K,) of the pendulum's steps [m²]: in turns, and in setting off and stopping, it says less."""
+    edge = inputs.stands
+    for _ in range(EDGE_STEPS):
+        none = jnp.zeros_like(edge[:1])
+        edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])
     turned = (p.turn_noise * found.turn) ** 2
-    return p.step_noise**2 + turned + jnp.where(closes, p.edge_noise**2, 0.0)
+    return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 
 
 def _fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, options: WaistOptions) -> Walked:

@@ -37,7 +37,7 @@ class WaistParams(NamedTuple):
         turn_shortening: how much shorter than the pendulum's a step is that turns, for every radian [1/rad].
         step_noise: error of the pendulum's step, white from step to step [m].
         turn_noise: by how much that grows with the turn over the step [m/rad].
-        edge_noise: error of the pendulum's step where a walk ends in standing, closing the feet [m].
+        edge_noise: error of the pendulum's step in setting off from standing and in stopping [m].
         speed_noise: root of the spectral density of the forward acceleration's error [m/s²/√Hz].
         acc_bias: standard deviation of the forward acceleration's bias after standing [m/s²].
         acc_bias_unknown: the same without any standing [m/s²].
