@@ -11,8 +11,8 @@ import numpy as np
 
 from jgait import events, zero_velocity
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, capacity
-from jgait.estimators.foot_rest import Rest, rest
 from jgait.kinematics import GRAVITY
+from jgait.rest import Rest, rest
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 SLOWEST_HZ = 45.0

@@ -11,11 +11,11 @@ import numpy as np
 
 from jgait import rotation, shank_axes, shank_events, trunk_axes, trunk_events
 from jgait.estimators import waist_motion
-from jgait.estimators.foot_rest import rest
 from jgait.estimators.interface import bucket
 from jgait.estimators.waist_inputs import PER_NODE, WaistInputs, capacity, pad
 from jgait.estimators.waist_params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.kinematics import GRAVITY, Vector, vector
+from jgait.rest import rest
 from jgait.signal import true_runs, window_size
 from jgait.trunk_axes import TrunkAxes
 from jgait.types import Imu, Recording, RecordingError, as_float

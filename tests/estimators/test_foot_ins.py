@@ -5,9 +5,10 @@ import pytest
 from made_foot import foot
 
 from jgait import datasets, estimators
-from jgait.estimators import foot_ins, foot_rest, foot_windows
+from jgait.estimators import foot_ins, foot_windows
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_params import TEXTBOOK, TRANSFORMS
+from jgait.rest import rest
 from jgait.types import Imu, Recording, RecordingError
 
 STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)
@@ -293,7 +294,7 @@ def test_rest_weighs_windows_by_their_length():
     gyr = rng.normal(scale=0.005, size=(2000, 3)) + np.array([0.02, 0.0, -0.01])
     gyr[400:1500] += 3.0 * np.sin(np.arange(1100) / 10.0)[:, None]
     acc = np.tile([0.0, 0.0, 9.9], (2000, 1))
-    found = foot_rest.rest(gyr, acc, np.ones(2000, bool), 100.0)
+    found = rest(gyr, acc, np.ones(2000, bool), 100.0)
     np.testing.assert_allclose(found.gyr_bias, [0.02, 0.0, -0.01], atol=1e-3)
     assert found.force == pytest.approx(9.9)
     assert found.time > 4.0

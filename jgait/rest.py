@@ -1,4 +1,4 @@
-"""Where a sensor on a foot rests, and what it reads there; NumPy, on the host."""
+"""Where a sensor on a foot or on the trunk rests, and what it reads there; NumPy, on the host."""
 
 from typing import NamedTuple
 
@@ -7,13 +7,13 @@ import numpy as np
 from jgait.signal import true_runs
 
 QUIET_WINDOW = 0.5
-"""[s] Over which the spread of the rate tells whether a foot rests."""
+"""[s] Over which the spread of the rate tells whether a sensor rests."""
 
 QUIET = 1.5
 """A window rests if its spread is at most this many times the least there is [1]."""
 
 RESTLESS = 0.1
-"""[rad/s] If even the quietest window spreads more than this, the foot never rests."""
+"""[rad/s] If even the quietest window spreads more than this, the sensor never rests."""
 
 
 class Rest(NamedTuple):
@@ -36,7 +36,13 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     """Where a sensor rests, and what it reads there.
 
     The spread of the rate over half a second tells it, not the rate itself, which a bias shifts. A window's mean errs
-    by how far the foot turns unseen, over its length; so windows weigh as their length squared.
+    by how far the sensor turns unseen, over its length; so windows weigh as their length squared.
+
+    Args:
+        gyr: (T, 3) [rad/s], finite.
+        acc: (T, 3) [m/s²], finite.
+        mask: (T,) bool, False where a sample was lost.
+        sampling_rate_hz: of the samples [Hz].
     """
     size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
     if len(gyr) <= size:
