@@ -12,6 +12,7 @@ import numpy as np
 from jgait import butterworth, shank_axes, shank_baselines, shank_events, shank_stance
 from jgait.estimators.ankle_inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_params import AnkleOptions, check_options
+from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.shank_axes import Axes
 from jgait.signal import longest_still, true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -100,33 +101,8 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
         raise RecordingError(f"ankle_stride needs {low:g} to {high:g} Hz; the recording has {rate:g} Hz")
     if time.size < max(LEAST_SECONDS * rate, 10):
         raise RecordingError(f"ankle_stride needs a second or more; '{names[0]}' has {time.size} samples")
-    step = np.diff(time)
-    if not np.all(step > 0):
-        row = int(np.argmin(step > 0)) + 1
-        raise RecordingError(
-            f"time must increase from sample to sample; '{names[0]}' has {time[row - 1]:.4f} s, then "
-            f"{time[row]:.4f} s at sample {row}"
-        )
-    own = 1.0 / float(np.median(step))
-    if abs(own / rate - 1.0) > 0.05:
-        raise RecordingError(f"'{names[0]}' has a sample every {1.0 / own:.4g} s, and is said to have {rate:g} Hz")
-    for name in names:
-        imu = recording.sensors[name]
-        other = as_float(imu.time)
-        if other.shape != time.shape or np.max(np.abs(other - time)) > 0.5 / rate:
-            raise RecordingError(
-                f"ankle_stride needs both legs on one clock; '{name}' has {other.size} samples from {other[0]:.3f} s, "
-                f"'{names[0]}' has {time.size} from {time[0]:.3f} s: resample them together first"
-            )
-        if imu.acc is None:
-            raise RecordingError(f"ankle_stride needs an accelerometer; '{name}' has only a gyroscope")
-        for what, values in (("gyr", as_float(imu.gyr)), ("acc", as_float(imu.acc))):
-            if values.shape != (time.size, 3):
-                raise RecordingError(f"{what} of '{name}' must have shape ({time.size}, 3); got {values.shape}")
-            if not np.all(np.isfinite(values)):
-                raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
-        if not np.any(imu.mask):
-            raise RecordingError(f"every sample of '{name}' is masked as lost")
+    common_time(recording, names, "ankle_stride", "both legs")
+    check_nominal_rate(time, names[0], rate)
     return time
 
 

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait import events, zero_velocity
+from jgait.estimators.checks import common_time
 from jgait.estimators.foot_inputs import FootInputs, FootSignals, capacity
 from jgait.kinematics import GRAVITY
 from jgait.rest import Rest, rest
-from jgait.types import SIDES, Imu, Recording, RecordingError
+from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SLOWEST_HZ = 45.0
 """A heel strike lasts some 30 ms: below this rate the jolt falls between samples."""
@@ -90,34 +91,14 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Preparation:
 
 def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
     """The time that all feet share, checked together with the signals."""
-    time = np.asarray(recording.sensors[f"foot_{sides[0]}"].time, np.float64)
+    time = as_float(recording.sensors[f"foot_{sides[0]}"].time)
     if time.size < 3:
         raise RecordingError(f"foot_ins needs a walk; 'foot_{sides[0]}' has {time.size} samples")
-    step = np.diff(time)
-    if not np.all(step > 0):
-        row = int(np.argmin(step > 0)) + 1
-        raise RecordingError(
-            f"time must increase from sample to sample; 'foot_{sides[0]}' has {time[row - 1]:.4f} s, then "
-            f"{time[row]:.4f} s at sample {row}"
-        )
-    rate = 1.0 / float(np.median(step))
+    names = [f"foot_{side}" for side in sides]
+    common_time(recording, names, "foot_ins", "both feet")
+    rate = 1.0 / float(np.median(np.diff(time)))
     if rate < SLOWEST_HZ:
         raise RecordingError(f"foot_ins needs {SLOWEST_HZ:g} Hz or more; the recording has {rate:.1f} Hz")
-    for side in sides:
-        name, imu = f"foot_{side}", recording.sensors[f"foot_{side}"]
-        other = np.asarray(imu.time, np.float64)
-        if other.shape != time.shape or np.max(np.abs(other - time)) > 0.5 * np.median(step):
-            raise RecordingError(
-                f"foot_ins needs both feet on one clock; '{name}' has {other.size} samples from {other[0]:.3f} s, "
-                f"'foot_{sides[0]}' has {time.size} from {time[0]:.3f} s: resample them together first"
-            )
-        if imu.acc is None:
-            raise RecordingError(f"foot_ins needs an accelerometer; '{name}' has only a gyroscope")
-        for what, values in (("gyr", np.asarray(imu.gyr)), ("acc", np.asarray(imu.acc))):
-            if values.shape != (time.size, 3):
-                raise RecordingError(f"{what} of '{name}' must have shape ({time.size}, 3); got {values.shape}")
-            if not np.all(np.isfinite(values)):
-                raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
     return time
 
 
@@ -156,8 +137,6 @@ def _foot(
     """One foot's signals and decisions, in words what was noticed, and its longest rest."""
     notes: list[str] = []
     mask = np.asarray(imu.mask, bool)
-    if not mask.any():
-        raise RecordingError(f"every sample of '{name}' is masked as lost")
     gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.checks import common_time
 from jgait.estimators.leg_inputs import LegInputs, LegSignals, Preparation, Segment
 from jgait.signal import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError
@@ -46,25 +47,7 @@ def _common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[st
     time = np.asarray(sensors[first].time, np.float64)
     if time.size < 3:
         raise RecordingError(f"leg_ekf needs a walk; '{first}' has {time.size} samples")
-    step = np.diff(time)
-    if not np.all(step > 0):
-        row = int(np.argmin(step > 0)) + 1
-        raise RecordingError(
-            f"time must increase from sample to sample; '{first}' has {time[row - 1]:.4f} s, then {time[row]:.4f} s"
-            f" at sample {row}"
-        )
-    for name, imu in sensors.items():
-        other = np.asarray(imu.time, np.float64)
-        if other.shape != time.shape or np.max(np.abs(other - time)) > 0.5 * np.median(step):
-            raise RecordingError(
-                f"leg_ekf needs thigh and shank on one clock; '{name}' has {other.size} samples from {other[0]:.3f} s, "
-                f"'{first}' has {time.size} from {time[0]:.3f} s: resample them together first"
-            )
-        gyr = np.asarray(imu.gyr)
-        if gyr.shape != (time.size, 3):
-            raise RecordingError(f"gyr of '{name}' must have shape ({time.size}, 3); got {gyr.shape}")
-        if not np.all(np.isfinite(gyr)) or (imu.acc is not None and not np.all(np.isfinite(np.asarray(imu.acc)))):
-            raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
+    common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
     return sensors, time
 
 

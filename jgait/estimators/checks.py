@@ -1,0 +1,74 @@
+"""What every estimator asks of the sensors it is given, and how it says that something else came."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jgait.types import Imu, Recording, RecordingError, as_float
+
+
+def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
+    """The time that sensors share, checked together with their signals.
+
+    Args:
+        recording: has all of them.
+        names: their placements.
+        caller: the estimator, subject of the message.
+        what: what they are, as in "both feet".
+        acc: whether all of them need an accelerometer.
+
+    Returns:
+        (T,) [s].
+
+    Raises:
+        RecordingError: clocks that run backwards or differ, signals of the wrong shape, NaN, nothing that is not
+            masked, no accelerometer.
+    """
+    time = as_float(recording.sensors[names[0]].time)
+    step = np.diff(time)
+    if not np.all(step > 0):
+        row = int(np.argmin(step > 0)) + 1
+        raise RecordingError(
+            f"time must increase from sample to sample; '{names[0]}' has {time[row - 1]:.4f} s, then {time[row]:.4f} s "
+            f"at sample {row}"
+        )
+    for name in names:
+        imu = recording.sensors[name]
+        other = as_float(imu.time)
+        if other.shape != time.shape or np.max(np.abs(other - time)) > 0.5 * np.median(step):
+            raise RecordingError(
+                f"{caller} needs {what} on one clock; '{name}' has {other.size} samples from {other[0]:.3f} s, "
+                f"'{names[0]}' has {time.size} from {time[0]:.3f} s: resample them together first"
+            )
+        if acc and imu.acc is None:
+            raise RecordingError(f"{caller} needs an accelerometer; '{name}' has only a gyroscope")
+        _check_signals(imu, name, time.size)
+    return time
+
+
+def _check_signals(imu: Imu, name: str, samples: int) -> None:
+    for what, values in (("gyr", imu.gyr), ("acc", imu.acc)):
+        if values is None:
+            continue
+        if np.shape(values) != (samples, 3):
+            raise RecordingError(f"{what} of '{name}' must have shape ({samples}, 3); got {np.shape(values)}")
+        if not np.all(np.isfinite(as_float(values))):
+            raise RecordingError(f"'{name}' holds NaN or infinity; lost samples belong in the mask (see jgait.io)")
+    if not np.any(imu.mask):
+        raise RecordingError(f"every sample of '{name}' is masked as lost")
+
+
+def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
+    """Refuse a sampling rate that the clock does not have.
+
+    Args:
+        time: (T,) [s], increasing.
+        name: the sensor's placement.
+        rate_hz: what the recording says [Hz].
+
+    Raises:
+        RecordingError: if they differ by a twentieth or more.
+    """
+    own = 1.0 / float(np.median(np.diff(time)))
+    if abs(own / rate_hz - 1.0) > 0.05:
+        raise RecordingError(f"'{name}' has a sample every {1.0 / own:.4g} s, and is said to have {rate_hz:g} Hz")
