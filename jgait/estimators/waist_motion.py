@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jgait import butterworth, filtering
 from jgait.estimators import waist_orientation
 from jgait.estimators.waist_inputs import WaistInputs
-from jgait.estimators.waist_orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
+from jgait.estimators.waist_orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
 from jgait.estimators.waist_params import WaistParams
 from jgait.filtering.execution import Execution
 from jgait.kinematics import GRAVITY, Vector, subtract, vector
@@ -52,7 +52,27 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, executio
         smooth: whether later samples judge earlier ones; static.
         execution: see `jgait.filtering`.
     """
-    state = _attitude(p, inputs, smooth=smooth, execution=execution)
+    return _seen(p, inputs, _attitude(p, inputs, smooth=smooth, execution=execution).mean)
+
+
+def motion_and_likelihood(
+    p: WaistParams, inputs: WaistInputs, *, execution: Execution = "dense"
+) -> tuple[TrunkMotion, Any]:
+    """How the trunk moves by the filter alone, and the log-likelihood of what the accelerometer reads.
+
+    A gyroscope that turns the other way makes it less: what leans by gravity then leans the other way by rate.
+
+    Args:
+        p: parameters.
+        inputs: signals; decisions on steps are not used.
+        execution: see `jgait.filtering`.
+    """
+    posterior = _attitude(p, inputs, smooth=False, execution=execution)
+    return _seen(p, inputs, posterior.mean), jnp.sum(posterior.log_likelihood)
+
+
+def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
+    """What an attitude makes of both sensors' readings."""
     one, none = jnp.ones_like(inputs.dt), jnp.zeros_like(inputs.dt)
     force = rotated(state.attitude, subtract(vector(inputs.acc), state.acc_bias))
     rate = rotated(state.attitude, subtract(vector(inputs.gyr), state.gyr_bias))
@@ -72,7 +92,7 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, executio
 
 
 def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: Execution) -> Any:
-    """Attitude and biases at each sample."""
+    """Attitude and biases at each sample: what the filter, or the smoother, gives."""
     gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
     lost = jnp.where(inputs.measured, 0.0, LOST_RATE)
     density = jnp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)
@@ -94,4 +114,4 @@ def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: E
         mask=inputs.measured,
         initial=start,
         execution=execution,
-    ).mean
+    )
