@@ -99,7 +99,7 @@ def begin(size: int, channels: int, dtype: Any) -> State:
     return State(jnp.zeros((size, channels), dtype), none, no, no, none, none)
 
 
-def step(p: Neighbours, dt: ArrayLike, s: State, signals: Array, rate: Array, usable: Array) -> tuple[State, Array]:
+def step(p: Neighbours, dt: Any, s: State, signals: Array, rate: Array, usable: Array) -> tuple[State, Array]:
     """One sample: what the rate should be, and the state to carry on.
 
     Args:

@@ -2,8 +2,8 @@ r"""Filling a gyroscope's gaps with a filter's prediction: three models of a str
 
 All run in `jgait.filtering`; where the gyroscope is off the filter predicts, and the mean is the filled rate.
 
-`extrapolate`: a rate and its slope, both of which die away; linear. `resonate`: a mean and `HARMONICS` pairs that turn at
-multiples of the estimated stride frequency f (a control); linear:
+`extrapolate`: a rate and its slope, both of which die away; linear. `resonate`: a mean and `HARMONICS` pairs that turn
+at multiples of the estimated stride frequency f (a control); linear:
 
     ω = c_0 + Σ_k c_k,   (c_k, s_k) ← (c_k cos φ_k − s_k sin φ_k, c_k sin φ_k + s_k cos φ_k),   φ_k = 2π k f Δt.
 
@@ -12,8 +12,9 @@ multiples of the estimated stride frequency f (a control); linear:
     θ ← θ + ν Δt,   y_i = b_{i0} + Σ_k (b_{ik} cos kθ + b'_{ik} sin kθ),
 
 an extended Kalman filter. With the accelerometer, which never sleeps, its series hold the phase through a gap; without
-it the phase runs on at the last frequency. The estimated stride period is one more, weak observation, of ν: it starts
-the filter, for with no series yet nothing else tells the frequency.
+it the phase runs on at the last frequency. The estimated stride period is one more, weak observation, of ν: the one
+at the first gap starts the filter, for with no series yet nothing else tells the frequency. (No sample before the gap
+is filled, so the filled rate stays causal; a device would run the filter over the first strides when the gap begins.)
 """
 
 from functools import partial
@@ -227,20 +228,22 @@ class Oscillation(NamedTuple):
         gyro_noise: of a sample, and what the series leaves over [rad/s].
         acc_noise: the same of the accelerometer [m/s²].
         pace_noise: of the angular frequency that the stride period tells at one sample [rad/s].
+        start_noise: of the angular frequency that it tells at the first gap [rad/s].
         least_strides: that must have been measured before anything but holding is trusted [strides].
     """
 
     frequency_noise: Any = 0.1
     phase_noise: Any = 0.05
-    change: Any = 0.05
+    change: Any = 0.15
     gyro_noise: Any = 0.3
-    acc_noise: Any = 2.0
-    pace_noise: Any = 2.0
+    acc_noise: Any = 4.0
+    pace_noise: Any = 1.0
+    start_noise: Any = 0.15
     least_strides: Any = 2.0
 
 
 OSCILLATION = Oscillation()
-OSCILLATION_TRANSFORMS = Oscillation(*(positive,) * 6, least_strides=fixed)
+OSCILLATION_TRANSFORMS = Oscillation(*(positive,) * 7, least_strides=fixed)
 
 
 ACC_UNIT = 3.0
@@ -270,7 +273,10 @@ def _start(count: int, p: Oscillation) -> Belief:
     zero = jnp.zeros_like(p.gyro_noise)
     mean = _oscillator(zero, zero + TWO_PI / 1.2, zero, zero, count)
     # The phase's origin is arbitrary: the first sample has none.
-    return Belief(mean, Covariance.from_variances(_oscillator(zero + 1e-6, zero + 1.0, zero + 9.0, zero + 2.0, count)))
+    return Belief(
+        mean,
+        Covariance.from_variances(_oscillator(zero + 1e-6, zero + p.start_noise**2, zero + 9.0, zero + 2.0, count)),
+    )
 
 
 def _run_on(p: Oscillation, s: Oscillator, control: Any, dt: Any) -> Oscillator:
@@ -326,9 +332,13 @@ def oscillate(
     p, told = in_type(params, s), pace(s, sampling_rate_hz)
     felt = () if s.acc is None else tuple(s.acc[:, axis] / ACC_UNIT for axis in range(3))
     always = jnp.ones_like(s.usable)
+    model = OSCILLATORS[1 + len(felt)]
+    believed = _start(1 + len(felt), p)
+    at_first_gap = told.period[jnp.where(s.usable.all(), -1, jnp.argmin(s.usable))]
+    believed = believed._replace(mean=believed.mean._replace(frequency=TWO_PI / at_first_gap))
     found = kalman_filter(
-        OSCILLATORS[1 + len(felt)], p, Seen((s.rate, *felt), TWO_PI / told.period), dt=1.0 / sampling_rate_hz,
-        mask=Seen((s.usable, *(always,) * len(felt)), told.known), method=EKF(), keep=("mean",),
+        model, p, Seen((s.rate, *felt), TWO_PI / told.period), dt=1.0 / sampling_rate_hz,
+        mask=Seen((s.usable, *(always,) * len(felt)), told.known), method=EKF(), keep=("mean",), initial=believed,
     )  # fmt: skip
     filled = jax.vmap(lambda mean: _sounds(p, mean, None).signals[0])(found.mean)
     return finished(s, filled, measured_enough(told, p.least_strides))
