@@ -142,13 +142,15 @@ def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
 
 
 def durations(leg: AnkleSignals) -> tuple[Any, Any]:
-    """When each stride starts, and how long it lasts [s].
+    """When each stride starts, and the time that its speed is over [s].
 
-    A stride starts with the contact that ends the one before; where there is none, when the shank begins to swing.
+    A stride starts with the contact that ends the one before, and lasts from contact to contact; where there is none,
+    it starts when the shank begins to swing, and its speed is over the time from standing to standing.
     """
     before = jnp.concatenate([leg.leaves[:1], leg.lands[:-1]])
     start = jnp.where(leg.follows, before, leg.leaves)
-    return start, jnp.maximum(leg.lands - start, 1e-3)
+    stood = (leg.end - leg.begin).astype(leg.lands.dtype) / leg.rate_hz
+    return start, jnp.maximum(jnp.where(leg.follows, leg.lands - start, stood), 1e-3)
 
 
 def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> Strides:
