@@ -192,6 +192,12 @@ class _Differences(NamedTuple):
     acc_weight: Any
 
 
+def _shrunk(total: Any, weight: Any, some: float) -> Any:
+    """Mean difference at each lag; where little was seen, it is drawn to 1.5 times their mean, a poor fit."""
+    typical = (total.sum() + 1.0) / (weight.sum() + 1.0)
+    return (total + 1.5 * some * typical) / (weight + some)
+
+
 @partial(jax.jit, static_argnames=("sampling_rate_hz", "memory_s"))
 def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
     r"""The stride period, and how many strides were measured; a decision, without gradient.
@@ -213,6 +219,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
     keep, half = float(np.exp(-dt / memory_s)), float(np.exp(-dt / 0.5))
     blank = jnp.zeros(len(lags), dtype)
     force = jnp.zeros((len(s.rate), 3), dtype) if s.acc is None else s.acc
+    some = 0.05 * sampling_rate_hz
     longer = jnp.asarray(1.0 + 0.1 * lags * dt, dtype)  # of a period and its double, the period
 
     def step(carry: Any, sample: Any) -> tuple[Any, Any]:
@@ -229,13 +236,14 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
             keep * d.acc_weight + there,
         )
         power = jnp.where(on, half * power + (1.0 - half) * rate**2, power)
-        # A lag of which little was seen is taken for one that does not fit: two unrelated samples of a walk.
-        some = 0.2 * sampling_rate_hz
-        mean = (d.rate + 2.0 * some) / (d.rate_weight + some)
+        mean = _shrunk(d.rate, d.rate_weight, some)
         if s.acc is not None:
-            mean = mean + (d.acc + 2.0 * some) / (d.acc_weight + some)
+            mean = mean + _shrunk(d.acc, d.acc_weight, some)
         score = mean * longer
-        at = jnp.clip(jnp.argmin(score), 1, len(lags) - 2)
+        # The shortest and the longest lag may be on a slope; a period is a valley.
+        inner = score[1:-1]
+        valley = (inner <= score[:-2]) & (inner <= score[2:])
+        at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
         shift = vertex(-score[at - 1], -score[at], -score[at + 1])
         period = ((lags[0] + at).astype(dtype) + shift) * dt
         walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
@@ -252,8 +260,9 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
 
 
 def measured_enough(told: Pace, least_strides: ArrayLike) -> Array:
-    """(T,) bool, where at least so many strides were measured, counted to the nearest whole one."""
-    return told.strides >= jnp.asarray(least_strides, told.strides.dtype) - 0.5
+    """(T,) bool, since when at least so many strides were measured, counted to the nearest whole one."""
+    measured = told.known & (told.strides >= jnp.asarray(least_strides, told.strides.dtype) - 0.5)
+    return lax.cummax(measured.astype(jnp.int32)) > 0
 
 
 class Hold(NamedTuple):

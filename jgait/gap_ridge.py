@@ -19,6 +19,8 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jgait.gap_filling import Filled, Filler, Signals, Thigh, check_signals, finished, in_type, measured_enough, pace
+from jgait.gap_neighbours import NEIGHBOURS, Neighbours, neighbours
+from jgait.gap_neighbours import TRANSFORMS as NEIGHBOURS_TRANSFORMS
 from jgait.params import fixed, interval, positive
 
 HISTORY_S, SPACING_S = 0.4, 0.04
@@ -134,15 +136,63 @@ def _filled(s: Signals, p: Ridge, sampling_rate_hz: float, latency: int) -> Fill
     return finished(s, told, measured_enough(pace(s, sampling_rate_hz), p.least_strides), latency)
 
 
+LATER_S = 0.4
+"""[s] Latency of the variant that waits."""
+
+
 def _later(*args: Any, **kwargs: Any) -> Filled:
-    """`ridge` with 0.4 s of latency."""
+    """`ridge` with `LATER_S` of latency."""
     return ridge(*args, latency_s=LATER_S, **kwargs)
 
 
-LATER_S = 0.4
-"""[s] Latency of the variant that waits."""
+class Blend(NamedTuple):
+    """Parameters of `blend`.
+
+    Attributes:
+        share: of the regression in the filled rate [1].
+        neighbours: parameters of `gap_neighbours.neighbours`.
+        ridge: parameters of `ridge`.
+    """
+
+    share: Any = 0.5
+    neighbours: Neighbours = NEIGHBOURS
+    ridge: Ridge = RIDGE
+
+
+BLEND = Blend()
+BLEND_TRANSFORMS = Blend(interval(0.0, 1.0), NEIGHBOURS_TRANSFORMS, TRANSFORMS)
+
+
+def blend(
+    rate: ArrayLike, usable: ArrayLike, acc: ArrayLike | None, sampling_rate_hz: float, params: Blend = BLEND, *,
+    thigh: Thigh | None = None,
+) -> Filled:  # fmt: skip
+    """A weighted mean of `ridge` and `neighbours`, whose errors differ where strides do: short walks over ground.
+
+    On a treadmill the neighbours alone do better.
+
+    Args:
+        rate: (T,) sagittal rate of the shank [rad/s]; anything where it is off.
+        usable: (T,) bool, where the gyroscope was on and awake.
+        acc: (T, 3) specific force of the shank [m/s²], never switched off.
+        sampling_rate_hz: of the samples [Hz]; static.
+        params: parameters.
+        thigh: signals of the thigh, if worn.
+
+    Returns:
+        The filled rate; filled where both are.
+
+    Raises:
+        ValueError: as `ridge`.
+    """
+    line = ridge(rate, usable, acc, sampling_rate_hz, params.ridge, thigh=thigh)
+    near = neighbours(rate, usable, acc, sampling_rate_hz, params.neighbours, thigh=thigh)
+    share = jnp.asarray(params.share).astype(line.rate.dtype)
+    return Filled(near.rate + share * (line.rate - near.rate), jnp.maximum(line.how, near.how), line.latency)
+
 
 FILLERS = {
     "ridge": Filler(ridge, RIDGE, TRANSFORMS, needs_acc=True),
     "ridge_later": Filler(_later, RIDGE, TRANSFORMS, needs_acc=True),
+    "blend": Filler(blend, BLEND, BLEND_TRANSFORMS, needs_acc=True),
 }

@@ -89,7 +89,7 @@ class TestInterface:
     def test_the_accelerometer_is_asked_for_where_it_is_needed(self, name):
         one = fillers()[name]
         rate, _ = walk(120)
-        if name in ("neighbours", "ridge", "ridge_later"):
+        if name in ("neighbours", "ridge", "ridge_later", "blend"):
             assert one.needs_acc
             with pytest.raises(ValueError, match="acc is None"):
                 one.fill(rate, schedule(120), None, RATE_HZ, one.params)

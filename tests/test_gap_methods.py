@@ -7,7 +7,7 @@ from test_gap_filling import COUNT, RATE_HZ, schedule, walk
 from jgait.gap_filling import Thigh
 from jgait.gap_neighbours import NEIGHBOURS, neighbours
 from jgait.gap_oscillator import EXTRAPOLATION, extrapolate
-from jgait.gap_ridge import RIDGE, ridge
+from jgait.gap_ridge import BLEND, RIDGE, blend, ridge
 
 
 def error(found, rate, on):
@@ -86,3 +86,12 @@ def test_extrapolation_dies_away_as_its_model_does():
     b = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.slope_decay_s))
     np.testing.assert_allclose(found[2:], (a + b) * found[1:-1] - a * b * found[:-2], atol=1e-12)
     assert abs(found[0] - rate[130]) < 0.3
+
+
+def test_a_blend_lies_between_its_parts_by_its_share():
+    rate, acc = walk(seed=10)
+    on = schedule()
+    line, near = ridge(rate, on, acc, RATE_HZ).rate, neighbours(rate, on, acc, RATE_HZ).rate
+    found = blend(rate, on, acc, RATE_HZ, BLEND._replace(share=0.3))
+    np.testing.assert_allclose(found.rate, 0.3 * line + 0.7 * near, atol=1e-12)
+    assert not np.allclose(line, near, atol=0.01)
