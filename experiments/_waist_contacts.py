@@ -163,7 +163,7 @@ def contacts(sets: dict[str, list[Walk]], quick: bool) -> list[Row]:
     """Every detector on every set: straight walking, and where there are turns the whole walks."""
     found, lines = [], []
     for name, walks in sets.items():
-        for detector in DETECTORS[:2] if quick else DETECTORS:
+        for detector in DETECTORS[:1] if quick else DETECTORS:
             founds = [detected(walk, detector) for walk in walks]
             suffix = "" if detector == DEFAULT.detector else f"_{detector}"
             for whole in (False, True) if name == "ipol_gait" else (False,):

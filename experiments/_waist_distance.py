@@ -172,12 +172,11 @@ def _rows(way: Way, found: Sequence[Measured], items: Sequence[Item], suffix: st
             rows.append(
                 Row(f"distance_two_sigma_pct{name}{way.key}{suffix}", share, "%", n=good.size, split=split)
             )  # fmt: skip
-    if not way.key and not suffix:
-        off = np.concatenate([one.strides for one, item in zip(found, items, strict=True) if np.isfinite(item.walk.total)]
-                             or [np.zeros(0)])  # fmt: skip
-        if off.size:
-            size = 100.0 * float(np.mean(np.abs(off)))
-            rows.append(Row("stride_mae_cm_ipol_straight", size, "cm", n=off.size, split=split))
+    both = zip(found, items, strict=True)
+    feet = [one.strides for one, item in both if item.walk.set == "ipol_gait"]
+    if feet and not way.key and not suffix:
+        off = 100.0 * np.abs(np.concatenate(feet))
+        rows.append(Row("stride_mae_cm_ipol_straight", float(np.mean(off)), "cm", n=off.size, split=split))
     return rows
 
 

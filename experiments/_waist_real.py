@@ -5,8 +5,8 @@ the first to the last. People walk on before and behind what the cameras see.
 
 `ipol_gait`: contacts of both feet, checked by hand. Distances are those of the sensors on the feet, by `foot_ins`: on
 the straight way there, the strides that begin and end with a checked contact (a first stride begins with the foot
-leaving the ground, and is none of them); of the whole walk with its U-turn, all strides, the mean of both feet. The 20 m
-that were asked for are no reference: nobody walked them.
+leaving the ground, and is none of them); of the whole walk with its U-turn, all strides, the mean of both feet. The
+20 m that were asked for are no reference: nobody walked them.
 """
 
 from typing import Any, NamedTuple
@@ -21,8 +21,8 @@ SETS = ("mobgap_lab", "ipol_gait")
 NEAR = 0.15
 """[s] Between the beginning or end of a stride of a foot's sensor and a checked contact, at most."""
 
-QUICK = {"mobgap_lab": ("HA/001/Test5/Trial2", "HA/002/Test5/Trial2"), "ipol_gait": ("4-5", "17-5")}
-"""Short walks of two people of each set."""
+QUICK = ("HA/001/Test5/Trial2", "HA/002/Test5/Trial2")
+"""Short walks of two people, of `mobgap_lab`."""
 
 
 class Windows(NamedTuple):
@@ -80,13 +80,15 @@ class Walk(NamedTuple):
 
 
 def walks(name: str, quick: bool = False) -> list[Walk]:
-    """The walks of a set with a reference; says what is left out."""
+    """The walks of a set with a reference, or a few short ones; says what is left out."""
     if not datasets.available(name):
         print(f"left out: {datasets.unavailable_reason(name)}")
         return []
     there = datasets.names(name)
-    wanted = [one for one in there if one in QUICK[name]] or there[:2] if quick else there
-    loaded = datasets.load(name, [one for one in wanted if name != "mobgap_lab" or "Test5" in one])
+    wanted = [one for one in there if name != "mobgap_lab" or "Test5" in one]
+    if quick:
+        wanted = [one for one in wanted if one in QUICK] or wanted[:2]
+    loaded = datasets.load(name, wanted)
     for failure in loaded.failures:
         print(f"{name}: {failure.name} left out: {failure.reason}")
     found = []
@@ -95,7 +97,7 @@ def walks(name: str, quick: bool = False) -> list[Walk]:
             print(f"{name}: {walk.recording.name} left out: {walk.info['no_reference']}")
             continue
         try:
-            found.append(_lab(walk) if name == "mobgap_lab" else _there_and_back(walk, quick))
+            found.append(_lab(walk) if name == "mobgap_lab" else _there_and_back(walk))
         except Exception as error:  # whatever is wrong with one walk, the others are still wanted
             print(f"{name}: {walk.recording.name} left out: {type(error).__name__}: {error}")
     return found
@@ -123,21 +125,18 @@ def _lab(walk: Any) -> Walk:
     )  # fmt: skip
 
 
-def _there_and_back(walk: Any, quick: bool) -> Walk:
+def _there_and_back(walk: Any) -> Walk:
     info = walk.info
     contacts, sides = as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"])
     last = float(as_float(walk.recording.sensors["lower_back"].time)[-1])
     parts = as_float(info["straight_parts"])
     judged = parts.copy()
     judged[0, 0], judged[-1, 1] = 0.0, last
-    pieces, total = Pieces(np.zeros((0, 2)), np.zeros(0)), np.nan
-    if not quick:  # the feet's filter compiles for longer than all of the quick form
-        feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
-        strides = foot_ins.estimate(foot_ins.FootParams(), walk.recording._replace(sensors=feet)).strides
-        assert strides is not None
-        pieces = between_contacts(strides, contacts, sides, parts[0])
-        of_foot = [float(strides.length[strides.side == number].sum()) for number in range(len(SIDES))]
-        total = 0.5 * sum(of_foot)
+    feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
+    strides = foot_ins.estimate(foot_ins.FootParams(), walk.recording._replace(sensors=feet)).strides
+    assert strides is not None
+    pieces = between_contacts(strides, contacts, sides, parts[0])
+    total = sum(float(strides.length[strides.side == number].sum()) for number in range(len(SIDES))) / len(SIDES)
     return Walk(
         "ipol_gait", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info), contacts, sides,
         Windows(parts, judged), Windows(np.array([[contacts[0], contacts[-1]]]), np.array([[0.0, last]])), pieces,
