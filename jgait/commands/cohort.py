@@ -29,7 +29,10 @@ Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds."
 GyrUnit = Annotated[str, typer.Option(help="Of the files: deg/s or rad/s.")]
 AccUnit = Annotated[str, typer.Option(help="Of the files: m/s^2 or g.")]
 EstimatorName = Annotated[
-    str, typer.Option("--estimator", help="Which estimator, such as leg_ekf, foot_ins or waist_ofdri; a wrong name lists them.")
+    str,
+    typer.Option(
+        "--estimator", help="Which estimator, such as leg_ekf, foot_ins or waist_ofdri; a wrong name lists them."
+    ),
 ]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")]
 Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
