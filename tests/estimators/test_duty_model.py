@@ -1,0 +1,318 @@
+"""The thigh's and the shin's filter under a gyroscope mask: mechanics, laws, strapdown, and the printed matrices."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import filtering, params, power, protocols, simulate, strapdown
+from jgait.estimators import duty_literal, duty_model, leg_ekf
+from jgait.estimators.duty_params import (
+    DEFAULT,
+    LITERAL,
+    TRANSFORMS,
+    DutyControl,
+    DutyInputs,
+    DutyParams,
+    LinkParams,
+    ShinObservation,
+    ShinState,
+    ThighObservation,
+    ThighState,
+    pad,
+    planar,
+)
+from jgait.kinematics import GRAVITY
+from jgait.sensors import IDEAL
+
+RATE = 50.0
+T = 1.0 / RATE
+LINK = LinkParams(0.4, 0.2, 2.0, 3.0, 0.1, 1e-4, 1e-4)
+CONTROL = DutyControl(1.0, 1.0)
+RUN = jax.jit(duty_model.run, static_argnames=("options",))
+BOTH = (
+    (duty_model.THIGH, ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0)),
+    (duty_model.SHIN, ShinState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.2, 1.0, -0.3, 2.0)),
+)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Five seconds of walking with ideal sensors: prepared signals, and the parameters of the person."""
+    # As in tests/test_protocols.py, so that the simulator is compiled once for both.
+    walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDEAL)
+    found = walked.truth.estimate.diagnostics
+    thigh, shank = float(found["thigh_length"]), float(found["shank_length"])
+    p = DutyParams(thigh_length=thigh, thigh_sensor=0.5 * thigh, shank_sensor=0.5 * shank)
+    return leg_ekf.prepared(walked.recording).inputs, p
+
+
+def inputs_of(prepared, gyro_on=None) -> DutyInputs:
+    leg = prepared.right
+    made = DutyInputs(
+        planar(leg.thigh), planar(leg.shank, gyro_on), prepared.time, prepared.dt, prepared.still, prepared.valid,
+        prepared.start_variance,
+    )  # fmt: skip
+    return jax.tree.map(jnp.asarray, made)
+
+
+@pytest.fixture(scope="module")
+def integrated(walk):
+    """Angles of thigh and shank by strapdown integration in space."""
+    leg = walk[0].right
+
+    def angle(segment):
+        rate = segment.gyr - segment.bias
+        turned = strapdown.attitude(jnp.asarray(rate[:, (0, 2, 1)] * [1.0, -1.0, 1.0]), T, jnp.eye(3))
+        return np.arctan2(-turned[:, 0, 2], turned[:, 2, 2])
+
+    return angle(leg.thigh), angle(leg.shank)
+
+
+def rms_deg(values) -> float:
+    return float(np.degrees(np.sqrt(np.mean(np.square(values)))))
+
+
+def test_angles_are_those_of_strapdown_on_a_clean_signal(walk, integrated):
+    prepared, p = walk
+    found = RUN(p, inputs_of(prepared))
+    for segment, truth in zip(found, integrated, strict=True):
+        assert rms_deg(segment.angle - truth) < 1.0
+        assert np.degrees(np.max(np.abs(segment.angle - truth))) < 2.0
+        assert bool(jnp.all(segment.valid))
+    rate = prepared.right.shank.gyr[:, 2] - prepared.right.shank.bias[2]
+    assert np.sqrt(np.mean((found.shank.rate - rate) ** 2)) < 0.01 * np.sqrt(np.mean(rate**2))
+
+
+def test_the_printed_filters_lose_the_angle(walk, integrated):
+    prepared, p = walk
+    found = RUN(p, inputs_of(prepared), LITERAL)
+    for segment, truth in zip(found, integrated, strict=True):
+        assert rms_deg(segment.angle - truth) > 45.0
+
+
+def seen(kind, *hidden):
+    return kind(*(name not in hidden for name in kind._fields))
+
+
+@pytest.mark.parametrize(("number", "kind"), [(0, ThighObservation), (1, ShinObservation)])
+def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(number, kind):
+    model, moving = BOTH[number]
+    whole = len(moving)
+    for state in (model.initial(LINK).mean, moving):
+
+        def rank(*hidden, state=state):
+            return duty_model.observability_rank(model, LINK, state, CONTROL, T, seen(kind, *hidden))
+
+        assert rank("swing") == whole
+        assert rank("gyro") == whole - 1
+        bias = np.zeros(whole)
+        bias[moving._fields.index("velocity_bias")] = 1.0
+        rows = duty_model.observability_matrix(model, LINK, state, CONTROL, T, seen(kind, "gyro"))
+        np.testing.assert_allclose(rows @ bias, 0.0, atol=1e-12)
+
+
+LITERAL_CONTROL = duty_literal.LiteralControl(-0.06, -0.1, 0.2, 0.19)
+LITERAL_PARAMS = duty_literal.LiteralParams(2.0, 1.0, 1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("model", "number", "rank"), [(duty_literal.THIGH, 0, 5), (duty_literal.SHIN, 1, 4)])
+def test_most_printed_states_are_not_observable(model, number, rank):
+    state = BOTH[number][1]
+    assert duty_model.observability_rank(model, LITERAL_PARAMS, state, LITERAL_CONTROL, T) == rank
+
+
+def linearised(function, state):
+    """Jacobian of a function of a state tuple, by columns."""
+    flat = jnp.asarray(list(state))
+    return np.asarray(jax.jacfwd(lambda x: jnp.stack([*map(jnp.asarray, function(type(state)(*x)))]))(flat))
+
+
+def test_the_printed_matrices_are_those_of_the_paper():
+    """Sections 8.1 and 8.2, entry by entry, from one; what is not listed is 0, or 1 on the diagonal of A."""
+    c = LITERAL_CONTROL
+    chains = {(1, 2): T, (2, 3): T, (4, 5): T, (5, 6): T}
+    transitions = (chains | {(4, 8): 1.0, (8, 9): T}, chains | {(1, 3): T**2, (4, 6): T**2, (8, 10): T, (10, 11): T})
+    rows = (
+        {(1, 2): 1.0, (1, 8): -1.0, (2, 5): 1.0, (2, 8): -1.0, (3, 3): 1.0, (4, 6): 1.0, (5, 9): 1.0},
+        {(1, 10): c.a1, (1, 11): c.b1, (2, 10): c.a2, (2, 11): c.b2, (3, 3): 1.0, (4, 6): 1.0, (5, 11): 1.0},
+    )
+    for model, (_, state), moves, reads in zip(
+        (duty_literal.THIGH, duty_literal.SHIN), BOTH, transitions, rows, strict=True
+    ):
+        n = len(state)
+        a, h = np.eye(n), np.zeros((5, n))
+        for matrix, entries in ((a, moves), (h, reads)):
+            for (i, j), value in entries.items():
+                matrix[i - 1, j - 1] = value
+        np.testing.assert_allclose(linearised(lambda s, m=model: m.transition(None, s, c, T), state), a, atol=1e-15)
+        np.testing.assert_allclose(linearised(lambda s, m=model: m.observation(None, s, c), state), h, atol=1e-15)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_noise_over_two_intervals_is_that_of_each(number):
+    """Q(2T) = A Q(T) Aᵀ + Q(T), as white noise has it; the printed Q does not, and is indefinite."""
+    model, state = BOTH[number]
+    a = linearised(lambda s: model.transition(LINK, s, CONTROL, T), state)
+
+    def noise(which, p, dt):
+        return np.asarray(which.transition_noise(p, state, None, dt).dense())
+
+    once = noise(model, LINK, T)
+    np.testing.assert_allclose(a @ once @ a.T + once, noise(model, LINK, 2 * T), rtol=1e-10, atol=1e-18)
+    scale = 1.0 / np.sqrt(np.diag(once))
+    assert np.linalg.eigvalsh(scale[:, None] * once * scale[None, :]).min() > 1e-3
+    printed = noise((duty_literal.THIGH, duty_literal.SHIN)[number], LITERAL_PARAMS, T)
+    least = np.linalg.eigvalsh(printed).min()
+    assert least == pytest.approx(-2.4e-9 * LITERAL_PARAMS.noise, rel=0.01)
+
+
+def test_a_swinging_link_is_what_the_observation_says():
+    """Position, velocity and specific force of both sensors from the angles by autodiff alone."""
+
+    def thigh(t):
+        return 0.4 * jnp.sin(3.0 * t) + 0.1
+
+    def shank(t):
+        return 0.6 * jnp.cos(4.0 * t) - 0.2
+
+    def place(angle, length):
+        return lambda t: length * jnp.stack([jnp.cos(angle(t)), jnp.sin(angle(t))])
+
+    def sensor(t):
+        return place(thigh, LINK.thigh_length)(t) + place(shank, LINK.lever)(t)
+
+    t = 0.37
+    for where, angle, model in ((place(thigh, LINK.lever), thigh, duty_model.THIGH), (sensor, shank, duty_model.SHIN)):
+        (x, z), (vx, vz) = where(t), jax.jacfwd(where)(t)
+        ax, az = jax.jacfwd(jax.jacfwd(where))(t)
+        own = ThighState(x, vx, ax, z, vz, az, 0.02, angle(t), jax.grad(angle)(t))
+        state = own
+        if model is duty_model.SHIN:
+            state = ShinState(*own[:7], thigh(t), jax.grad(thigh)(t), *own[7:])
+        read = model.observation(LINK, state, CONTROL)
+        up = -jnp.stack([jnp.cos(angle(t)), jnp.sin(angle(t))])
+        forward = jnp.stack([-jnp.sin(angle(t)), jnp.cos(angle(t))])
+        force = jnp.stack([ax - GRAVITY, az])
+        np.testing.assert_allclose((read.acc_up, read.acc_forward), (force @ up, force @ forward), atol=1e-12)
+        np.testing.assert_allclose(read[3:7], 0.0, atol=1e-12)
+        assert float(read.gyro) == pytest.approx(float(own.rate) - 0.02 / LINK.lever)
+
+
+@pytest.fixture(scope="module")
+def gaps(walk):
+    """Half of the time without the shin's gyroscope."""
+    prepared, p = walk
+    on = power.masks(power.schedule_of_duty(0.5), prepared.time.size, RATE).usable
+    return on, inputs_of(prepared, on), RUN(p, inputs_of(prepared, on))
+
+
+def test_a_gap_widens_the_belief_and_the_truth_stays_in_it(walk, integrated, gaps):
+    prepared, _ = walk
+    on, _, found = gaps
+    off = ~on & ~prepared.still
+    error = found.shank.angle - integrated[1]
+    rate = prepared.right.shank.gyr[:, 2] - prepared.right.shank.bias[2]
+    # Errors of a few strides, and far from Gaussian: a factor of two is what they can tell.
+    assert 0.3 < np.sqrt(np.mean((error[off] / found.shank.angle_stddev[off]) ** 2)) < 2.0
+    assert 0.3 < np.sqrt(np.mean(((found.shank.rate - rate)[off] / found.shank.rate_stddev[off]) ** 2)) < 2.0
+    assert np.max(np.abs(found.shank.angle)) < np.pi / 2
+    # Better than to say that the shank does not turn.
+    assert np.sqrt(np.mean((found.shank.rate - rate)[off] ** 2)) < 0.8 * np.sqrt(np.mean(rate[off] ** 2))
+    walking = ~prepared.still
+    assert float(jnp.mean(found.shank.rate_stddev[off])) > 10.0 * float(jnp.mean(found.shank.rate_stddev[walking & on]))
+
+
+def test_what_the_mask_hides_changes_nothing(walk, gaps):
+    _, p = walk
+    on, inputs, found = gaps
+    other = inputs.shank._replace(gyr=jnp.where(on, inputs.shank.gyr, 1e3))
+    again = RUN(p, inputs._replace(shank=other))
+    jax.tree.map(np.testing.assert_array_equal, again, found)
+
+
+def test_samples_that_are_less_sure_weigh_less(walk, gaps):
+    prepared, p = walk
+    on, inputs, found = gaps
+    filled = inputs.shank._replace(
+        gyro_on=jnp.ones_like(inputs.shank.gyro_on), excess=jnp.asarray(np.where(on, 0.0, 0.25))
+    )
+    sure = RUN(p, inputs._replace(shank=filled))
+    off = ~on & ~prepared.still
+    assert float(jnp.mean(sure.shank.rate_stddev[off])) < 0.6
+    assert np.all(sure.shank.rate_stddev[off] < found.shank.rate_stddev[off])
+
+
+def test_what_is_not_valid_changes_nothing_before_it(walk, gaps):
+    prepared, p = walk
+    _, inputs, found = gaps
+    end = prepared.time.size - 60
+    padding = jnp.arange(prepared.time.size) >= end
+
+    def spoilt(segment):
+        return segment._replace(
+            gyr=jnp.where(padding, -50.0, segment.gyr), acc_up=jnp.where(padding, 1e4, segment.acc_up)
+        )
+
+    cut = jax.tree.map(lambda v: np.asarray(v)[:end] if np.ndim(v) else v, inputs)
+    longer = pad(cut, prepared.time.size)
+    np.testing.assert_array_equal(longer.valid, ~np.asarray(padding))
+    # A longer program would be compiled anew; the mask is what padding comes to.
+    again = RUN(
+        p, inputs._replace(valid=jnp.asarray(longer.valid), thigh=spoilt(inputs.thigh), shank=spoilt(inputs.shank))
+    )
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a[:end], b[:end]), again, found)
+    assert float(again.shank.angle_stddev[-1]) > float(again.shank.angle_stddev[end - 1])
+
+
+def test_sample_by_sample_is_the_same(walk, gaps):
+    _, p = walk
+    _, inputs, found = gaps
+    link = duty_model.link_params(p, p.thigh_sensor)
+    belief = duty_model.thigh_standing(link, 0.0, inputs.thigh.bias, inputs.start_variance)
+    for k in range(130):
+        segment = jax.tree.map(lambda v, k=k: v[k] if jnp.ndim(v) else v, inputs.thigh)
+        told, control, mask = duty_model.observe(p, segment, inputs.dt[k], inputs.still[k], inputs.valid[k])
+        belief = filtering.step(
+            duty_model.THIGH, link, belief, told, control=control, dt=inputs.dt[k], mask=mask
+        ).belief  # fmt: skip
+    assert float(belief.mean.angle) == pytest.approx(float(found.thigh.angle[129]), abs=1e-10)
+    assert float(belief.cov.stddev().rate) == pytest.approx(float(found.thigh.rate_stddev[129]), rel=1e-8)
+
+
+def test_a_shank_alone_side_by_side_and_the_slope_of_a_loss(walk, integrated):
+    prepared, p = walk
+    inputs = inputs_of(prepared, np.arange(prepared.time.size) % 40 < 30)._replace(thigh=None)
+
+    def loss(values):
+        shank = duty_model.run(p._replace(**values), inputs).shank
+        return jnp.mean(shank.rate**2 + shank.angle**2), shank.angle
+
+    at = {
+        name: jnp.asarray(getattr(p, name))
+        for name in ("angle_noise", "swing_noise", "joint_acceleration", "velocity_closure", "shank_sensor")
+    }
+    # Forward: the reverse mode takes the compiler six times as long.
+    slopes, angle = jax.jit(jax.jacfwd(loss, has_aux=True))(at)
+    value = jax.jit(loss)
+    np.testing.assert_allclose(angle, value(at)[1], rtol=0, atol=1e-10)
+    for name, here in at.items():
+        ends = [float(value(at | {name: here * (1.0 + s)})[0]) for s in (1e-5, -1e-5)]
+        # Differences of a sum over hundreds of filter steps keep about seven digits.
+        assert float(slopes[name]) == pytest.approx((ends[0] - ends[1]) / (2e-5 * float(here)), rel=1e-4, abs=1e-7)
+    whole = inputs._replace(shank=inputs.shank._replace(gyro_on=jnp.ones_like(inputs.shank.gyro_on)))
+    both = jax.jit(jax.vmap(duty_model.run, in_axes=(None, 0)))(p, jax.tree.map(lambda *v: jnp.stack(v), whole, inputs))
+    assert both.thigh is None
+    assert rms_deg(both.shank.angle[0] - integrated[1]) < 1.0
+    np.testing.assert_allclose(both.shank.angle[1], angle, rtol=0, atol=1e-10)
+
+
+def test_bad_input_is_refused_with_the_reason(walk):
+    prepared, p = walk
+    with pytest.raises(ValueError, match="need a thigh or a shank sensor; got neither"):
+        duty_model.run(p, inputs_of(prepared)._replace(thigh=None, shank=None), DEFAULT)
+    with pytest.raises(ValueError, match=r"gyro_on must have shape"):
+        planar(prepared.right.thigh, np.ones(3, bool))
+    with pytest.raises(ValueError, match="parameter 'swing_noise' must lie in"):
+        params.check_params(DutyParams(swing_noise=-1.0), TRANSFORMS)
+    params.check_params(DutyParams(), TRANSFORMS)
