@@ -192,10 +192,22 @@ class _Differences(NamedTuple):
     acc_weight: Any
 
 
-def _shrunk(total: Any, weight: Any, some: float) -> Any:
-    """Mean difference at each lag; where little was seen, it is drawn to 1.5 times their mean, a poor fit."""
-    typical = (total.sum() + 1.0) / (weight.sum() + 1.0)
-    return (total + 1.5 * some * typical) / (weight + some)
+def _mean(d: _Differences, some: float) -> Any:
+    """Mean difference at each lag, over that of all lags; where little was seen, drawn to 1.5, which does not fit.
+
+    Each signal is taken over its own mean, so that a lag at which the gyroscope was never on twice is no better off.
+    """
+    sums = [(d.rate, d.rate_weight), (d.acc, d.acc_weight)]
+    total = sum(s * (w.sum() + 1.0) / (s.sum() + 1.0) for s, w in sums)
+    return (total + 1.5 * some) / (d.rate_weight + d.acc_weight + some)
+
+
+def _valley(score: Any) -> tuple[Any, Any]:
+    """Index of the deepest valley, and by how much its bottom lies off it; the ends may be on a slope, and are none."""
+    inner = score[1:-1]
+    valley = (inner <= score[:-2]) & (inner <= score[2:])
+    at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
+    return at, vertex(-score[at - 1], -score[at], -score[at + 1])
 
 
 @partial(jax.jit, static_argnames=("sampling_rate_hz", "memory_s"))
@@ -206,8 +218,8 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
 
         D_l ← γ D_l + u_t u_{t−l} (ω_t − ω_{t−l})² / s_ω² + ‖a_t − a_{t−l}‖² / s_a²,
 
-    each sum over what it counts; the period is the lag where they are least, a parabola through its neighbours. Without
-    accelerometer nothing is forgotten while the gyroscope is off.
+    each sum over its own mean and both together over what they count; the period is the lag where that is least, a
+    parabola through its neighbours. Without accelerometer nothing is forgotten while the gyroscope is off.
 
     Args:
         s: from `check_signals`.
@@ -219,7 +231,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
     keep, half = float(np.exp(-dt / memory_s)), float(np.exp(-dt / 0.5))
     blank = jnp.zeros(len(lags), dtype)
     force = jnp.zeros((len(s.rate), 3), dtype) if s.acc is None else s.acc
-    some = 0.05 * sampling_rate_hz
+    some = 0.1 * sampling_rate_hz
     longer = jnp.asarray(1.0 + 0.1 * lags * dt, dtype)  # of a period and its double, the period
 
     def step(carry: Any, sample: Any) -> tuple[Any, Any]:
@@ -228,7 +240,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
         before = jax.tree.map(lambda register: register[lags - 1], past)
         pairs = (before[1] & on).astype(dtype)
         forget = keep if s.acc is not None else jnp.where(on, keep, 1.0).astype(dtype)
-        there = before[3].astype(dtype)
+        there = before[3].astype(dtype) if s.acc is not None else jnp.zeros_like(pairs)
         d = _Differences(
             forget * d.rate + pairs * ((rate - before[0]) / RATE_SCALE) ** 2,
             forget * d.rate_weight + pairs,
@@ -236,18 +248,11 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
             keep * d.acc_weight + there,
         )
         power = jnp.where(on, half * power + (1.0 - half) * rate**2, power)
-        mean = _shrunk(d.rate, d.rate_weight, some)
-        if s.acc is not None:
-            mean = mean + _shrunk(d.acc, d.acc_weight, some)
-        score = mean * longer
-        # The shortest and the longest lag may be on a slope; a period is a valley.
-        inner = score[1:-1]
-        valley = (inner <= score[:-2]) & (inner <= score[2:])
-        at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
-        shift = vertex(-score[at - 1], -score[at], -score[at + 1])
+        score = _mean(d, some) * longer
+        at, shift = _valley(score)
         period = ((lags[0] + at).astype(dtype) + shift) * dt
         walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
-        seen = jnp.maximum(d.rate_weight[at], d.acc_weight[at] if s.acc is not None else 0.0)
+        seen = jnp.maximum(d.rate_weight[at], d.acc_weight[at])
         past = tuple(pushed(p, v) for p, v in zip(past, (rate, on, acc, jnp.ones_like(on)), strict=True))
         return (d, past, power, walked), Pace(period, walked / period, seen > 0.2 * sampling_rate_hz)
 

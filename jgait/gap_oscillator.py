@@ -29,7 +29,7 @@ from jgait.gap_filling import Filled, Filler, Thigh, check_signals, finished, in
 from jgait.params import fixed, positive
 
 HARMONICS = 5
-"""Multiples of the stride frequency; five carry 98 % of a shank's rate."""
+"""Multiples of the stride frequency; five carry 95 % of the power of a shank's rate on a treadmill."""
 
 TWO_PI = 6.283185307179586
 
