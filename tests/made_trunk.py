@@ -12,8 +12,7 @@ from jgait import simulate
 from jgait.simulate import Person
 from jgait.types import Imu, Recording
 
-RATE, STEPS, STEP_TIME = 50.0, 16, 0.53
-BENDS = 3
+RATE = 50.0
 
 
 class Made(NamedTuple):
@@ -26,10 +25,10 @@ class Made(NamedTuple):
     length: np.ndarray
 
 
-def walk(turn: float = 0.0, placement: str = "waist") -> Made:
-    """Three seconds of standing, 16 steps and the one that closes up, standing; half way the walk turns [rad]."""
+def walk(turn: float = 0.0, steps: int = 16, quiet: float = 3.0, placement: str = "waist") -> Made:
+    """Standing [s], steps and the one that closes up, standing; after 5 m the walk turns [rad]."""
     person = Person()
-    person = person._replace(gait=person.gait._replace(steps=float(STEPS)))
+    person = person._replace(gait=person.gait._replace(steps=float(steps), quiet_before=quiet))
     along = simulate.route({"length": 5.0}, {"length": 1.5, "turn": turn}, {"length": 20.0})
     recording, truth = simulate.recording(jax.random.key(1), person, along, rate=RATE, placements=(placement,))
     strides = truth.strides
@@ -47,7 +46,7 @@ def imu_of(recording: Recording) -> Imu:
 
 def worn(recording: Recording, **fields) -> Recording:
     """The recording with fields of its sensor replaced."""
-    (name, imu), = recording.sensors.items()
+    ((name, imu),) = recording.sensors.items()
     return recording._replace(sensors={name: imu._replace(**fields)})
 
 

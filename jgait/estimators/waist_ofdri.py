@@ -65,15 +65,16 @@ _PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_no
 _EXCURSION = ("excursion_hz", "pendulum_length", "excursion_power", "surge_power", "turn_shortening")
 _SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
 _FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
-_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise")
+_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold", "update.width")
 UNUSED = {
     "fused": ("update_noise", "update"),
     "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),
     "update": _ALONE,
     "frozen": _ALONE,
-    "integrated": _ALONE,
+    "integrated": (*_ALONE, "update.highest_hz", "update.beta"),
 }
-"""Way of measuring → parameters on which neither distance nor its deviation depends, so that their gradient is zero."""
+"""Way of measuring → parameters on which neither distance nor its deviation depends, so that their gradient is zero;
+"fused" where it does not hear the update, whose gate decides."""
 
 __all__ = [
     "DEFAULT",

@@ -1,0 +1,163 @@
+"""The parts of the waist's estimator on problems whose answer is known."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import butterworth, filtering
+from jgait.estimators import waist_model, waist_orientation, waist_steps
+from jgait.estimators.waist_model import WaistControl, WaistModelParams, WaistObservation
+from jgait.estimators.waist_orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
+from jgait.estimators.waist_params import WaistParams
+from jgait.kinematics import GRAVITY, Vector, vector
+from jgait.rotation import Quaternion, rotated
+
+ROWS, STEP_S = 12, 0.5
+MODEL = WaistModelParams(
+    speed_density=1e4, bias_variance=1e-8, bias_density=0.0, turn_variance=0.0, start_speed=0.7,
+    start_speed_variance=100.0, standing_variance=1e-8, log_constant=np.log(1.3), constant_variance=1e-12,
+)  # fmt: skip
+LENGTHS = 0.5 + 0.02 * np.arange(ROWS)
+
+
+@pytest.fixture(scope="module")
+def walked():
+    """`walked(params, controls, durations, mask)`: the smoothed state of a walk of some rows, compiled once."""
+    zero = np.zeros(ROWS)
+
+    @jax.jit
+    def told(p, controls, dt, mask):
+        return filtering.kalman_smoother(
+            waist_model.MODEL, p, WaistObservation(zero, zero, zero), controls=controls, dt=dt, mask=mask,
+            initial=waist_model.initial(p),
+        )  # fmt: skip
+
+    return told
+
+
+def control(**fields):
+    zero = np.zeros(ROWS)
+    plain = WaistControl(zero, zero, zero, zero, zero, zero + 1e-8, zero, zero + 1.0, zero)
+    return plain._replace(**fields)
+
+
+def there(**fields):
+    no = np.zeros(ROWS, bool)
+    return WaistObservation(no, no, no)._replace(**fields)
+
+
+def test_of_the_pendulum_alone_the_way_is_the_sum_of_its_steps(walked):
+    walks = np.r_[0.0, np.ones(ROWS - 4), 0.0, 0.0, 0.0]  # a node from which, eight steps, and padding
+    dt = STEP_S * walks
+    steps = walks > 0.0
+    told = walked(MODEL, control(walks=walks, pendulum=LENGTHS / 1.3, duration=dt), dt, there(pendulum=steps))
+    expected = np.where(steps, LENGTHS, 0.0)
+    np.testing.assert_allclose(told.mean.step, expected, atol=1e-4)
+    np.testing.assert_allclose(told.mean.distance, np.cumsum(expected), atol=1e-3)
+    np.testing.assert_allclose(told.mean.stride[2:9], expected[2:9] + expected[1:8], atol=1e-4)
+    # padding carries the way and its deviation on, but for the ten micrometres that keep a covariance its rank
+    last = np.flatnonzero(steps)[-1]
+    sd = np.asarray(told.cov.stddev().distance)
+    np.testing.assert_allclose(sd[last + 1 :], sd[last], rtol=5e-3)
+    np.testing.assert_allclose(told.mean.speed[last + 1 :], MODEL.start_speed, atol=1e-6)
+
+
+def test_standing_before_and_behind_tells_the_accelerometers_bias(walked):
+    """Speed is a triangle; the accelerometer reads 0.05 m/s² too much, and there is no pendulum."""
+    bias, count = 0.05, ROWS - 1
+    speed = np.minimum(np.arange(ROWS), count - np.arange(ROWS)) * 0.3
+    gained = np.diff(speed, prepend=0.0)
+    went = np.r_[0.0, 0.5 * STEP_S * gained[1:]]
+    walks = np.r_[0.0, np.ones(count)]
+    dt = STEP_S * walks
+    p = MODEL._replace(speed_density=1e-8, bias_variance=0.01)
+    read = control(walks=walks, gained=gained + bias * dt, went=went + 0.5 * bias * dt**2, duration=dt)
+    told = walked(p, read, dt, there(speed=np.r_[True, np.zeros(count - 1, bool), True]))
+    np.testing.assert_allclose(told.mean.bias, bias, atol=1e-3)
+    np.testing.assert_allclose(told.mean.speed, speed, atol=5e-3)
+    way = np.r_[0.0, np.cumsum(0.5 * STEP_S * (speed[1:] + speed[:-1]))]
+    np.testing.assert_allclose(told.mean.distance, way, atol=0.02)
+
+
+SAMPLES, RATE = 600, 50.0
+TIME = np.arange(SAMPLES) / RATE
+
+
+@pytest.fixture(scope="module")
+def trunk():
+    """`trunk(gyr, acc, acc_bias)`: the filtered state of a trunk that began upright; compiled once."""
+
+    @jax.jit
+    def told(gyr, acc, acc_bias):
+        even = np.full(SAMPLES, 1.0)
+        zero = np.zeros(SAMPLES)
+        controls = TrunkControl(vector(gyr), vector(acc), 1e-8 * even, 1e-2 * even)
+        start = waist_orientation.belief(
+            Quaternion(*np.eye(4)[0]), Vector(*np.zeros(3)),
+            TrunkError(*(Vector(v, v, v) for v in (0.1, 1e-12, acc_bias**2))),
+        )  # fmt: skip
+        return filtering.kalman_filter(
+            waist_orientation.MODEL, TrunkNoise(0.0, 0.0), TrunkObservation(Vector(zero, zero, zero)),
+            controls=controls, dt=np.r_[0.0, np.full(SAMPLES - 1, 1.0 / RATE)], initial=start, execution="dense",
+        ).mean  # fmt: skip
+
+    return told
+
+
+def test_gravity_tells_a_constant_tilt(trunk):
+    tilt = np.deg2rad(10.0)
+    acc = np.tile(GRAVITY * np.array([np.sin(tilt), 0.0, np.cos(tilt)]), (SAMPLES, 1))
+    told = trunk(np.zeros((SAMPLES, 3)), acc, 1e-6)
+    up = rotated(told.attitude, vector(acc))
+    np.testing.assert_allclose([up.x[-1], up.y[-1], up.z[-1]], [0.0, 0.0, GRAVITY], atol=1e-3)
+
+
+def test_a_constant_rate_turns_the_heading(trunk):
+    rate = 0.4
+    gyr = np.tile([0.0, 0.0, rate], (SAMPLES, 1))
+    told = trunk(gyr, np.tile([0.0, 0.0, GRAVITY], (SAMPLES, 1)), 1e-6)
+    one, none = np.ones(SAMPLES), np.zeros(SAMPLES)
+    ahead = rotated(told.attitude, Vector(one, none, none))
+    np.testing.assert_allclose(ahead.x, np.cos(rate * TIME), atol=1e-6)
+    np.testing.assert_allclose(ahead.y, np.sin(rate * TIME), atol=1e-6)
+
+
+def test_a_turn_parts_the_accelerometers_bias_from_a_lean(trunk):
+    bias = np.array([0.3, -0.1, 0.0])
+    acc = np.tile([0.0, 0.0, GRAVITY], (SAMPLES, 1)) + bias
+    turning = np.zeros((SAMPLES, 3))
+    turning[:, 2] = np.pi / TIME[-1]
+    ahead, round_ = (trunk(gyr, acc, 0.3).acc_bias for gyr in (np.zeros((SAMPLES, 3)), turning))
+    np.testing.assert_allclose([round_.x[-1], round_.y[-1]], bias[:2], atol=0.03)
+    assert abs(ahead.x[-1]) < 0.5 * bias[0]
+
+
+def test_the_pendulum_of_zijlstra_and_hof():
+    p = WaistParams(excursion_power=1.0, surge_power=0.0, pendulum_length=0.9)
+    h = np.array([0.01, 0.03, 0.05])
+    np.testing.assert_allclose(
+        waist_steps.pendulum(p, h, np.full(3, 0.3)), 2.0 * np.sqrt(2.0 * 0.9 * h - h * h), rtol=1e-12
+    )
+    # who does not rise takes no step, and no derivative is infinite there
+    slope = jax.grad(lambda x: waist_steps.pendulum(p, x, jnp.asarray(0.3)))(0.0)
+    assert waist_steps.pendulum(p, 0.0, 0.3) == 0.0 and float(slope) == 0.0
+    # both powers, by hand
+    both = WaistParams(excursion_power=0.8, surge_power=0.1, pendulum_length=0.9)
+    chord, quick = 2.0 * np.sqrt(2.0 * 0.03 / 0.9 - (0.03 / 0.9) ** 2), 0.3 / np.sqrt(GRAVITY * 0.9)
+    expected = 0.9 * chord**0.8 * quick**0.1
+    np.testing.assert_allclose(waist_steps.pendulum(both, 0.03, 0.3), expected, rtol=1e-12)
+
+
+def test_the_filter_until_the_last_sample_knows_no_padding():
+    rng = np.random.default_rng(0)
+    values, last = rng.normal(size=400), 299
+    until = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))
+    spoilt = np.where(np.arange(400) <= last, values, 1e3)
+    np.testing.assert_array_equal(until(values)[: last + 1], until(spoilt)[: last + 1])
+    short = jax.jit(lambda x: butterworth.low_pass_until(x, 1.0, RATE, last))(values[: last + 1])
+    np.testing.assert_allclose(until(values)[: last + 1], short, atol=1e-12)
+    # ends are another matter: they are held, where both ways alone reflect them
+    both = butterworth.low_pass_both_ways(values[: last + 1], 1.0, RATE)
+    np.testing.assert_allclose(short[100:200], both[100:200], atol=1e-4)
+    assert np.abs(short - both).max() > 1e-3

@@ -1,0 +1,98 @@
+"""Forward, left and up of made trunks whose sensor was turned by a known rotation, and of real ones."""
+
+import numpy as np
+import pytest
+
+from jgait import datasets, trunk_axes
+from jgait.trunk_axes import TrunkAxes, described, functional_axes
+from jgait.types import Imu, RecordingError
+
+RATE, STEPS_HZ, GRAVITY = 100.0, 1.9, 9.81
+MOUNTED = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+MOUNTED = MOUNTED * np.sign(np.linalg.det(MOUNTED))
+
+
+def trunk(seconds=12.0, phase=0.5 * np.pi, strength=1.0, mount=None, seed=0, lean=0.0):
+    """Standing, walking, standing: thrown up and, `phase` before that, forward once a step; sideways once a stride."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    walks = strength * ((time > 2.0) & (time < seconds - 2.0))
+    angle = 2.0 * np.pi * STEPS_HZ * time
+    rng = np.random.default_rng(seed)
+    forward = walks * 1.2 * np.cos(angle + phase) + GRAVITY * np.sin(lean)
+    left = walks * 1.0 * np.cos(0.5 * angle + 0.3)
+    up = walks * 2.0 * np.cos(angle) + GRAVITY * np.cos(lean)
+    acc = np.stack([forward, left, up], axis=1) + 0.05 * rng.normal(size=(time.size, 3))
+    gyr = 0.02 * rng.normal(size=acc.shape)
+    if mount is not None:
+        acc, gyr = acc @ mount, gyr @ mount
+    return Imu(time, gyr, acc, np.ones(time.size, bool))
+
+
+def off(rows, true):
+    """[deg] How far each axis is from the true one."""
+    return np.rad2deg(np.arccos(np.clip(np.sum(rows * true, axis=1), -1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    "mount", [None, np.diag([1.0, -1.0, -1.0]), MOUNTED, np.roll(np.eye(3), 1, axis=1)],
+    ids=["straight", "upside down", "any", "exchanged"],
+)  # fmt: skip
+def test_axes_are_found_however_it_is_worn(mount):
+    found = functional_axes(trunk(mount=mount), RATE)
+    # what sways once a stride is seen a little at the frequency of steps
+    assert off(found.rows, np.eye(3) if mount is None else mount).max() < 2.0
+    np.testing.assert_allclose(found.rows @ found.rows.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(found.rows) == pytest.approx(1.0)
+    assert found.step_frequency == pytest.approx(STEPS_HZ, abs=0.05)
+    assert found.phase == pytest.approx(0.5 * np.pi, abs=0.05)
+    assert found.sure
+
+
+def test_who_is_thrown_up_and_forward_at_once_is_in_doubt():
+    assert functional_axes(trunk(phase=np.deg2rad(110.0)), RATE).sure
+    assert not functional_axes(trunk(phase=np.deg2rad(20.0)), RATE).sure
+    # a quarter of a step behind is a quarter ahead of the other way: who walks backwards is not told
+    behind = functional_axes(trunk(phase=-0.5 * np.pi), RATE)
+    assert off(behind.rows, np.diag([-1.0, -1.0, 1.0])).max() < 2.0
+
+
+def test_only_walking_counts():
+    assert functional_axes(trunk(strength=0.0), RATE) is None
+    assert functional_axes(trunk(strength=0.05), RATE) is None
+    walks, lies = trunk(), trunk(seconds=20.0, strength=0.0, mount=MOUNTED)
+    joined = walks._replace(
+        time=np.arange(len(walks.time) + len(lies.time)) / RATE, gyr=np.concatenate([walks.gyr, lies.gyr]),
+        acc=np.concatenate([walks.acc, lies.acc]), mask=np.concatenate([walks.mask, lies.mask]),
+    )  # fmt: skip
+    assert off(functional_axes(joined, RATE).rows, np.eye(3)).max() < 2.0
+    with pytest.raises(RecordingError, match="need an accelerometer; the sensor has a gyroscope only"):
+        functional_axes(walks._replace(acc=None), RATE)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (np.eye(3), "its z axis looks up and its x forward, leaning 0° and turned 0°"),
+        (np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), "its x axis looks up and its −z forward"),
+        (np.diag([1.0, -1.0, -1.0]), "its −z axis looks up and its x forward"),
+    ],
+)
+def test_how_it_is_worn_in_words(rows, words):
+    assert words in described(TrunkAxes(rows, 1.9, 1.6))
+
+
+def test_leaning_and_turning_in_words():
+    assert "leaning 20° and turned 1°" in described(functional_axes(trunk(lean=np.deg2rad(20.0)), RATE))
+    c, s = np.cos(np.deg2rad(30.0)), np.sin(np.deg2rad(30.0))
+    assert "turned 31°" in described(functional_axes(trunk(mount=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), RATE))
+
+
+def test_real_backs_look_the_way_they_were_mounted(data):
+    data("ipol_gait")
+    walk = datasets.load("ipol_gait", only=["8-4"])[0]
+    found = functional_axes(walk.recording.sensors["lower_back"], 100.0)
+    # mounted x up, y left, z backwards, leaning with the back
+    forward = -np.eye(3)[2] - found.rows[2] * (-np.eye(3)[2] @ found.rows[2])
+    assert np.rad2deg(np.arccos(found.rows[0] @ forward / np.linalg.norm(forward))) < 9.0
+    assert found.rows[2, 0] > 0.85 and found.sure
+    assert trunk_axes.SLOWEST < found.step_frequency < trunk_axes.FASTEST
