@@ -2,7 +2,8 @@
 
 mobgap finds contacts in walking bouts that it is given: here the reference's own, a second longer at both ends, for its
 filters find none at the very edges. Of `ipol_gait` nobody measured how high the sensor was; mobgap's convention for
-that, 0.53 of the height, is kept. Its scale of step lengths is learned on the Mobilise-D cohorts and left as it comes.
+that, 0.53 of the height, is kept. Its scale of step lengths is learned on the Mobilise-D cohorts, two of whose people
+may be those of `mobgap_lab`, and left as it comes. What it finds outside the reference's bouts is not held against it.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ import _peers
 import _waist_contacts as contacts
 import numpy as np
 from _waist_contacts import Found
-from _waist_real import Walk
+from _waist_real import Walk, Windows
 from common import Row, show
 
 from jgait.types import as_float
@@ -67,7 +68,8 @@ def _contact_rows(
     sets: dict[str, list[Walk]], answers: dict[str, dict[str, np.ndarray]]
 ) -> tuple[list[Row], dict[tuple[str, str], float]]:
     rows, lines, offsets = [], [], {}
-    for name, walks in sets.items():
+    for name, of_set in sets.items():
+        walks = [walk._replace(straight=Windows(walk.straight.looked, walk.straight.looked)) for walk in of_set]
         scores = []
         for source in DETECTORS:
             of = {sides: contacts.score(walks, [found_by(answers[walk.name], walk, source, sides) for walk in walks])

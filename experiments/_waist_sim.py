@@ -224,10 +224,10 @@ def _print_two(persons: Sequence[Simulated], told: dict[str, dict[str, np.ndarra
 
 
 def speed_changes(one: Simulated) -> np.ndarray:
-    """|change| of the true speed over each right cycle but those of setting off and of stopping [m/s]."""
+    """|Change| of the true speed over each right cycle but two of setting off and two of stopping [m/s]."""
     rights = np.rint(one.walk.contacts[one.walk.sides == 0] / one.dt).astype(int)
     speed = np.concatenate([[0.0], np.cumsum(0.5 * one.dt * (one.acc[1:] + one.acc[:-1]))])
-    return np.abs(np.diff(speed[rights]))[1:-2]
+    return np.abs(np.diff(speed[rights]))[2:-2]
 
 
 def simulated(quick: bool) -> list[Row]:
