@@ -14,9 +14,9 @@ v by trapezoids. A recording of several bouts starts anew at samples whose veloc
 strikes of its own.
 
 `updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
-velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. Everything is differentiable in the
-acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the cycles
-always is.
+velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. Everything is differentiable in
+the acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the
+cycles always is.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c.
