@@ -11,7 +11,12 @@ For the shin's sensor the thigh's link a₁ comes before its own: x = a₁ cos �
 the thigh's filter. Left out is the joint's own acceleration, which makes the accelerometer's noise while walking.
 
 A gyroscope that is off is an observation that is masked; then gravity, the rigid link and a loose pull to the vertical
-hold rate and angle. Filling the gaps from the strides before is another matter, and does better.
+hold rate and angle. Filling the gaps from the strides before is another matter, and does better. While the person
+stands, accelerations are told to be 0.
+
+One axis of the gyroscope knows no turns: on the straight part of `neura_sparse` the shank is within 1.4° (left) and
+2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
+`leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8. `duty_literal` has the printed
@@ -117,6 +122,8 @@ def _read(params: LinkParams, state: ThighState, joint: tuple[Any, Any, Any, Any
         link_forward=state.forward - joint[1] - d * sin,
         link_down_velocity=state.down_velocity - joint[2] + d * sin * state.rate,
         link_forward_velocity=state.forward_velocity - joint[3] - d * cos * state.rate,
+        rest_down=state.down_acceleration,
+        rest_forward=state.forward_acceleration,
         swing=state.angle,
     )
 
@@ -138,8 +145,11 @@ def shin_observation(params: LinkParams, state: ShinState, control: DutyControl)
 def thigh_observation_noise(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
     """R: the sensors' variances at this sample, and the rigid link's."""
     del state
-    acc, place, speed = control.acc_variance, params.position_variance, params.velocity_variance
-    return ThighObservation(acc, acc, control.gyro_variance, place, place, speed, speed, control.swing_variance)
+    acc, rest = control.acc_variance, control.rest_variance
+    place, speed = params.position_variance, params.velocity_variance
+    return ThighObservation(
+        acc, acc, control.gyro_variance, place, place, speed, speed, rest, rest, control.swing_variance
+    )
 
 
 def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
@@ -243,18 +253,19 @@ def observe(
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
     """What the filter of one segment is told: observation, control and mask; for a recording or for one sample."""
     zero = jnp.zeros_like(segment.gyr)
-    acc = jnp.where(still, p.standing_acceleration**2, p.joint_acceleration**2 + p.standing_acceleration**2)
+    rest = p.standing_acceleration**2
+    acc = rest + jnp.where(still, 0.0, p.joint_acceleration**2)
     persists = 1.0 / jnp.maximum(dt, 1e-3)
     control = DutyControl(
-        zero + acc, p.gyro_noise * segment.variance + segment.excess, zero + p.swing_noise**2 * persists,
+        zero + acc, zero + rest, p.gyro_noise * segment.variance + segment.excess, zero + p.swing_noise**2 * persists,
         zero + 1.0, zero + 1.0,
     )  # fmt: skip
     arrived = segment.measured & valid
     felt = arrived if options.gravity else jnp.zeros_like(arrived)
     turned = arrived & segment.gyro_on
-    unknown = valid & ~turned
-    told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 5)
-    return told, control, ThighObservation(felt, felt, turned, *(valid,) * 4, unknown)
+    unknown, at_rest = valid & ~turned, valid & still
+    told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
+    return told, control, ThighObservation(felt, felt, turned, *(valid,) * 4, at_rest, at_rest, unknown)
 
 
 def observe_shin(

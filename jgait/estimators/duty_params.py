@@ -23,7 +23,7 @@ class DutyParams(NamedTuple):
         bias_noise: σ of the velocity bias, spectral density of its random walk [m²/s³].
         gyro_noise: multiplies R, the gyroscope's variance while standing [1].
         joint_acceleration: standard deviation of the joint's own acceleration, which the model leaves out [m/s²].
-        standing_acceleration: standard deviation of the accelerometer about gravity while standing [m/s²].
+        standing_acceleration: standard deviation of accelerations about 0 while standing [m/s²].
         position_closure: standard deviation of the sensor's position about the rigid link's [m].
         velocity_closure: the same of its velocity [m/s].
         swing_noise: how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so
@@ -175,6 +175,8 @@ class ThighObservation(NamedTuple):
         link_forward: always 0: z minus the rigid link's [m].
         link_down_velocity: always 0 [m/s].
         link_forward_velocity: always 0 [m/s].
+        rest_down: always 0: ẍ, while the person stands [m/s²].
+        rest_forward: always 0: z̈, while the person stands [m/s²].
         swing: always 0: the angle, while the gyroscope is off [rad].
     """
 
@@ -185,6 +187,8 @@ class ThighObservation(NamedTuple):
     link_forward: Any
     link_down_velocity: Any
     link_forward_velocity: Any
+    rest_down: Any
+    rest_forward: Any
     swing: Any
 
 
@@ -199,6 +203,8 @@ class ShinObservation(NamedTuple):
         link_forward: always 0 [m].
         link_down_velocity: always 0 [m/s].
         link_forward_velocity: always 0 [m/s].
+        rest_down: always 0 [m/s²].
+        rest_forward: always 0 [m/s²].
         swing: always 0 [rad].
         thigh_angle: θ₁ [rad].
         thigh_rate: ω₁ [rad/s].
@@ -211,6 +217,8 @@ class ShinObservation(NamedTuple):
     link_forward: Any
     link_down_velocity: Any
     link_forward_velocity: Any
+    rest_down: Any
+    rest_forward: Any
     swing: Any
     thigh_angle: Any
     thigh_rate: Any
@@ -221,6 +229,7 @@ class DutyControl(NamedTuple):
 
     Attributes:
         acc_variance: [m²/s⁴].
+        rest_variance: of the accelerations while standing [m²/s⁴].
         gyro_variance: [rad²/s²].
         swing_variance: [rad²].
         thigh_angle_variance: [rad²]; the shin's filter only.
@@ -228,6 +237,7 @@ class DutyControl(NamedTuple):
     """
 
     acc_variance: Any
+    rest_variance: Any
     gyro_variance: Any
     swing_variance: Any = 1.0
     thigh_angle_variance: Any = 1.0

@@ -28,7 +28,7 @@ from jgait.sensors import IDEAL
 RATE = 50.0
 T = 1.0 / RATE
 LINK = LinkParams(0.4, 0.2, 2.0, 3.0, 0.1, 1e-4, 1e-4)
-CONTROL = DutyControl(1.0, 1.0)
+CONTROL = DutyControl(1.0, 1.0, 1.0)
 RUN = jax.jit(duty_model.run, static_argnames=("options",))
 BOTH = (
     (duty_model.THIGH, ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0)),
@@ -104,8 +104,8 @@ def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(
         def rank(*hidden, state=state):
             return duty_model.observability_rank(model, LINK, state, CONTROL, T, seen(kind, *hidden))
 
-        assert rank("swing") == whole
-        assert rank("gyro") == whole - 1
+        assert rank("swing", "rest_down", "rest_forward") == whole
+        assert rank("gyro", "rest_down", "rest_forward") == whole - 1
         bias = np.zeros(whole)
         bias[moving._fields.index("velocity_bias")] = 1.0
         rows = duty_model.observability_matrix(model, LINK, state, CONTROL, T, seen(kind, "gyro"))
