@@ -38,6 +38,9 @@ LATER = 0.4
 SLIP, SAY = 0.02, 0.5
 """[1] Probability that a step was missed or counted twice; log odds that a usual turn of the pelvis gives a side."""
 
+PAUSE = 4.0
+"""[steps] A longer time from one contact to the next tells nothing of the side."""
+
 ROWS = 4.0
 """[Hz] Rows of the result for every second, unless told otherwise."""
 
@@ -178,6 +181,8 @@ def sides(yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequen
         steps = jnp.abs(t - before) * often
         whole = jnp.maximum(1.0, jnp.round(steps))
         sure = (1.0 - 2.0 * SLIP) ** whole * jnp.maximum(0.0, 1.0 - 4.0 * (steps - whole) ** 2)
+        # behind a pause either foot may come first
+        sure = jnp.where(steps > PAUSE, 0.0, sure)
         passed = 2.0 * jnp.arctanh(sure * jnp.tanh(0.5 * odds)) * jnp.where(whole % 2.0 == 0.0, 1.0, -1.0)
         after = (jnp.where(there, passed + evidence, odds), jnp.where(there, t, before))
         return after, jnp.where(there, passed, 0.0)
