@@ -61,17 +61,18 @@ def trunk_rest(imu: Imu, axes: TrunkAxes, mask: np.ndarray, rate: float) -> Trun
     reads = found.gyr_bias if np.linalg.norm(found.gyr_bias) < BIAS_KNOWN else np.zeros(3)
     size = window_size(STILL_WINDOW_S, rate)
     still = _spread(gyr, size) < STILL_RATE
-    still &= _spread(np.linalg.norm(acc, axis=1)[:, None], size) < STILL_FORCE
+    still &= _spread(acc, size) < STILL_FORCE
     # who leans or turns slowly does not stand
     still &= np.linalg.norm(_mean(gyr, size) - reads, axis=1) < STILL_RATE
     still &= mask
     notes: list[str] = []
-    bias, seconds = _without_sway(gyr, acc, true_runs(still), rate)
+    runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
+    runs = [(a, b) for a, b in runs if b > a]
+    bias, seconds = _without_sway(gyr, acc, runs, rate)
     if seconds == 0.0:
         notes.append(
             f"nobody stands still for {LEAST_REST_S:g} s: the gyroscope is taken as it reads, and tilt is less certain"
         )
-    runs = true_runs(still)
     scale = 1.0
     if runs:
         a, b = max(runs, key=lambda run: run[1] - run[0])
@@ -82,6 +83,12 @@ def trunk_rest(imu: Imu, axes: TrunkAxes, mask: np.ndarray, rate: float) -> Trun
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))
+
+
+def _inner(run: tuple[int, int], edge: int, samples: int) -> tuple[int, int]:
+    """A rest without its ends, in which the push of the first step may lie; not those of the recording."""
+    a, b = run
+    return a + (edge if a > 0 else 0), b - (edge if b < samples else 0)
 
 
 def _without_sway(
