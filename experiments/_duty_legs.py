@@ -1,0 +1,145 @@
+"""Rate and accelerometer of shanks at 50 Hz, and schedules of when their gyroscope is measured: two public sets.
+
+Axes, the sensor's true place and its gyroscope's bias are told from the whole recording, as a calibration would tell
+them. Recordings above 100 Hz are low-passed causally at 20 Hz first. Forward swing is positive here.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from _ankle_legs import rested
+
+from jgait import butterworth, datasets, power, shank_axes
+from jgait.types import SIDES, Imu, Recording, as_float
+
+RATE_HZ = 50.0
+CUTOFF_HZ = 20.0
+SWINGING = 1.0  # [rad/s]
+STEADY_S = 84.0  # [s] of the protocol with warm-up
+WARM_S = 5.0
+
+
+class Leg(NamedTuple):
+    """What the sensors on one leg measured, never switched off.
+
+    Attributes:
+        walk: name of the recording.
+        side: "right" or "left".
+        tuned: whether the fillers' parameters were chosen on this recording.
+        rate: (T,) sagittal rate of the shank [rad/s].
+        acc: (T, 3) specific force of the shank, forward, left, up [m/s²].
+        thigh: (T, 4) the same two of the thigh; None if it is not worn.
+    """
+
+    walk: str
+    side: str
+    tuned: bool
+    rate: np.ndarray
+    acc: np.ndarray
+    thigh: np.ndarray | None
+
+    def part(self, start: int, samples: int) -> "Leg":
+        """The samples from `start`, at most so many."""
+        kept = slice(start, start + samples)
+        thigh = None if self.thigh is None else self.thigh[kept]
+        return self._replace(rate=self.rate[kept], acc=self.acc[kept], thigh=thigh)
+
+
+class Case(NamedTuple):
+    """A leg and a schedule.
+
+    Attributes:
+        leg: everything that would have been measured.
+        usable: (T,) bool, what is.
+        judged: sample from which errors count.
+        saving: part of the gyroscope's energy that the schedule saves while it is followed [1].
+    """
+
+    leg: Leg
+    usable: np.ndarray
+    judged: int
+    saving: float
+
+
+def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:
+    """Every leg of a data set, while it walks: `tripod` on the belt at its speed, `walking5m` first stride to last.
+
+    Args:
+        name: "tripod" or "walking5m".
+        only: names of recordings; None: all.
+
+    Raises:
+        DatasetUnavailable: if the set is not there.
+    """
+    found = []
+    for walk in datasets.load(name, only):
+        recording = walk.recording
+        window = (walk.info.get("windows") or {}).get("steady" if name == "tripod" else "whole")
+        for side in SIDES:
+            if window is None or f"shank_{side}" not in recording.sensors:
+                continue
+            place, _ = shank_axes.worn_on_shank(recording, side)
+            signals = _sagittal(recording, place)
+            if signals is None:
+                continue
+            other = f"thigh_{side}" if place == f"shank_{side}" else f"shank_{side}"
+            thigh = _sagittal(recording, other) if other in recording.sensors else None
+            tuned = recording.name.endswith("/PWS") or recording.name.startswith("Young/")
+            first, last = (int(edge / recording.sampling_rate_hz * RATE_HZ) for edge in window)
+            whole = Leg(recording.name, side, tuned, signals[:, 0], signals[:, 1:], thigh)
+            found.append(whole.part(first, last - first))
+    return found
+
+
+def _sagittal(recording: Recording, place: str) -> np.ndarray | None:
+    """(T, 4) rate and specific force in the segment's axes at `RATE_HZ`; None if the leg does not walk."""
+    rate_hz = recording.sampling_rate_hz
+    imu: Imu = rested(recording.sensors[place], rate_hz)
+    axes = shank_axes.functional_axes(imu)
+    if axes is None:
+        return None
+    told: Any = np.column_stack([-(as_float(imu.gyr) @ axes.rows[1]), as_float(imu.acc) @ axes.rows.T])
+    if rate_hz > 2.01 * RATE_HZ:
+        told = np.asarray(butterworth.low_pass(jnp.asarray(told), CUTOFF_HZ, rate_hz))
+    time = np.arange(len(told)) / rate_hz
+    samples = np.arange(0.0, time[-1], 1.0 / RATE_HZ)
+    return np.stack([np.interp(samples, time, column) for column in told.T], axis=1)
+
+
+def stride_samples(rate: np.ndarray) -> int:
+    """The stride period [samples] by autocorrelation: of the wearer, to set up a schedule; fillers are not told."""
+    centred = rate - rate.mean()
+    alike = np.correlate(centred, centred, "full")[len(centred) - 1 :]
+    low, high = int(0.8 * RATE_HZ), int(1.9 * RATE_HZ)
+    return low + int(np.argmax(alike[low:high]))
+
+
+def papers_case(leg: Leg, duty: int) -> Case:
+    """The paper's protocol: 14 s of ten 1.4 s units, on first, without warm-up."""
+    schedule = power.schedule_of_duty(duty / 100)
+    part = leg.part(0, round(14.0 * RATE_HZ))
+    return Case(part, power.masks(schedule, len(part.rate), RATE_HZ).usable, 0, power.saving(schedule))
+
+
+def warm_case(leg: Leg, duty: int, seconds: float = STEADY_S) -> Case:
+    """Units of a stride; the first 5 s are measured, and count as the rest does."""
+    unit = stride_samples(leg.rate[: round(14.0 * RATE_HZ)]) / RATE_HZ
+    schedule, part = power.schedule_of_duty(duty / 100, unit), leg.part(0, round(seconds * RATE_HZ))
+    usable = power.masks(schedule, len(part.rate), RATE_HZ).usable.copy()
+    usable[: round(WARM_S * RATE_HZ)] = True
+    return Case(part, usable, 0, power.saving(schedule))
+
+
+def overground_case(leg: Leg, duty: int) -> Case:
+    """Two strides are measured, from the leg's first swing; then units of half a stride, off first; only these count.
+
+    A walk of five metres has four to six strides: longer units would not repeat in it.
+    """
+    stride = stride_samples(leg.rate[20:])  # without the gait's initiation
+    schedule = power.schedule_of_duty(duty / 100, (stride // 2) / RATE_HZ)
+    judged = int(np.argmax(np.abs(leg.rate) > SWINGING)) + 2 * stride
+    usable = np.ones(len(leg.rate), bool)
+    on = schedule.on * (stride // 2)
+    usable[judged:] = power.masks(schedule, len(leg.rate) - judged + on, RATE_HZ).usable[on:]
+    return Case(leg, usable, judged, power.saving(schedule))
