@@ -1,8 +1,8 @@
 """Table 2 and Figure 7: what sleeping saves, and what each way of filling the gaps errs.
 
 The error is the root mean square of the filled rate's difference to the rate that is always measured, over the root
-mean square of the latter, measured samples included. The paper takes it behind its Kalman filter; here the filling alone
-is judged, before any filter.
+mean square of the latter, measured samples included. The paper takes it behind its Kalman filter; here the filling
+alone is judged, before any filter.
 """
 
 import functools
