@@ -22,7 +22,6 @@ SPECIAL = {
     "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": "in a turn"},
     "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": "on stairs"},
     "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": "swing clipped"},
-    "unsure": {"marker": "o", "markersize": 13, "markeredgewidth": 0.6, "label": "speed by integration unsure"},
     "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": "from or to standing"},
 }
 """Flag in the diagnostics → the mark around a stride that has it; told apart by form, not colour."""

@@ -65,7 +65,7 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     }  # fmt: skip
     strides = strides_of(tmp_path)
     np.testing.assert_allclose(strides["stride_length_m"], LENGTHS, atol=0.02)
-    assert list(strides["flags"]) == ["half-step", "", "turning", "stairs", "", "half-step"]
+    assert list(strides["special"]) == ["half-step", "", "turning", "stairs", "", "half-step"]
     (leg,) = pd.read_csv(tmp_path / "out" / "walk_totals.csv").to_dict("records")
     assert leg["side"] == "right" and leg["strides"] == 6 and leg["half"] == 2 and leg["clipped"] == 0
     assert leg["distance_m"] == pytest.approx(LENGTHS.sum(), abs=0.06)
@@ -74,7 +74,8 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     (told,) = json.loads(numbers.read_text())["recordings"].values()
     assert told["legs"][0]["distance_m"] == pytest.approx(leg["distance_m"])
     assert told["distance_m"] == pytest.approx(leg["distance_m"]) and told["notes"] == []
-    assert [one["flags"] for one in told["strides"]] == [["half-step"], [], ["turning"], ["stairs"], [], ["half-step"]]
+    special = [one["special"] for one in told["strides"]]
+    assert special == [["half-step"], [], ["turning"], ["stairs"], [], ["half-step"]]
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])
 
 
@@ -105,7 +106,7 @@ def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
     code, said = run(csv(clip, placement="shank_right"), *words)
     assert code == 0, said
     assert "walk.csv: the gyroscope of shank_right clips in" in said
-    flags = strides_of(tmp_path)["flags"]
+    flags = strides_of(tmp_path)["special"]
     assert len(flags) == 6 and all("clipped" in one for one in flags), list(flags)
 
 
@@ -116,7 +117,7 @@ def test_no_walking_is_an_empty_table(csv, tmp_path, words):
     code, said = run(csv(stand), *words, "--json", tmp_path / "numbers.json")
     assert code == 0, said
     assert "walk.csv: ankle_right does not walk" in said and "│ walk │ right │ 0 │ 0.00 │ – │" in said
-    assert len(strides_of(tmp_path)) == 0 and "flags" in strides_of(tmp_path)
+    assert len(strides_of(tmp_path)) == 0 and "special" in strides_of(tmp_path)
     assert not list((tmp_path / "out").glob("*.png"))
     (told,) = json.loads((tmp_path / "numbers.json").read_text())["recordings"].values()
     assert told["strides"] == [] and told["legs"][0]["stride_length_m"] is None
@@ -175,7 +176,7 @@ def test_both_legs_have_a_row_and_a_colour():
     table = estimate_strides.stride_table(both)
     assert list(table["side"][:4]) == ["right", "right", "left", "left"]  # each first stride is short
     for side in ("right", "left"):
-        assert list(table["flags"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
+        assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
     figure = plot.leg_strides(both, title="walk")
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["in a turn", "on stairs", "from or to standing", "right leg, ±2σ", "left leg, ±2σ"]

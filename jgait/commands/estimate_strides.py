@@ -95,14 +95,14 @@ def flags_of(result: Estimate) -> list[list[str]]:
 
 
 def stride_table(result: Estimate) -> Any:
-    """The strides with a column `flags`, in words; a stride with none has an empty one."""
+    """The strides with a column `special`, in words; a stride with none has an empty one."""
     from jgait import io
 
     table = io.strides_to_dataframe(result)
     order = np.argsort(as_float(result.strides.start), kind="stable")
     words = flags_of(result)
     told = table.dropna(axis="columns", how="all") if len(table) else table
-    return told.assign(flags=["; ".join(words[k]) for k in order])
+    return told.assign(special=["; ".join(words[k]) for k in order])
 
 
 def totals(result: Estimate) -> list[dict[str, Any]]:
@@ -167,6 +167,6 @@ def _numbers(result: Estimate) -> dict[str, Any]:
     import json
 
     table = stride_table(result)
-    rows = json.loads(table.assign(flags=[text.split("; ") if text else [] for text in table["flags"]])
+    rows = json.loads(table.assign(special=[text.split("; ") if text else [] for text in table["special"]])
                       .to_json(orient="records", double_precision=6))  # fmt: skip
     return {"legs": totals(result), "strides": rows}

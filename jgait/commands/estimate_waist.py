@@ -60,14 +60,19 @@ def contact_table(result: Estimate) -> Any:
 
 
 def stride_table(result: Estimate) -> Any:
-    """The strides with a column `flags`, in words."""
+    """The strides with a column `special`, in words."""
     from jgait import io
 
     table = io.strides_to_dataframe(result)
     order = np.argsort(as_float(result.strides.start), kind="stable")
-    flags = {name: np.asarray(result.diagnostics[name], bool) for name in WORDS}
-    words = ["; ".join(word for name, word in WORDS.items() if flags[name][k]) for k in order]
-    return (table.dropna(axis="columns", how="all") if len(table) else table).assign(flags=words)
+    flags = {name: np.asarray(result.diagnostics[name], bool) for name in _told(result)}
+    words = ["; ".join(WORDS[name] for name in flags if flags[name][k]) for k in order]
+    return (table.dropna(axis="columns", how="all") if len(table) else table).assign(special=words)
+
+
+def _told(result: Estimate) -> tuple[str, ...]:
+    """The flags that matter: where the pendulum measures, integration may be unsure without harm."""
+    return tuple(name for name in WORDS if name != "unsure" or "pendulum_constant" not in result.diagnostics)
 
 
 def totals(result: Estimate) -> dict[str, Any]:
@@ -84,7 +89,7 @@ def totals(result: Estimate) -> dict[str, Any]:
         "stride_length_m": _median(strides.length),
         "walking_speed_mps": _median(strides.speed),
         "cadence_spm": float(60.0 / np.median(walking)) if walking.size else None,
-        **{name: int(np.sum(told[name])) for name in WORDS},
+        **{name: int(np.sum(told[name])) for name in _told(result)},
     }
 
 

@@ -181,6 +181,19 @@ def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistIn
     return Estimator("waist_ofdri", WaistParams(), TRANSFORMS, ready, pad, run, with_body)
 
 
+DOUBTFUL = 0.25
+"""A distance whose deviation is a greater part of it is said to be none."""
+
+
+def _doubts(result: Estimate, options: WaistOptions) -> tuple[str, ...]:
+    """In words, that a distance cannot be relied on."""
+    way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
+    if not np.any(result.strides.valid) or (spread <= DOUBTFUL * abs(way) and way > 0.0):
+        return ()
+    of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
+    return (f"the distance{of} of {way:.1f} m is only known to within {2.0 * spread:.1f} m: it should not be used",)
+
+
 def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
     """Contacts, strides and distance of one recording.
 
@@ -209,7 +222,8 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
     for name in ("initial_contact", "initial_contact_side"):
         told[name] = told[name][contacts]
     told["distance_stddev"] = told["distance_stddev"][:samples]
-    told |= {"notes": preparation.notes, "standing": preparation.standing}
+    notes = (*preparation.notes, *_doubts(result, options))
+    told |= {"notes": notes, "standing": preparation.standing}
     return result._replace(
         time=result.time[:samples], distance=result.distance[:samples], valid=result.valid[:samples], diagnostics=told,
         strides=strides, strides_stddev=deviations,

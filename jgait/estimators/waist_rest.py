@@ -21,6 +21,9 @@ LEAST_REST_S = 2.0
 BIAS_KNOWN = 0.06
 """[rad/s] No gyroscope reads more than this at rest; what does, turns."""
 
+BRIDGED_S = 0.1
+"""[s] A shorter loss in a rest is no end of it."""
+
 
 class TrunkRest(NamedTuple):
     """Where the person stands still, and what the sensor reads there.
@@ -64,7 +67,9 @@ def trunk_rest(imu: Imu, axes: TrunkAxes, mask: np.ndarray, rate: float) -> Trun
     still &= _spread(acc, size) < STILL_FORCE
     # who leans or turns slowly does not stand
     still &= np.linalg.norm(_mean(gyr, size) - reads, axis=1) < STILL_RATE
-    still &= mask
+    for a, b in true_runs(~mask):
+        # a short loss was bridged, and does not end a rest
+        still[a:b] &= b - a <= BRIDGED_S * rate
     notes: list[str] = []
     runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
     runs = [(a, b) for a, b in runs if b > a]
