@@ -176,8 +176,8 @@ def _leg(
             notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
     if lost.any():
         notes.append(
-            f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain, or are missing "
-            "there and in the distance"
+            f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain, or are "
+            "missing there and in the distance"
         )
     stands = _standing(stood, speed, rate_hz) & ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
