@@ -1,0 +1,138 @@
+"""The policy that wakes the gyroscope is causal, waits for the wake-up, and keeps to its thresholds and its budget."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import power
+from jgait.gap_filling import FILLED, MEASURED
+from jgait.gap_trigger import TRANSFORMS, TRIGGER, triggered
+from jgait.params import check_params
+from jgait.power import GYROSCOPE
+
+RATE_HZ = 50.0
+STRIDE = 55  # samples
+COUNT = 400
+WARM = 2 * STRIDE
+CHANGED = 300  # from here on the future differs
+LEAD = power.wake_samples(GYROSCOPE, RATE_HZ)
+BUDGET, BUCKET = 5e-3, 0.03  # [W], [J]
+NAMES = ("usual", "other_future", "never", "always", "budget")
+
+
+def walk():
+    """A made shank whose strides vary, so that neighbours err."""
+    phase = 2 * np.pi * np.arange(COUNT) / STRIDE
+    size = 1.0 + 0.2 * np.sin(phase / 3.7)
+    rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
+    acc = np.stack([4.0 * size * np.sin(phase), 0.3 * rate, 9.81 + 3.0 * np.sin(2.0 * phase)], axis=1)
+    return rate, acc + 0.3 * np.random.default_rng(3).normal(size=acc.shape)
+
+
+@pytest.fixture(scope="module")
+def told():
+    """Five policies at once, by name."""
+    rate, acc = walk()
+    after = np.arange(COUNT) >= CHANGED
+    rates = jnp.asarray(np.stack([rate, rate + 3.0 * after, rate, rate, rate]))
+    accs = jnp.asarray(np.stack([acc, acc + 2.0 * after[:, None], acc, acc, acc]))
+    wake = jnp.asarray([0.15, 0.15, np.inf, 0.0, 0.0])
+    budget = jnp.asarray([np.inf, np.inf, np.inf, np.inf, BUDGET])
+    must = jnp.arange(COUNT) < WARM
+
+    def one(r, a, w, b):
+        return triggered(r, a, RATE_HZ, TRIGGER._replace(wake=w, budget=b, bucket=BUCKET), must=must)
+
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(rates, accs, wake, budget))
+    parts = {}
+    for k, name in enumerate(NAMES):
+        own = jax.tree.map(lambda leaf, k=k: leaf[k], found)
+        parts[name] = SimpleNamespace(
+            rate=own.filled.rate, how=own.filled.how, powered=own.used.powered, usable=own.used.usable,
+            used=own.used, predicted=own.predicted, true=np.asarray(rates[k]),
+        )  # fmt: skip
+    return parts
+
+
+def test_the_usual_one_switches_and_measured_samples_are_passed_on(told):
+    t = told["usual"]
+    assert t.powered[:WARM].all() and 0.1 < t.powered[WARM:].mean() < 0.95
+    assert np.abs(np.diff(t.powered.astype(int))).sum() >= 3  # on again at least once
+    np.testing.assert_array_equal(t.rate[t.usable], t.true[t.usable])
+    np.testing.assert_array_equal(t.how, np.where(t.usable, MEASURED, FILLED))
+    assert np.isfinite(t.predicted).all() and (t.predicted >= 0.0).all()
+
+
+def test_it_is_causal_and_decides_before_the_sample(told):
+    a, b = told["usual"], told["other_future"]
+    for name in ("rate", "predicted"):
+        np.testing.assert_array_equal(getattr(a, name)[:CHANGED], getattr(b, name)[:CHANGED])
+        assert not np.array_equal(getattr(a, name)[CHANGED:], getattr(b, name)[CHANGED:])
+    # Whether the first sample that differs is measured was decided before it.
+    np.testing.assert_array_equal(a.powered[: CHANGED + 1], b.powered[: CHANGED + 1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_wake_up_is_waited_for(told, name):
+    t = told[name]
+    np.testing.assert_array_equal(t.usable, np.asarray(power.usable_of(t.powered, RATE_HZ)))
+
+
+def test_once_on_it_stays_on_for_the_least_time(told):
+    t = told["usual"]
+    edges = np.diff(np.concatenate([[0], t.powered.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    whole = ends < COUNT
+    assert whole.sum() >= 2
+    assert ((ends - starts)[whole][1:] >= TRIGGER.on_s * RATE_HZ + LEAD).all()
+
+
+def test_an_infinite_threshold_never_wakes_it_again(told):
+    t = told["never"]
+    # Warm-up, and what must pass quietly before it is switched off, which ran on in the warm-up already.
+    assert t.powered[:WARM].all() and not t.powered[WARM:].any()
+
+
+def test_a_threshold_of_zero_leaves_it_on(told):
+    t = told["always"]
+    assert t.powered.all() and t.usable.all()
+    np.testing.assert_array_equal(t.rate, t.true)
+
+
+def test_the_budget_is_kept_at_every_sample(told):
+    t = told["budget"]
+    spent = np.cumsum(t.powered[WARM:]) * GYROSCOPE.on / RATE_HZ
+    allowed = BUCKET + BUDGET * np.arange(1, COUNT - WARM + 1) / RATE_HZ
+    assert (spent <= allowed + 1e-12).all()
+    assert spent[-1] > 0.6 * allowed[-1]  # and used: the threshold of zero wants all of it
+
+
+def test_energy_is_that_of_the_masks(told):
+    t = told["usual"]
+    energy = float(power.mask_energy(t.used, RATE_HZ))
+    assert energy == pytest.approx(GYROSCOPE.on * t.powered.sum() / RATE_HZ)
+    assert energy < 0.95 * GYROSCOPE.on * COUNT / RATE_HZ
+
+
+def test_it_sees_nothing_of_the_gaps(told):
+    t = told["usual"]
+    rate, acc = walk()
+    hidden = jnp.asarray(np.where(t.usable, rate, 1e3))
+    p = TRIGGER._replace(wake=0.15, bucket=BUCKET)
+    again = triggered(hidden, jnp.asarray(acc), RATE_HZ, p, must=jnp.arange(COUNT) < WARM)
+    np.testing.assert_array_equal(np.asarray(again.used.powered), t.powered)
+    np.testing.assert_allclose(np.asarray(again.filled.rate), t.rate, rtol=1e-9, atol=1e-9)
+
+
+def test_refusals_and_parameters():
+    check_params(TRIGGER, TRANSFORMS)
+    rate, must = jnp.zeros(100), jnp.ones(100, bool)
+    with pytest.raises(ValueError, match="accelerometer"):
+        triggered(rate, None, RATE_HZ, must=must)
+    with pytest.raises(ValueError, match="ahead_s"):
+        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, ahead_s=0.0)
+    with pytest.raises(ValueError, match="usable must be"):
+        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must[:-1])
