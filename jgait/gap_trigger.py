@@ -49,13 +49,13 @@ class Trigger(NamedTuple):
     """
 
     wake: Any = 0.1
-    calm: Any = 0.7
-    on_s: Any = 0.4
-    calm_s: Any = 0.06
-    shadow_s: Any = 0.4
-    foresight: Any = 0.7
-    novelty: Any = 0.003
-    calibrate_s: Any = 1.0
+    calm: Any = 0.85
+    on_s: Any = 0.6
+    calm_s: Any = 0.4
+    shadow_s: Any = 0.2
+    foresight: Any = 0.85
+    novelty: Any = 0.001
+    calibrate_s: Any = 3.0
     budget: Any = None
     bucket: Any = 0.06
 
@@ -101,7 +101,7 @@ class _State(NamedTuple):
 
 def triggered(
     rate: ArrayLike, acc: ArrayLike, sampling_rate_hz: float, params: Trigger = TRIGGER, *, must: ArrayLike,
-    thigh: Thigh | None = None, sensor: Sensor = GYROSCOPE, filler: Neighbours = NEIGHBOURS, ahead_s: float = 0.3,
+    thigh: Thigh | None = None, sensor: Sensor = GYROSCOPE, filler: Neighbours = NEIGHBOURS, ahead_s: float = 0.7,
 ) -> Triggered:  # fmt: skip
     """Run the policy over a recording whose gyroscope was always on; it sees only what it switched on for.
 
