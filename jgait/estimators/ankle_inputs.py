@@ -2,9 +2,7 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from jgait.estimators.interface import lengthened
+from jgait.estimators.interface import grown, lengthened
 
 SHORTEST_STRIDE = 10
 """[samples] Less than from one stride to the next at the lowest rate; see `capacity`."""
@@ -116,16 +114,9 @@ def pad(inputs: AnkleInputs, samples: int) -> AnkleInputs:
     time = lengthened(inputs.time, samples)
     more, rows = samples - have, capacity(samples) - capacity(have)
 
-    def longer(name: str, values: Any) -> np.ndarray:
-        values = np.asarray(values)
-        if name in PER_STRIDE:
-            return np.pad(values, (0, rows))
-        if name not in _PER_SAMPLE:
-            return values
-        edge = name in ("gyr", "acc")
-        return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge" if edge else "constant")
-
     def leg(one: AnkleSignals | None) -> AnkleSignals | None:
-        return None if one is None else AnkleSignals(*(longer(*field) for field in one._asdict().items()))
+        if one is None:
+            return None
+        return grown(one, more, rows, per_sample=_PER_SAMPLE, per_row=PER_STRIDE, held=("gyr", "acc"))
 
     return AnkleInputs(time, leg(inputs.right), leg(inputs.left))

@@ -100,14 +100,6 @@ def model_params(p: AnkleParams) -> FootModelParams:
     return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
 
 
-def smoothed(signal: Any, cutoff_hz: Any, leg: AnkleSignals) -> Any:
-    """(T, 3) low-passed both ways, at rest at both ends; padding behind the recording changes nothing."""
-    forth = butterworth.low_pass(signal, cutoff_hz, leg.rate_hz)
-    inside = jnp.arange(signal.shape[0], dtype=jnp.int32) <= leg.last
-    held = jnp.where(inside[:, None], forth, forth[leg.last][None, :])
-    return butterworth.low_pass(held[::-1], cutoff_hz, leg.rate_hz)[::-1]
-
-
 def _mean_over_interval(values: Any) -> Any:
     return jnp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
@@ -213,7 +205,7 @@ def _of_leg(
     p: AnkleParams, leg: AnkleSignals, side: int, options: AnkleOptions
 ) -> tuple[Strides, Strides | None, dict[str, Any], dict[str, Any], Any]:
     """Strides of one leg, their deviations, flags, diagnostics, and where they mean something."""
-    gyr, acc = (smoothed(values, p.cutoff_hz, leg) for values in (leg.gyr, leg.acc))
+    gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
     if options.length != "filter":
         strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
         return strides, None, flags, {}, leg.valid

@@ -2,9 +2,7 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from jgait.estimators.interface import lengthened
+from jgait.estimators.interface import grown, lengthened
 
 SHORTEST_STANCE_TO_STANCE = 20
 """[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
@@ -80,6 +78,9 @@ class FootInputs(NamedTuple):
     left: FootSignals | None
 
 
+_PER_SAMPLE = (
+    "gyr", "acc", "gyr_jump", "acc_jump", "gyr_doubt", "acc_doubt", "rate", "stands", "restart", "dt", "valid", "known",
+)  # fmt: skip
 _PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
 
 
@@ -105,16 +106,11 @@ def pad(inputs: FootInputs, samples: int) -> FootInputs:
     time = lengthened(inputs.time, samples)
     more, rows = samples - have, capacity(samples) - capacity(have)
 
-    def longer(name: str, values: Any) -> np.ndarray:
-        values = np.asarray(values)
-        if name in _PER_FOOTHOLD:
-            return np.pad(values, (0, rows), mode="edge")
-        if values.ndim == 0 or values.shape[0] != have or name in ("attitude", "gyr_bias", "acc_bias", "up"):
-            return values
-        edge = name in ("gyr", "acc")
-        return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge" if edge else "constant")
-
     def foot(one: FootSignals | None) -> FootSignals | None:
-        return None if one is None else FootSignals(*(longer(*field) for field in one._asdict().items()))
+        if one is None:
+            return None
+        return grown(
+            one, more, rows, per_sample=_PER_SAMPLE, per_row=_PER_FOOTHOLD, held=("gyr", "acc", *_PER_FOOTHOLD)
+        )
 
     return FootInputs(time, foot(inputs.right), foot(inputs.left))

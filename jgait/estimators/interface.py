@@ -1,7 +1,7 @@
 """What every estimator offers to those who run it on many recordings: decide, pad, and a pure function to map."""
 
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,3 +64,31 @@ def lengthened(time: Any, samples: int) -> np.ndarray:
         raise ValueError(f"pad only lengthens; got {time.size} samples and {samples} wanted")
     step = float(np.median(np.diff(time)))
     return np.concatenate([time, time[-1] + step * np.arange(1, samples - time.size + 1)])
+
+
+def grown[R](
+    record: R, samples: int, rows: int, *, per_sample: Collection[str], per_row: Collection[str] = (),
+    held: Collection[str] = (),
+) -> R:  # fmt: skip
+    """A record of arrays with more behind some of them: padding of signals, and of tables with room for more rows.
+
+    Args:
+        record: NamedTuple of arrays.
+        samples: how many more samples.
+        rows: how many more rows.
+        per_sample: names of the fields (T, …).
+        per_row: names of the fields (K, …).
+        held: names of the fields whose last entry goes on; others go on with zeros.
+
+    Returns:
+        The same record; fields that are not named are unchanged.
+    """
+
+    def longer(name: str, values: Any) -> np.ndarray:
+        values = np.asarray(values)
+        more = samples if name in per_sample else rows if name in per_row else 0
+        width = [(0, more)] + [(0, 0)] * (values.ndim - 1)
+        return np.pad(values, width, mode="edge" if name in held else "constant") if more else values
+
+    fields = record._asdict()  # type: ignore[attr-defined]
+    return record._replace(**{name: longer(name, values) for name, values in fields.items()})  # type: ignore[attr-defined]

@@ -2,9 +2,7 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from jgait.estimators.interface import lengthened
+from jgait.estimators.interface import grown, lengthened
 
 SHORTEST_STEP = 5
 """[samples] Less than from one node to the next at the lowest rate; see `capacity`."""
@@ -102,16 +100,8 @@ def pad(inputs: WaistInputs, samples: int) -> WaistInputs:
     """
     have = inputs.time.shape[0]
     time = lengthened(inputs.time, samples)
-    more, rows = samples - have, capacity(samples) - capacity(have)
-
-    def longer(name: str, values: Any) -> np.ndarray:
-        values = np.asarray(values)
-        if name in PER_NODE:
-            return np.pad(values, (0, rows), mode="edge" if name in ("at", "contact") else "constant")
-        if name not in _PER_SAMPLE:
-            return values
-        mode = "edge" if name in ("gyr", "acc") else "constant"
-        return np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode=mode)  # type: ignore[call-overload]
-
-    padded = {name: longer(name, values) for name, values in inputs._asdict().items() if name != "time"}
-    return WaistInputs(time, **padded)
+    longer = grown(
+        inputs, samples - have, capacity(samples) - capacity(have), per_sample=_PER_SAMPLE, per_row=PER_NODE,
+        held=("gyr", "acc", "at", "contact"),
+    )  # fmt: skip
+    return longer._replace(time=time)
