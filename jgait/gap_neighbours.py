@@ -117,9 +117,7 @@ def step(p: Neighbours, dt: Any, s: State, signals: Array, rate: Array, usable: 
     there = s.there.astype(s.rate.dtype)
     distance = there * ((signals[None] - s.signals) ** 2).sum(axis=1) + keep * s.distance
     weight = there + keep * s.weight
-    alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
-    nearest = jnp.min(jnp.where(s.usable, alike, jnp.inf))
-    nearest = jnp.where(s.usable.any(), nearest, 1.0)
+    alike, nearest = distances(p, keep, s, distance, weight)
     further = jnp.where(s.usable, alike - nearest, 0.0)
     kernel = jnp.where(s.usable, jnp.exp(-0.5 * further / (p.bandwidth**2 * (nearest + p.floor))), 0.0)
     total = kernel.sum()
@@ -129,6 +127,21 @@ def step(p: Neighbours, dt: Any, s: State, signals: Array, rate: Array, usable: 
         pushed(s.there, jnp.ones_like(usable)), distance, weight,
     )  # fmt: skip
     return after, told
+
+
+def distances(p: Neighbours, keep: Any, s: State, distance: Array, weight: Array) -> tuple[Array, Array]:
+    """How far each lag's history is from the latest one (n,), and the least of those with a rate, 1 without any.
+
+    Args:
+        p: parameters.
+        keep: what is kept of a history from a sample to the next [1].
+        s: the state before the sample.
+        distance: (n,) weighted sum of square differences, the sample's own among them.
+        weight: (n,) sum of the weights.
+    """
+    alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
+    nearest = jnp.min(jnp.where(s.usable, alike, jnp.inf))
+    return alike, jnp.where(s.usable.any(), nearest, 1.0)
 
 
 def scaled(s: Signals, p: Neighbours) -> Array:

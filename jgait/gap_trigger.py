@@ -207,8 +207,5 @@ def _disagreement(
     """Weighted variance of the neighbours' rates, and what the nearest distance adds [rad²/s²]."""
     spread = before._replace(rate=(before.rate - told) ** 2)
     variance = gap_neighbours.step(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]
-    keep = jnp.exp(-dt / p.history_s)
-    alike = after.distance / jnp.where(before.there, after.weight, 1.0) + p.short * (1.0 - (1.0 - keep) * after.weight)
-    nearest = jnp.min(jnp.where(before.usable, alike, jnp.inf))
-    nearest = jnp.where(before.usable.any(), nearest, 1.0)
+    nearest = gap_neighbours.distances(p, jnp.exp(-dt / p.history_s), before, after.distance, after.weight)[1]
     return variance + novelty * nearest * RATE_SCALE**2

@@ -6,9 +6,9 @@ step frequency and those of the two level components H, the forward axis is the 
 
     c = Σ H U* / Σ |U|²,        |c · n| is greatest,        Im (c · n) > 0.
 
-Over 7 people of `ipol_gait` and 2 of `mobgap_lab` the axis found is within 9° of the one their sensors were mounted
-along, and the phase of c · n lies between 81° and 114°; on simulated waists and backs it is 101° to 103°. A sensor at
-the side of the waist, upside down or turned about the vertical needs no word from the wearer.
+On the walks of `ipol_gait` and the straight ones of `mobgap_lab` the axis found is within 10° of the one their sensors
+were mounted along, and the phase of c · n between 75° and 120° (tested). A sensor at the side of the waist, upside down
+or turned about the vertical needs no word from the wearer.
 """
 
 from typing import NamedTuple

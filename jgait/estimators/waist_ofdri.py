@@ -19,8 +19,8 @@ Outputs:
     walking is an empty table.
 
 Deviations from the paper; effects by `experiments/waist_ofdri.py`:
-    1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias: 0.003 m/s²
-       for its 0.8 %, or 0.02° of tilt. `distance="update"` is the paper.
+    1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias, so a tilt
+       known to hundredths of a degree. `distance="update"` is the paper.
     2. Contacts by a soft argmax; `detector="paper"` is the paper's midpoint rule, "literal" by the letter.
     3. The paper's orientation filter is cited, not printed: here a filter on the direction of gravity.
 
