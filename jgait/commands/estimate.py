@@ -1,6 +1,7 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,8 +10,9 @@ from rich.markup import escape
 
 from jgait.commands import estimate_feet, estimate_legs, estimate_strides, estimate_waist
 from jgait.commands.console import console, errors, note, stop
+from jgait.commands.estimate_legs import Show
 from jgait.commands.pipeline import pipeline_of, refuse_others, start_of
-from jgait.types import Estimate
+from jgait.types import Estimate, Recording
 
 
 def estimate(
@@ -86,28 +88,44 @@ def estimate(
         "--range-offset": range_offset, "--lever": lever, "--axes": axes, "--height": height,
         "--sensor-height": sensor_height,
     })  # fmt: skip
-    start = start_of(pipeline, params, paper)
+    start, told = start_of(pipeline, params, paper), params is not None
     if estimator == "leg_ekf":
-        show: Any = estimate_legs.legs(start, thigh, shank, scale, paper, told=params is not None)
+        show: Show = estimate_legs.legs(start, thigh, shank, scale, paper, told=told)
     elif estimator in ("foot_ins", "stride_width_ekf"):
-        show = estimate_feet.feet(estimator, start, pivot, level, range_offset, paper, told=params is not None)
+        show = estimate_feet.feet(estimator, start, pivot, level, range_offset, paper, told=told)
     elif estimator == "ankle_stride":
-        show = estimate_strides.strides(start, lever, axes, told=params is not None)
+        show = estimate_strides.strides(start, lever, axes, told=told)
     elif estimator == "waist_ofdri":
-        show = estimate_waist.walks(start, height, sensor_height, paper, told=params is not None)
+        show = estimate_waist.walks(start, height, sensor_height, paper, told=told)
     else:
         stop(
             "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf, ankle_stride and waist_ofdri give; "
             f"for {estimator} use jgait evaluate"
         )
-    failures: dict[str, str] = {}
+
+    def read(file: Path) -> Recording:
+        return io.read_csv(file, sampling_rate_hz=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit)
+
+    numbers, failures = _each(files, read, show, out)
+    if show.table.rows:
+        console.print(show.table)
+        console.print(show.caption, style="dim")
+    if json_file is not None:
+        _write_json(json_file, {"estimator": estimator, "recordings": numbers, "failures": failures})
+    if failures:
+        errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
+        raise typer.Exit(1 if len(failures) < len(files) else 2)
+
+
+def _each(
+    files: list[Path], read: Callable[[Path], Recording], show: Show, out: Path
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Every file estimated, written and put into the table: file → numbers, and file → why it could not be used."""
     numbers: dict[str, Any] = {}
+    failures: dict[str, str] = {}
     for file in files:
         try:
-            recording = io.read_csv(
-                file, sampling_rate_hz=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit
-            )
-            result = show.run(recording)
+            result = show.run(read(file))
         except (ValueError, OSError) as error:
             errors.print(f"[bold red]{escape(str(file))}:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
             failures[str(file)] = str(error)
@@ -123,19 +141,16 @@ def estimate(
             show.table.add_row(*row)
         numbers[str(file)] = {**_numbers(result, written), **({} if show.numbers is None else show.numbers(result))}
         console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
-    if show.table.rows:
-        console.print(show.table)
-        console.print(show.caption, style="dim")
-    if json_file is not None:
-        whole = {"estimator": estimator, "recordings": numbers, "failures": failures}
-        try:
-            json_file.parent.mkdir(parents=True, exist_ok=True)
-            json_file.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        except OSError as error:
-            stop(f"{json_file} could not be written: {error}")
-    if failures:
-        errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
-        raise typer.Exit(1 if len(failures) < len(files) else 2)
+    return numbers, failures
+
+
+def _write_json(file: Path, content: dict[str, Any]) -> None:
+    """The numbers as JSON; leaves with 2 where they cannot be written."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        stop(f"{file} could not be written: {error}")
 
 
 def _numbers(result: Estimate, written: list[Path]) -> dict[str, Any]:
