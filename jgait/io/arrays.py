@@ -11,7 +11,7 @@ from jgait.io.clock import Clock, make_clock
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
-ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY}
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
@@ -52,7 +52,7 @@ def recording_from_arrays(
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
-        acc_unit: 'm/s^2' or 'g'.
+        acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
         name: what tables and figures call the recording.
         subject: who walked.

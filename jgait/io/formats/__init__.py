@@ -1,0 +1,1 @@
+"""File formats of measuring systems, one module each; `jgait.io.read` reads them all."""

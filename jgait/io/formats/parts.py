@@ -1,0 +1,302 @@
+"""What a file of a measuring system says, and the questions it leaves open, answered before it is a `Recording`.
+
+A reader only parses: it gives a `Measured` of one `Part` a sensor, in the file's own units, and says which units the
+file or its specification states. Where neither does, `settle` asks the signals (gravity, the size of the rates) and
+the answer becomes a note; where the signals do not tell, it refuses. Where a sensor sat comes from the caller, or from
+the name that the file gives the sensor, which is noted too.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.io.arrays import ACC_UNITS, GYR_UNITS, recording_from_arrays
+from jgait.io.checks import FASTEST, GRAVITY_RANGE
+from jgait.types import PLACEMENTS, Recording, RecordingError
+
+SLOW, FAST = 12.0, 30.0
+"""[as in the file] 99th percentile of a walking sensor's rate: below the one only rad/s, above the other only deg/s."""
+
+CLOCKS_APART = 0.5
+"""[samples] Time stamps of two sensors that differ by less are one clock."""
+
+SAME_RATE = 1e-3
+"""Relative difference of sampling rates below which two are one."""
+
+
+class Part(NamedTuple):
+    """One sensor, as its file tells it.
+
+    Attributes:
+        label: what the file calls it.
+        gyr: (T, 3) angular rate, NaN where lost.
+        acc: (T, 3) specific force, NaN where lost; or None.
+        time: (T,) [s] on a clock that all parts of the file share, or None.
+        sampling_rate_hz: [Hz], or None to take it from `time`.
+        gyr_unit: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
+        acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
+        placement: where it sat, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
+        axes: what is known of the sensor's axes, in words; empty: nothing.
+    """
+
+    label: str
+    gyr: Any
+    acc: Any = None
+    time: Any = None
+    sampling_rate_hz: float | None = None
+    gyr_unit: str | None = None
+    acc_unit: str | None = None
+    placement: str | None = None
+    axes: str = ""
+
+
+class Measured(NamedTuple):
+    """All sensors of a file, or of the files that belong together.
+
+    Attributes:
+        parts: one a sensor.
+        name: of the recording.
+        subject: who walked.
+        notes: what the reader noticed, in plain words.
+    """
+
+    parts: Sequence[Part]
+    name: str
+    subject: str = "subject"
+    notes: tuple[str, ...] = ()
+
+
+def settle(
+    measured: Measured,
+    *,
+    placements: Mapping[str, str] | None = None,
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
+    sampling_rate_hz: float | None = None,
+    name: str | None = None,
+    subject: str | None = None,
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording in SI units, on one clock, with every placement and unit said or told from the signals.
+
+    Args:
+        measured: what the reader found.
+        placements: the file's name of a sensor → where it sat; sensors that are not named here are placed by their
+            names, and left out, with a note, where at least one other could be placed.
+        gyr_unit: overrules the file.
+        acc_unit: overrules the file.
+        sampling_rate_hz: [Hz] for files that do not say it.
+        name: what tables and figures call the recording; None: as `measured`.
+        subject: who walked; None: as `measured`.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording; its notes say what was read, told and left out.
+
+    Raises:
+        RecordingError: if no sensor can be placed, two have one place, a unit cannot be told, clocks do not overlap,
+            or the signals make no usable recording.
+    """
+    called = measured.name if name is None else name
+    notes = list(measured.notes)
+    placed = _placed(measured.parts, placements or {}, called, notes)
+    units_gyr, units_acc = [], []
+    for where, part in placed.items():
+        units_gyr.append(gyr_unit or part.gyr_unit or _rate_unit(part, where, called, notes))
+        units_acc.append(
+            "m/s^2" if part.acc is None else acc_unit or part.acc_unit or _unit(part, where, called, notes)
+        )
+        notes.append(_which_way_up(part, where))
+    sensors = {
+        where: _in_si(part, rate, force)
+        for (where, part), rate, force in zip(placed.items(), units_gyr, units_acc, strict=True)
+    }
+    time, rate_hz = _one_clock(placed, sensors, sampling_rate_hz, called, notes)
+    recording = recording_from_arrays(
+        sensors,
+        time=time,
+        time_unit=None if time is None else "s",
+        sampling_rate_hz=rate_hz,
+        gyr_unit="rad/s",
+        acc_unit="m/s^2",
+        name=called,
+        subject=measured.subject if subject is None else subject,
+        check_sizes=check_sizes,
+    )
+    return recording._replace(notes=(*(note for note in notes if note), *recording.notes))
+
+
+WORDS = {
+    "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
+    "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
+    "thigh": "thigh", "upperleg": "thigh", "femur": "thigh", "shank": "shank", "lowerleg": "shank", "tibia": "shank",
+    "shin": "shank", "ankle": "ankle", "foot": "foot", "feet": "foot", "shoe": "foot", "instep": "foot",
+    "calcn": "foot",
+}  # fmt: skip
+"""What measuring systems call the places of sensors; the longest word that fits counts."""
+
+
+def placement_of(label: str) -> str | None:
+    """Where a sensor sat, from the name that it was given; None where the name does not tell.
+
+    Args:
+        label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
+
+    Returns:
+        A member of `jgait.types.PLACEMENTS`, or None.
+    """
+    plain = label.strip().lower().replace("-", "_").replace(" ", "_")
+    if plain in PLACEMENTS:
+        return plain
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label.strip())
+    tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
+    sides = {side for side, words in (("right", ("right", "r", "re")), ("left", ("left", "l", "le")))
+             for word in words if word in tokens}  # fmt: skip
+    joined = "".join(tokens)
+    if not sides:
+        sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
+    words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
+    if not words or len(sides) > 1:
+        return None
+    place = WORDS[words[0]]
+    if place in PLACEMENTS:
+        return place
+    return f"{place}_{next(iter(sides))}" if sides else None
+
+
+def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: list[str]) -> dict[str, Part]:
+    """Placement → part; what is left out is noted."""
+    labels = [part.label for part in parts]
+    if not parts:
+        raise RecordingError(f"{name} holds no inertial sensor")
+    unknown = [label for label in said if label not in labels]
+    if unknown:
+        raise RecordingError(f"{name} has no sensor {unknown[0]!r} (named in placements); it has {labels}")
+    placed: dict[str, Part] = {}
+    nowhere: list[str] = []
+    for part in parts:
+        where = said.get(part.label) or part.placement or placement_of(part.label)
+        if where is None or where not in PLACEMENTS:
+            if part.label in said:
+                raise RecordingError(f"{name}: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
+            nowhere.append(part.label)
+            continue
+        if where in placed:
+            raise RecordingError(
+                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; say in "
+                "placements which is which"
+            )
+        if part.label != where:
+            notes.append(f"the sensor {part.label!r} is taken to have sat at {where}")
+        placed[where] = part
+    if not placed:
+        raise RecordingError(
+            f"{name} does not say where its sensors sat: pass placements={{{nowhere[0]!r}: 'shank_right', …}}; its "
+            f"sensors are {labels}, known placements {', '.join(PLACEMENTS)}"
+        )
+    if nowhere:
+        notes.append(f"left out, for their placement is not known: {', '.join(map(repr, nowhere))}")
+    return placed
+
+
+def _unit(part: Part, where: str, name: str, notes: list[str]) -> str:
+    """The accelerometer's unit, told by gravity."""
+    size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
+    size = size[np.isfinite(size)]
+    force = float(np.median(size)) if len(size) else float("nan")
+    for unit, one in ACC_UNITS.items():
+        gravity = ACC_UNITS["g"] / one
+        if GRAVITY_RANGE[0] * gravity <= force <= GRAVITY_RANGE[1] * gravity:
+            notes.append(f"{where}: the file states no unit of acceleration; {unit}, for its median is {force:.4g}")
+            return unit
+    raise RecordingError(
+        f"{name}: the file states no unit of acceleration, and the median of {where} is {force:.4g}, which is "
+        f"gravity in none of {', '.join(ACC_UNITS)}; say acc_unit, or find the raw signal if gravity was taken off"
+    )
+
+
+def _rate_unit(part: Part, where: str, name: str, notes: list[str]) -> str:
+    """The gyroscope's unit, told by its size, which tells only when somebody walks."""
+    size = np.linalg.norm(np.asarray(part.gyr, np.float64), axis=1)
+    size = size[np.isfinite(size)]
+    fastest = float(np.percentile(size, 99.0)) if len(size) else float("nan")
+    unit = "deg/s" if fastest > FAST else "rad/s" if 1.0 < fastest < SLOW else None
+    if unit is None:
+        raise RecordingError(
+            f"{name}: the file states no unit of angular rate, and the size of {where} does not tell (99th percentile "
+            f"{fastest:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most {FASTEST:g} rad/s "
+            f"occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
+        )
+    notes.append(f"{where}: the file states no unit of angular rate; {unit}, for the 99th percentile is {fastest:.4g}")
+    return unit
+
+
+def _which_way_up(part: Part, where: str) -> str:
+    """Which of the sensor's axes points up, as the accelerometer tells, and what is known of the axes."""
+    if part.acc is None:
+        return f"{where}: axes {part.axes}" if part.axes else ""
+    mean = np.nanmean(np.asarray(part.acc, np.float64), axis=0)
+    size = float(np.linalg.norm(mean))
+    if not size > 0.0:
+        return ""
+    axis = int(np.argmax(np.abs(mean)))
+    share = float(mean[axis]) / size
+    told = f"{where}: the sensor's {'-' if share < 0 else '+'}{'xyz'[axis]} points up ({abs(share):.2f} of gravity)"
+    return f"{told}; axes {part.axes}" if part.axes else told
+
+
+def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, Any]:
+    for unit, units, what in ((gyr_unit, GYR_UNITS, "gyr_unit"), (acc_unit, ACC_UNITS, "acc_unit")):
+        if unit not in units:
+            raise ValueError(f"{what} must be one of {', '.join(map(repr, units))}; got {unit!r}")
+    found = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
+    if part.acc is not None:
+        found["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]
+    return found
+
+
+def _one_clock(
+    placed: Mapping[str, Part], sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str, notes: list[str]
+) -> tuple[Any, float | None]:
+    """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first."""
+    parts = list(placed.values())
+    first = parts[0]
+    if all(part.time is None for part in parts):
+        rates = {part.sampling_rate_hz for part in parts if part.sampling_rate_hz is not None}
+        lengths = {where: len(part.gyr) for where, part in placed.items()}
+        if len(set(lengths.values())) > 1 or (rates and max(rates) > (1.0 + SAME_RATE) * min(rates)):
+            raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
+        if rate_hz is None and not rates:
+            raise RecordingError(f"{name} states neither time stamps nor a sampling rate; say sampling_rate_hz")
+        return None, rate_hz or rates.pop()
+    lost = [where for where, part in placed.items() if part.time is None]
+    if lost:
+        raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
+    times = [np.asarray(part.time, np.float64) for part in parts]
+    step = float(np.median(np.diff(times[0])))
+    same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
+    if all(same):
+        return times[0], rate_hz or first.sampling_rate_hz
+    begin, end = max(t[0] for t in times), min(t[-1] for t in times)
+    if not end > begin:
+        raise RecordingError(
+            f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
+        )
+    common = times[0][(times[0] >= begin) & (times[0] <= end)]
+    for where, own in zip(placed, times, strict=True):
+        sensors[where] = {kind: _resampled(common, own, values) for kind, values in sensors[where].items()}
+    notes.append(
+        f"sensors on clocks of their own were interpolated to that of {next(iter(placed))}, {begin:.2f} to {end:.2f} s"
+    )
+    return common, None
+
+
+def _resampled(time: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at other times, linear; NaN wherever a neighbour is lost or far."""
+    step = float(np.median(np.diff(own)))
+    found = np.stack([np.interp(time, own, column) for column in values.T], axis=1)
+    right = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
+    found[own[right] - own[right - 1] > 1.5 * step] = np.nan
+    return found

@@ -1,0 +1,155 @@
+"""The file formats that jgait reads, and the one function that reads any of them."""
+
+import importlib
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from jgait.io.formats.parts import Measured, settle
+from jgait.types import Recording, RecordingError
+
+HEAD = 4096
+"""[bytes] How much of a file is looked at to tell its format."""
+
+
+class Format(NamedTuple):
+    """A file format.
+
+    A module `jgait.io.formats.MODULE` has `recognises(path, head) -> bool`, which looks at the name and the first
+    bytes only, and `measured(path) -> Measured`, which parses and raises `RecordingError` for what it cannot read.
+
+    Attributes:
+        module: its name in this package.
+        title: what users call it.
+        files: what is given to `read`: endings, or words.
+        states: which units, placements and clocks file or specification state.
+    """
+
+    module: str
+    title: str
+    files: str
+    states: str
+
+
+FORMATS: dict[str, Format] = {
+    "mobilised": Format("mobilised", "Mobilise-D MATLAB file", "data.mat", "units, placements, rates"),
+    "apdm": Format("apdm", "APDM Opal HDF5", "*.h5", "units, placements as labels, one clock"),
+    "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
+    "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
+    "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
+    "shimmer": Format(
+        "shimmer", "Shimmer Consensys CSV", "*.csv", "units, time; placement perhaps as the device's name"
+    ),
+    "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
+    "physilog": Format("physilog", "Gait Up Physilog CSV", "*.csv", "units, time; no placement"),
+    "csv": Format("columns", "table with columns named as here", "*.csv, *.parquet", "placements; units are told"),
+}
+"""Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
+
+
+def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
+    module = importlib.import_module(f"jgait.io.formats.{FORMATS[name].module}")
+    return module.recognises, module.measured
+
+
+def format_of(path: str | os.PathLike[str]) -> str | None:
+    """The format of a file or folder, told by its name and first bytes; None where none fits.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        PermissionError: if it may not be read.
+    """
+    file = Path(path)
+    if file.is_dir():
+        head = b""
+    else:
+        with file.open("rb") as stream:
+            head = stream.read(HEAD)
+    return next((name for name in FORMATS if _module(name)[0](file, head)), None)
+
+
+def read(
+    path: str | os.PathLike[str] | Mapping[str, str | os.PathLike[str]],
+    *,
+    format: str | None = None,
+    placement: str | None = None,
+    placements: Mapping[str, str] | None = None,
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
+    sampling_rate_hz: float | None = None,
+    name: str | None = None,
+    subject: str | None = None,
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from a file of a measuring system, or from several files of one sensor each.
+
+    Units and placements that the file does not state are told from the signals and the sensors' names, and noted;
+    where they cannot be told, the file is refused with what to say.
+
+    Args:
+        path: the file or folder; or placement → file, for systems that write a file a sensor.
+        format: one of `FORMATS`; None: told by the file's name and first bytes.
+        placement: where the sensor sat, for a file of one sensor.
+        placements: the file's name of a sensor → where it sat.
+        gyr_unit: 'deg/s' or 'rad/s', overrules the file.
+        acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
+        sampling_rate_hz: [Hz] for files that do not say it.
+        name: what tables and figures call the recording; None: the file's.
+        subject: who walked; None: the file's, or "subject".
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units; `notes` says what was told and from what.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        ValueError: for an unknown format or unit.
+        RecordingError: if the format cannot be told, or the file holds no usable recording.
+    """
+    if isinstance(path, Mapping):
+        if placement is not None or placements is not None:
+            raise ValueError("files by placement need no placement or placements")
+        found = _joined({where: _one(file, format, where) for where, file in path.items()})
+        placements = None
+    else:
+        found = _one(path, format, placement)
+    return settle(
+        found,
+        placements=placements,
+        gyr_unit=gyr_unit,
+        acc_unit=acc_unit,
+        sampling_rate_hz=sampling_rate_hz,
+        name=name,
+        subject=subject,
+        check_sizes=check_sizes,
+    )
+
+
+def _one(path: str | os.PathLike[str], format: str | None, placement: str | None) -> Measured:
+    """What one file says; with a placement, of its one sensor."""
+    file = Path(path)
+    if format is not None and format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}")
+    told = format_of(file) if format is None else format
+    if told is None:
+        raise RecordingError(
+            f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which in format"
+        )
+    found = _module(told)[1](file)
+    found = found._replace(notes=(*found.notes, f"read as {FORMATS[told].title}"))
+    if placement is None:
+        return found
+    if len(found.parts) != 1:
+        labels = [part.label for part in found.parts]
+        raise RecordingError(f"{file.name} has {len(labels)} sensors, {labels}; place them by placements={{…}}")
+    return found._replace(parts=(found.parts[0]._replace(placement=placement),))
+
+
+def _joined(found: Mapping[str, Measured]) -> Measured:
+    """Files of one sensor each as one."""
+    if not found:
+        raise ValueError("no file was given; expected placement → file")
+    every = list(found.values())
+    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
+    return Measured([part for one in every for part in one.parts], every[0].name, every[0].subject, notes)
