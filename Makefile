@@ -34,7 +34,7 @@ endif
 EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
 BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
 
-.PHONY: help setup demo test lint types experiments bench peers lock clean
+.PHONY: help setup demo test lint types experiments summary bench peers lock clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -65,6 +65,9 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick"
 		echo "experiments/$$name.py"; \
 		$(BIN)/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
+
+summary: $(STAMP) ## write the table of all experiments, from results/, into experiments/README.md and README.md
+	@$(BIN)/python experiments/_summary.py $(ARGS)
 
 $(BENCH_STAMP): pyproject.toml .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup bench

@@ -1,7 +1,7 @@
 """What all experiments share: their command line, and the form of their results.
 
 Every experiment runs as `python experiments/NAME.py [--quick] [--json FILE]`, prints its tables and writes
-`{"experiment": NAME, "rows": [{metric, value, unit, paper, n, split}]}`.
+`{"experiment": NAME, "version": VERSION OF JGAIT, "quick": BOOL, "rows": [{metric, value, unit, paper, n, split}]}`.
 """
 
 import argparse
@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import jax
 from rich.console import Console
 from rich.table import Table
+
+import jgait
 
 
 class Row(NamedTuple):
@@ -66,5 +68,10 @@ def main(name: str, description: str, experiment: Callable[[bool], list[Row]]) -
     )
     if arguments.json is not None:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        result = {"experiment": name, "quick": arguments.quick, "rows": [r._asdict() for r in rows]}
+        result = {
+            "experiment": name,
+            "version": jgait.__version__,
+            "quick": arguments.quick,
+            "rows": [r._asdict() for r in rows],
+        }
         arguments.json.write_text(json.dumps(result, indent=1) + "\n")
