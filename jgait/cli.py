@@ -1,4 +1,4 @@
-"""The command line: `jgait demo`, `estimate`, `evaluate`, `tune`, `datasets`; each in a file of `jgait.commands`."""
+"""The command line, `jgait --help`; each command is a file of `jgait.commands`."""
 
 import os
 import sys
@@ -17,16 +17,24 @@ from jgait.commands.datasets import sets
 from jgait.commands.demo import demo
 from jgait.commands.estimate import estimate
 from jgait.commands.evaluate import evaluate
+from jgait.commands.simulate import simulate
 from jgait.commands.tune import tune
 
 app = typer.Typer(
-    help="Gait from wearable sensors: estimate, tune by gradient, judge.",
+    help="Gait from wearable sensors: joint angles, strides, widths, contacts and distance. Begin with `jgait demo`, "
+    "or with `jgait estimate FILE` on a recording of your own. Commands leave with 0 if all went well, 1 if some "
+    "recordings could not be used, 2 if nothing could be done.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
 )
-for command in (demo, estimate, evaluate, tune):
-    app.command()(command)
+for command, what in (
+    (demo, "Estimate, compare with the truth, tune, judge: a first look."),
+    (estimate, "Angles, strides, contacts, distance of your recordings."),
+    (simulate, "Walks with known truth, as files."),
+    (evaluate, "A whole cohort, compared with its reference."),
+    (tune, "Learn parameters from a cohort by gradient."),
+):
+    app.command(short_help=what)(command)
 app.add_typer(sets, name="datasets")
 
 

@@ -234,11 +234,9 @@ def save(figure: Any, path: str | Path, *, dpi: int = 130) -> Path:
     Returns:
         The path.
     """
+    from jgait.io.atomic import replaced
+
     path = Path(path)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
+    with replaced(path) as part:
         figure.savefig(part, dpi=dpi)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
     return path

@@ -225,7 +225,7 @@ def test_a_scale_that_is_neither():
     "option, message",
     [
         ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s'; got 'degrees'"),
-        ({"acc_unit": "mg"}, "acc_unit must be one of 'm/s\\^2', 'g'; got 'mg'"),
+        ({"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
         ({"time_unit": "us"}, "time_unit must be 's' or 'ms'; got 'us'"),
     ],
 )

@@ -1,6 +1,8 @@
 """Where the commands write, how they stop, and how they show that they are at work."""
 
-from typing import NoReturn
+import json
+from pathlib import Path
+from typing import Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -15,6 +17,25 @@ def stop(message: str) -> NoReturn:
     """Say why nothing could be done, and leave with 2."""
     errors.print(f"[bold red]jgait:[/] {escape(message)}", highlight=False, soft_wrap=True)
     raise typer.Exit(2)
+
+
+def write_json(file: Path | None, content: Any) -> None:
+    """The numbers as JSON where a file is named; leaves with 2 where they cannot be written."""
+    if file is None:
+        return
+    from jgait.io.atomic import replaced
+
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(file) as part:
+            part.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8")
+    except OSError as error:
+        stop(f"{file} could not be written: {error}")
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy scalar or an array as JSON has it."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 class Bar:

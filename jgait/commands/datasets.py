@@ -1,42 +1,55 @@
 """`jgait datasets`: which public recordings there are, where they lie, and how they come here."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 from rich.table import Table
 
-from jgait.commands.console import console, stop
+from jgait.commands.console import console, stop, write_json
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write it here too.")]
 
 sets = typer.Typer(help="Public recordings with a reference.", no_args_is_help=True)
 
 
 @sets.command("list")
-def list_sets() -> None:
+def list_sets(json_file: Json = None) -> None:
     """The public data sets that jgait reads, and which of them are here."""
     from jgait import datasets
 
     table = Table("set", "here", "licence", "cite")
+    told = {}
     for name in datasets.list_datasets():
         about = datasets.info(name)
-        table.add_row(name, "yes" if datasets.available(name) else "no", about.licence, about.citation)
+        here = datasets.available(name)
+        table.add_row(name, "yes" if here else "no", about.licence, about.citation)
+        told[name] = {"here": here, "licence": about.licence, "citation": about.citation}
     console.print(table)
+    write_json(json_file, told)
 
 
 @sets.command("path")
-def path_of_set(name: str) -> None:
+def path_of_set(name: str, json_file: Json = None) -> None:
     """The folder in which a data set lies."""
     from jgait import datasets
 
     try:
-        console.print(str(datasets.path(name)), soft_wrap=True)
+        folder = str(datasets.path(name))
     except (datasets.DatasetUnavailable, ValueError) as error:
         stop(str(error))
+    console.print(folder, soft_wrap=True)
+    write_json(json_file, {name: folder})
 
 
 @sets.command("fetch")
-def fetch_set(name: str) -> None:
+def fetch_set(name: str, json_file: Json = None) -> None:
     """Download a data set from its authors, each file checked by its hash."""
     from jgait import datasets
 
     try:
-        console.print(str(datasets.fetch(name, progress=True)), soft_wrap=True)
+        folder = str(datasets.fetch(name, progress=True))
     except Exception as error:
         stop(f"{name} could not be fetched: {error}")
+    console.print(folder, soft_wrap=True)
+    write_json(json_file, {name: folder})

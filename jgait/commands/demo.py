@@ -1,6 +1,5 @@
 """`jgait demo`: estimate, compare, tune and judge, on simulated walks and on real ones."""
 
-import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from jgait.commands.console import Bar, console, progress, stop
+from jgait.commands.console import Bar, console, progress, stop, write_json
 
 
 def _show(result: Any) -> None:
@@ -73,6 +72,5 @@ def demo(
             "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
         )
     console.print("figures: " + ", ".join(str(path) for result in results for path in result.figures), soft_wrap=True)
-    if json_file is not None:
-        rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
-        json_file.write_text(json.dumps(rows, indent=1) + "\n")
+    rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
+    write_json(json_file, rows)

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, write_json
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 
 DRAWN = {"distance_m": "m", "stride_length_m": "m", "stride_width_m": "m", "walking_speed_mps": "m/s"}
@@ -72,10 +72,9 @@ def evaluate(
     agreement = found.agreement()
     try:
         files = _write(out, found, agreement, failures)
-        if json_file is not None:
-            _write_json(json_file, pipeline.name, found, agreement, failures, files)
     except OSError as error:
         stop(f"nothing more could be written: {error}")
+    _write_json(json_file, pipeline.name, found, agreement, failures, files)
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", found, agreement)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
     if failures:
@@ -85,6 +84,8 @@ def evaluate(
 
 def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
     """Make the folder, or find out whether what an earlier run left in it is still true; leaves with 2 if not."""
+    from jgait.io.atomic import replaced
+
     kept = out / "run" / ".inputs.json"
     if fresh and (out / "run").is_dir():
         shutil.rmtree(out / "run")
@@ -99,7 +100,8 @@ def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
                 + "; give another --out, or --fresh to start anew"
             )
         kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps({**before, **marks}, indent=1, ensure_ascii=False), encoding="utf-8")
+        with replaced(kept) as part:
+            part.write_text(json.dumps({**before, **marks}, indent=1, ensure_ascii=False), encoding="utf-8")
     except (OSError, ValueError) as error:
         stop(f"{out} cannot be used: {error}")
     done = sum(1 for _ in (out / "run").glob("part-*-*"))
@@ -139,14 +141,14 @@ def _plain(value: Any) -> Any:
 
 
 def _write_json(
-    path: Path, name: str, found: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
+    path: Path | None, name: str, found: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
 ) -> None:
     rows = {q: {k: _plain(v) for k, v in row.items()} for q, row in agreement.astype(object).to_dict("index").items()}
     whole = {
         "estimator": name, "recordings": len(found.recordings), "failures": dict(failures), "agreement": rows,
         "files": list(map(str, files)),
     }  # fmt: skip
-    path.write_text(json.dumps(whole, indent=1, ensure_ascii=False, default=lambda v: v.item()) + "\n")
+    write_json(path, whole)
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -1,6 +1,5 @@
 """What `jgait tune` says and writes of what it found."""
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,7 +8,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from jgait.commands.console import console, count, note
+from jgait.commands.console import console, count, note, write_json
 from jgait.commands.evaluate import number
 from jgait.tune.words import OFF
 
@@ -85,12 +84,10 @@ def report(
     for line in found.left_out:
         note(line)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
-    if json_file is not None:
-        whole = {
-            **how, "values": values, "held_out": None if change is None else change._asdict() | {"unit": job.unit},
-            "losses": [float(v) for v in found.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
-        }  # fmt: skip
-        json_file.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(json_file, {
+        **how, "values": values, "held_out": None if change is None else change._asdict() | {"unit": job.unit},
+        "losses": [float(v) for v in found.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
+    })  # fmt: skip
 
 
 def _values(job: Any, found: Found) -> dict[str, dict[str, Any]]:

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 
 import jgait
+from jgait.io.atomic import replaced
 
 FORMAT = 1
 
@@ -84,7 +85,8 @@ def write_params(
         "made": dict(made or {}),
     }  # fmt: skip
     target = Path(path)
-    target.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    with replaced(target) as part:
+        part.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return target
 
 

@@ -1,0 +1,216 @@
+"""`jgait simulate`: walks with known truth, as the files that a lab would record."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import typer
+from rich.table import Table
+
+from jgait.commands.console import Bar, console, count, progress, stop, write_json
+
+ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "a,b"), "circle": (1, "radius")}
+"""Name → how many lengths [m] it takes, and which."""
+
+PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
+KEPT = "simulation.json"
+HIGHEST_RATE_HZ = 1000.0
+
+
+def simulate(
+    people: Annotated[int, typer.Option(min=1, help="How many, drawn from published norms.")] = 1,
+    route: Annotated[
+        str, typer.Option(help="straight:20, u_turn:8, rectangle:10,5 or circle:4; lengths in metres.")
+    ] = "straight:20",
+    protocol: Annotated[
+        str | None,
+        typer.Option(help=f"What a paper asked of its subjects, instead of a route: {', '.join(PROTOCOLS)}."),
+    ] = None,
+    sensors: Annotated[
+        str | None,
+        typer.Option(help="Which sensor, such as ideal, mpu6000, opal, idg300; default mpu6000, or the paper's own."),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; default 100, or the paper's own.")] = None,
+    placements: Annotated[
+        str | None, typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven of them.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of people, their steps and the sensors' errors.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for the files; what is there already is not made again.")] = Path(
+        "jgait-simulation"
+    ),
+    fresh: Annotated[bool, typer.Option("--fresh", help="Overwrite what another simulation left in the folder.")] = (
+        False
+    ),
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write what was made here.")] = None,
+) -> None:
+    """Simulate walks of people with worn sensors: recordings, their exact truth, and a table of them all.
+
+    Writes NAME.csv (what the sensors say), NAME_truth.csv (angles, feet, distance), NAME_strides.csv, and cohort.csv,
+    which `jgait evaluate` and `jgait tune` take. The same options give the same files.
+    """
+    worn = None if placements is None else tuple(one.strip() for one in placements.split(",") if one.strip())
+    asked = {"people": people, "route": None if protocol else route, "protocol": protocol, "sensors": sensors,
+             "rate": rate, "placements": worn and list(worn), "seed": seed}  # fmt: skip
+    walks = _walks(people, route, protocol, _options(sensors, rate, worn), seed)
+    made = _folder(out, asked, fresh)
+    told: dict[str, Any] = {}
+    with progress() as bars:
+        bar = Bar(bars)
+        bar("simulating (the first walk compiles)", 0, people)
+        try:
+            for number, (recording, truth, person, distance) in enumerate(walks(), 1):
+                told[recording.name] = _written(recording, truth, person, distance, out, made)
+                bar("simulating", number, people)
+        except ValueError as error:
+            stop(str(error))
+        except OSError as error:
+            stop(f"nothing more could be written to {out}: {error}")
+    try:
+        _cohort(out / "cohort.csv", told)
+    except OSError as error:
+        stop(f"nothing more could be written: {error}")
+    write_json(json_file, {"asked": asked, "walks": told})
+    _show(told)
+    console.print(
+        f"wrote {count(len(told), 'recording', 'recordings')}, each with its truth, and {out / 'cohort.csv'} "
+        f"(jgait evaluate {out / 'cohort.csv'})",
+        soft_wrap=True, highlight=False,
+    )  # fmt: skip
+
+
+def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
+    """What of the sensors was asked for; leaves with 2 where there is no such thing."""
+    import jgait.sensors as worn_sensors
+    from jgait.types import PLACEMENTS
+
+    known = {name.lower(): one for name, one in vars(worn_sensors).items()
+             if isinstance(one, worn_sensors.ImuErrors)}  # fmt: skip
+    if sensors is not None and sensors.lower() not in known:
+        stop(f"--sensors must be one of {', '.join(sorted(known))}; got {sensors!r}")
+    if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
+        stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
+    for one in worn or ():
+        if one not in PLACEMENTS:
+            stop(f"--placements: there is no {one!r}; known are {', '.join(PLACEMENTS)}")
+    given = {"errors": None if sensors is None else known[sensors.lower()], "rate": rate, "placements": worn}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _walks(
+    people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
+) -> Callable[[], Iterator[Any]]:
+    """What gives recording, truth, person and distance one after another; leaves with 2 for what there is not."""
+    from jgait import protocols
+
+    key = jax.random.key(seed)
+    if protocol is not None:
+        if protocol not in PROTOCOLS:
+            stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
+        ask = getattr(protocols, protocol)
+
+        def of_paper() -> Iterator[Any]:
+            for one in ask(key, people, **options):
+                yield one.recording, one.truth, one.extra["person"], float(one.extra["distance"])
+
+        return of_paper
+    along = _route(route)
+    return lambda: _drawn(key, people, along, options)
+
+
+def _drawn(key: Any, people: int, along: Any, options: dict[str, Any]) -> Iterator[Any]:
+    """People drawn from the norms on one route."""
+    from jgait import sensors
+    from jgait import simulate as simulation
+
+    who, how = jax.random.split(key)
+    drawn = simulation.population(who, people)
+    keys = [jax.random.fold_in(how, i) for i in range(people)]
+    fit = [simulation.fitted(one, simulation.person_of(drawn, i), along) for i, one in enumerate(keys)]
+    asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
+    found = simulation.walks(keys, fit, [along] * people, **asked)
+    distance = float(simulation.routes.total_length(along))
+    for (recording, truth), person in zip(found, fit, strict=True):
+        yield recording, truth, person, distance
+
+
+def _route(text: str) -> Any:
+    """The route that is meant; leaves with 2 for one that cannot be walked."""
+    from jgait import simulate as simulation
+
+    name, _, lengths = text.partition(":")
+    expected = "--route is straight:LENGTH, u_turn:LENGTH, rectangle:A,B or circle:RADIUS in metres"
+    if name not in ROUTES:
+        stop(f"{expected}; got {text!r}")
+    try:
+        metres = [float(one) for one in lengths.split(",")]
+    except ValueError:
+        metres = []
+    if len(metres) != ROUTES[name][0] or not all(1.0 <= one <= 1000.0 for one in metres):
+        stop(f"{expected}, from 1 to 1000 m; got {text!r}")
+    return getattr(simulation, name)(*metres)
+
+
+def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
+    """Make the folder; whether what lies there is of this simulation. Leaves with 2 where it is of another."""
+    kept = out / KEPT
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
+        if before not in (None, asked) and not fresh:
+            stop(f"{out} holds another simulation ({kept} says which); give another --out, or --fresh to overwrite it")
+        kept.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
+    except (OSError, ValueError) as error:
+        stop(f"{out} cannot be used: {error}")
+    return before == asked
+
+
+def _written(recording: Any, truth: Any, person: Any, distance: float, out: Path, made: bool) -> dict[str, Any]:
+    """Write a walk, unless it is there; what is known of it."""
+    from jgait import io
+
+    name = recording.name
+    files = {
+        out / f"{name}.csv": lambda: recording,
+        out / f"{name}_truth.csv": lambda: truth.estimate,
+        out / f"{name}_strides.csv": lambda: io.strides_to_dataframe(truth.estimate),
+    }
+    for file, what in files.items():
+        if not (made and file.exists()):
+            io.write_csv(what(), file)
+    time = next(iter(recording.sensors.values())).time
+    return {
+        "file": f"{name}.csv",
+        "subject": recording.subject,
+        "thigh_length_m": float(person.body.thigh_length),
+        "shank_length_m": float(person.body.shank_length),
+        "distance_m": distance,
+        "sampling_rate_hz": float(recording.sampling_rate_hz),
+        "duration_s": float(time[-1]),
+        "strides": int(np.count_nonzero(truth.strides.valid)),
+        "sensors": list(recording.sensors),
+    }
+
+
+def _cohort(file: Path, told: dict[str, Any]) -> None:
+    """The table that `jgait evaluate` takes."""
+    import pandas as pd
+
+    from jgait import io
+
+    columns = ["file", "subject", "thigh_length_m", "shank_length_m", "distance_m", "sampling_rate_hz"]
+    io.write_csv(pd.DataFrame(list(told.values()))[columns], file)
+
+
+def _show(told: dict[str, Any], most: int = 20) -> None:
+    table = Table(title="simulated walks", title_justify="left")
+    for name in ("recording", "duration [s]", "distance [m]", "strides", "sensors"):
+        table.add_column(name, justify="left" if name in ("recording", "sensors") else "right")
+    for name, one in list(told.items())[:most]:
+        cells = (f"{one['duration_s']:.1f}", f"{one['distance_m']:.2f}", str(one["strides"]), str(len(one["sensors"])))
+        table.add_row(name, *cells)
+    console.print(table)
+    if len(told) > most:
+        console.print(f"… and {len(told) - most} more", highlight=False)

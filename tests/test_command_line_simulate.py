@@ -1,0 +1,79 @@
+"""`jgait simulate`: what it writes, what it refuses, and that it makes nothing twice."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from jgait import io
+from jgait.cli import app
+
+SMALL = [
+    "simulate",
+    "--people",
+    "2",
+    "--route",
+    "straight:4",
+    "--placements",
+    "thigh_right,shank_right",
+    "--rate",
+    "50",
+]
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    out = tmp_path_factory.mktemp("made")
+    return run(*SMALL, "--out", out, "--json", out / "told.json"), out
+
+
+def test_writes_recordings_with_their_truth_and_a_table_for_evaluate(made):
+    result, out = made
+    assert result.exit_code == 0, result.output
+    cohort = pd.read_csv(out / "cohort.csv")
+    told = json.loads((out / "told.json").read_text())["walks"]
+    assert list(cohort["file"]) == ["subject_0001.csv", "subject_0002.csv"]
+    for _, row in cohort.iterrows():
+        recording = io.read_csv(out / row["file"])
+        assert set(recording.sensors) == {"thigh_right", "shank_right"}
+        truth = pd.read_csv(out / row["file"].replace(".csv", "_truth.csv"))
+        assert len(truth) == len(recording.sensors["thigh_right"].time)
+        np.testing.assert_allclose(truth["distance_m"].iloc[-1], row["distance_m"], atol=0.05)  # it sways as it stands
+        assert told[row["subject"]]["strides"] == len(pd.read_csv(out / row["file"].replace(".csv", "_strides.csv")))
+
+
+def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(made):
+    _, out = made
+    kept = {file: file.stat().st_mtime_ns for file in out.glob("subject_*")}
+    (out / "subject_0002.csv").unlink()
+    assert run(*SMALL, "--out", out).exit_code == 0
+    again = {file: file.stat().st_mtime_ns for file in out.glob("subject_*")}
+    assert [file.name for file in kept if kept[file] != again[file]] == ["subject_0002.csv"]
+    result = run(*SMALL, "--out", out, "--seed", "1")
+    assert result.exit_code == 2
+    assert "holds another simulation" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--route", "zigzag:3"], "--route is straight:LENGTH"),
+        (["--route", "rectangle:3"], "--route is straight:LENGTH"),
+        (["--route", "straight:0"], "from 1 to 1000 m"),
+        (["--protocol", "smith"], "--protocol must be one of bennett"),
+        (["--sensors", "wii"], "--sensors must be one of"),
+        (["--rate", "2"], "--rate must be between 10 and 1000 Hz"),
+        (["--placements", "knee"], "there is no 'knee'"),
+    ],
+)
+def test_what_there_is_not_is_refused(arguments, message, tmp_path):
+    result = run("simulate", *arguments, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert not (tmp_path / "out").exists()
