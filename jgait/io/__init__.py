@@ -6,14 +6,25 @@ structure, its clock or its units make useless raises `RecordingError`; what is 
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes, validate
+from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
+from jgait.io.formats.registry import FORMATS
+from jgait.io.formats.registry import read as _read
 from jgait.io.params import read_params, units, write_params
 from jgait.io.read import read_csv, recording_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv
 
+# The module `jgait.io.read`, imported above, took the name.
+read = _read
+
 __all__ = [
+    "FORMATS",
+    "mobilised_trials",
     "quality_notes",
+    "read",
+    "read_all_mobilised",
     "read_csv",
+    "read_mobilised",
     "read_params",
     "recording_from_arrays",
     "recording_from_dataframe",

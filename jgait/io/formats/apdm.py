@@ -1,0 +1,147 @@
+"""APDM Opal's HDF5 files (`*.h5`), as Motion Studio, Mobility Lab and Moveo Explorer write them.
+
+*Format*: APDM's user guides, "HDF5 file organization". Two layouts are told by what is there, not by the attribute
+`FileFormatVersion`, for one number was not always one layout:
+
+- version 5 (Mobility Lab, Moveo): `/Sensors/<case id>/` with the datasets `Accelerometer`, `Gyroscope` (T, 3), `Time`
+  (T,) and the group `Configuration`, whose attribute `Label 0` says where the sensor was worn;
+- up to version 4 (Motion Studio, older Mobility Lab): `/<case id>/Calibrated/Accelerometers`, `…/Gyroscopes` (T, 3)
+  and `/<case id>/Time`, the labels in the file's attributes `CaseIdList` and `MonitorLabelList`, in the same order;
+  version 1 calls the groups `Opal_<case id>`.
+
+*Units*, by the specification: m/s², rad/s, microseconds since 1970 (UTC). *Placements*: the labels, such as "Right
+Foot", "Left Lower Leg", "Lumbar". *Axes*: the Opal's, printed on its case; kept. *Clock*: Opals are synchronised, all
+share one. Where `Time` stands still or is 0, the attribute `Sample Rate` (`SampleRate`) counts instead, and this is
+noted.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.io.formats.files import check_file, library, plain, three_columns
+from jgait.io.formats.parts import Measured, Part
+from jgait.types import RecordingError
+
+EXPECTED = "an APDM Opal HDF5 file"
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+AXES = "as printed on the Opal's case"
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is an HDF5 file, by its name or its first bytes."""
+    return path.suffix.lower() in (".h5", ".hdf5") or (head.startswith(SIGNATURE) and path.suffix.lower() != ".mat")
+
+
+def measured(path: Path) -> Measured:
+    """Every sensor of a file.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
+    """
+    check_file(path, EXPECTED)
+    h5py = library("h5py", EXPECTED)
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise RecordingError(f"{path.name} is no whole HDF5 file; expected {EXPECTED}: {error}") from error
+    notes: list[str] = []
+    with file:
+        try:
+            found = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
+        except OSError as error:  # h5py's word for data that are not there in full
+            raise RecordingError(f"{path.name} cannot be read in full: {error}") from error
+    first = min((int(stamps[0]) for _, stamps, _ in found if stamps is not None), default=0)
+    parts = [_on_clock(part, stamps, rate, first, path.name, notes) for part, stamps, rate in found]
+    if any(part.time is None for part in parts):
+        parts = [part._replace(time=None) for part in parts]
+    return Measured(parts, path.stem, notes=tuple(notes))
+
+
+Sensor = tuple[Part, "np.ndarray | None", "float | None"]
+"""A sensor, its time stamps as the file has them, and its rate."""
+
+
+def _new(file: Any, h5py: Any, name: str) -> list[Sensor]:
+    """Version 5."""
+    found = []
+    group = file["Sensors"]
+    sensors = {key: group[key] for key in group if isinstance(group[key], h5py.Group)} if hasattr(group, "keys") else {}
+    if not sensors:
+        raise RecordingError(f"{name} is not {EXPECTED}: its group Sensors holds no sensor")
+    for key, sensor in sensors.items():
+        about = dict(sensor["Configuration"].attrs) if "Configuration" in sensor else {}
+        label = plain(about.get("Label 0", "")) or key
+        where = f"{name}: Sensors/{key}"
+        found.append(_sensor(sensor, ("Gyroscope", "Accelerometer"), label, about.get("Sample Rate"), sensor, where))
+    return found
+
+
+def _old(file: Any, h5py: Any, name: str, notes: list[str]) -> list[Sensor]:
+    """Up to version 4."""
+    sensors = {key: file[key] for key in file if isinstance(file[key], h5py.Group) and "Calibrated" in file[key]}
+    if not sensors:
+        raise RecordingError(
+            f"{name} is not {EXPECTED}: expected the group Sensors, or groups <case id>/Calibrated; it has "
+            f"{', '.join(file) or 'nothing'}"
+        )
+    cases, labels = _strings(file, "CaseIdList"), _strings(file, "MonitorLabelList")
+    if cases and len(cases) == len(labels):
+        said = dict(zip(cases, labels, strict=True))
+    else:
+        said = {}
+        notes.append("CaseIdList and MonitorLabelList do not say what the sensors are called; their case ids do")
+    found = []
+    for key, sensor in sensors.items():
+        about = dict(sensor.attrs)
+        own = plain(about.get("MonitorLabel", ""))
+        label = said.get(key) or said.get(key.removeprefix("Opal_")) or own or key
+        where = f"{name}: {key}/Calibrated"
+        signals = ("Gyroscopes", "Accelerometers")
+        found.append(_sensor(sensor["Calibrated"], signals, label, about.get("SampleRate"), sensor, where))
+    return found
+
+
+def _strings(file: Any, key: str) -> list[str]:
+    """An attribute of the file, or, in the oldest ones, a dataset of it, of many strings."""
+    values = file.attrs[key] if key in file.attrs else file[key][()] if key in file else []
+    return [plain(value) for value in np.atleast_1d(values)]
+
+
+def _sensor(group: Any, signals: tuple[str, str], label: str, rate: Any, timed: Any, where: str) -> Sensor:
+    rates, force = signals
+    if rates not in group:
+        raise RecordingError(f"{where} has no {rates}; it has {', '.join(group) or 'nothing'}")
+    gyr = three_columns(group[rates][()], f"{where}/{rates}")
+    acc = three_columns(group[force][()], f"{where}/{force}", len(gyr)) if force in group else None
+    stamps = None
+    if "Time" in timed:
+        stamps = np.asarray(timed["Time"][()]).ravel()
+        if stamps.shape != (len(gyr),):
+            raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")
+    part = Part(label, gyr, acc, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)
+    return part, stamps if stamps is not None and len(stamps) else None, _rate(rate)
+
+
+def _rate(value: Any) -> float | None:
+    """The attribute as a number; None where it is absent or none."""
+    try:
+        rate = float(np.asarray(value, np.float64).ravel()[0])
+    except (TypeError, ValueError, IndexError):
+        return None
+    return rate if np.isfinite(rate) and rate > 0.0 else None
+
+
+def _on_clock(
+    part: Part, stamps: np.ndarray | None, rate: float | None, first: int, name: str, notes: list[str]
+) -> Part:
+    """The part with its time in seconds since the first sample of all."""
+    if stamps is not None and stamps[-1] > stamps[0]:
+        # Microseconds since 1970 are exact as integers; as floats of seconds they are not.
+        return part._replace(time=(stamps.astype(np.int64) - first) * 1e-6, sampling_rate_hz=rate)
+    if rate is None:
+        raise RecordingError(f"{name}: the sensor {part.label!r} has neither Time that runs nor a sample rate")
+    notes.append(f"{part.label}: Time does not run; the file's rate of {rate:g} Hz counts")
+    return part._replace(sampling_rate_hz=rate)

@@ -1,0 +1,69 @@
+"""What every reader of a binary or text file needs: a file that is there and not empty, a library, plain strings."""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.types import RecordingError
+
+
+def check_file(path: Path, expected: str) -> None:
+    """Refuse what is no file, may not be read, or is empty.
+
+    Args:
+        path: the file.
+        expected: what it should be, for messages: "an APDM Opal HDF5 file".
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if it is a folder, or empty.
+    """
+    if path.is_dir():
+        raise RecordingError(f"{path.name} is a folder; expected {expected}")
+    with path.open("rb") as stream:
+        if not stream.read(1):
+            raise RecordingError(f"{path.name} is empty; expected {expected}")
+
+
+def library(name: str, expected: str) -> Any:
+    """A library that comes with the extra `io`.
+
+    Raises:
+        ImportError: if it is not installed; the message says how to install it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as missing:
+        raise ImportError(f"reading {expected} needs the extra io: pip install 'jgait[io]' ({missing})") from missing
+
+
+def plain(value: Any) -> str:
+    """Text of a file's string, which may be bytes, an array of one string, and padded with blanks or zeros."""
+    if isinstance(value, np.ndarray):
+        value = value.ravel()[0] if value.size else ""
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", errors="replace")
+    return str(value).replace("\0", " ").strip()
+
+
+def three_columns(values: Any, what: str, rows: int | None = None) -> np.ndarray:
+    """(T, 3) finite-or-NaN numbers.
+
+    Args:
+        values: what the file holds.
+        what: file and signal, for messages.
+        rows: how many rows there must be.
+
+    Raises:
+        RecordingError: for anything else.
+    """
+    try:
+        found = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{what} must be numbers: {error}") from error
+    if found.ndim != 2 or found.shape[1] != 3 or (rows is not None and len(found) != rows):
+        expected = f"({'samples' if rows is None else rows}, 3)"
+        raise RecordingError(f"{what} must have shape {expected}; it has {found.shape}")
+    return found

@@ -1,0 +1,266 @@
+"""Mobilise-D's MATLAB files (`data.mat`): one or many trials, each of one or many sensors.
+
+*Format*: Palmerini et al. 2023, Scientific Data 10:38, "Mobility recorded by wearable devices and gold standards: the
+Mobilise-D procedure for data standardization". A variable `data` holds nested structs, level by level the time of
+measurement, the test and the trial (`data.TimeMeasure1.Test5.Trial1`; data sets differ in how many levels they have).
+The level that holds `SU` (the wearable device), `SU_INDIP` (INDIP's sensors) or `Standards` (references) is a trial. A
+device holds a struct a place, with `Acc` [g], `Gyr` [deg/s], `Fs.Acc`, `Fs.Gyr` [Hz] and perhaps `Timestamp` [Unix s].
+
+*Units* and *placements* are stated by the specification, by the names of the structs: `LowerBack`, `LeftFoot`, …
+*Axes*: those of the device; the trunk's as it is usually worn are x up, y to the right, z forward, mirrored nowhere.
+They are kept. *Clock*: `Timestamp` where it disagrees with `Fs` by more than half a sample, else `Fs`.
+Read by SciPy, which knows MATLAB's files up to version 7; version 7.3 is refused with how to convert it.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.io.formats.files import check_file, library, three_columns
+from jgait.io.formats.parts import CLOCKS_APART, Measured, Part, placement_of, settle
+from jgait.types import Recording, RecordingError
+
+EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
+HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
+DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
+"""Devices of a trial; where two wore a sensor at one place, the first is taken."""
+AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is a MATLAB file, by its name or its first bytes."""
+    return path.suffix.lower() == ".mat" or head.startswith(HEADS)
+
+
+def measured(path: Path) -> Measured:
+    """The one trial of a file.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is not in this format, or has many trials; the message lists them.
+    """
+    return _measured(path, None)
+
+
+def mobilised_trials(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """The trials of a Mobilise-D file that hold a sensor, such as 'TimeMeasure1/Test5/Trial1'.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Names for `read_mobilised`, in the file's order.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is not in this format, or holds no sensor.
+    """
+    return tuple(_trials(Path(path)))
+
+
+def read_mobilised(
+    path: str | os.PathLike[str],
+    *,
+    trial: str | None = None,
+    device: str | None = None,
+    name: str | None = None,
+    subject: str | None = None,
+    check_sizes: bool = True,
+) -> Recording:
+    """One trial of a Mobilise-D file (`data.mat`).
+
+    Args:
+        path: the file.
+        trial: one of `mobilised_trials`, or the end of its name if only one ends so ('Test5/Trial1'); None: the file
+            has one only.
+        device: 'SU', 'SU_INDIP' or 'SU_INDIP2' for the sensors of one device; None: all, where two devices wore one at
+            the same place the first of these.
+        name: what tables and figures call the recording; None: the file's folder and the trial.
+        subject: who walked; None: the folder in which the file lies.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units, the device's axes kept.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        ValueError: for an unknown device.
+        RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.
+    """
+    found = _measured(Path(path), trial, device)
+    return settle(found, name=name, subject=subject, check_sizes=check_sizes)
+
+
+def read_all_mobilised(
+    path: str | os.PathLike[str], *, device: str | None = None, subject: str | None = None, check_sizes: bool = True
+) -> dict[str, Recording]:
+    """Every trial of a Mobilise-D file, read once.
+
+    Args:
+        path: the file.
+        device: as `read_mobilised`.
+        subject: as `read_mobilised`.
+        check_sizes: as `read_mobilised`.
+
+    Returns:
+        Trial → recording.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        ValueError: for an unknown device.
+        RecordingError: if the file is not in this format, or a trial holds no usable recording.
+    """
+    file = Path(path)
+    return {
+        trial: settle(_of_trial(file, trial, tree, device), subject=subject, check_sizes=check_sizes)
+        for trial, tree in _trials(file).items()
+    }
+
+
+def _measured(path: Path, trial: str | None, device: str | None = None) -> Measured:
+    every = _trials(path)
+    if trial is None:
+        if len(every) > 1:
+            raise RecordingError(
+                f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised(path, trial='…'), or all by "
+                f"read_all_mobilised(path): {', '.join(every)}"
+            )
+        chosen = list(every)
+    else:
+        chosen = [key for key in every if key == trial] or [key for key in every if f"/{key}".endswith(f"/{trial}")]
+    if len(chosen) != 1:
+        what = f"has no trial {trial!r}" if not chosen else f"has {len(chosen)} trials that end in {trial!r}"
+        raise RecordingError(f"{path.name} {what}; its trials are {', '.join(chosen or every)}")
+    return _of_trial(path, chosen[0], every[chosen[0]], device)
+
+
+def _trials(path: Path) -> dict[str, dict[str, Any]]:
+    """Trial → its struct, of the trials that hold a sensor."""
+    data = _load(path).get("data")
+    if not isinstance(data, dict):
+        raise RecordingError(
+            f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {_is(data)}"
+        )
+    every = dict(_descend(data, ()))
+    found = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
+    if not found:
+        there = (
+            f"; its trials without are {', '.join(every)}" if every else f"; 'data' has {', '.join(data) or 'nothing'}"
+        )
+        raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}{there}")
+    return found
+
+
+def _load(path: Path) -> dict[str, Any]:
+    check_file(path, EXPECTED)
+    with path.open("rb") as stream:
+        head = stream.read(16)
+    if head.startswith(HEADS[1]):
+        raise RecordingError(
+            f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: in MATLAB, load it and "
+            "save(file, 'data', '-v7')"
+        )
+    scipy_io = library("scipy.io", EXPECTED)
+    try:
+        found = dict(scipy_io.loadmat(path, simplify_cells=True))
+    except Exception as error:  # a truncated file raises whatever its reader stumbles over
+        raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
+    if "data" not in found:
+        there = [key for key in found if not key.startswith("__")]
+        raise RecordingError(
+            f"{path.name} is not {EXPECTED}: it has no variable 'data', but {', '.join(there) or 'none'}"
+        )
+    return found
+
+
+def _is(value: Any) -> str:
+    shape = np.shape(value)
+    return f"an array {shape}" if shape else type(value).__name__
+
+
+def _descend(tree: dict[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, dict[str, Any]]]:
+    if any(key in tree for key in (*DEVICES, "Standards")):
+        yield "/".join(above) or "data", tree
+        return
+    for key, below in tree.items():
+        if isinstance(below, dict):
+            yield from _descend(below, (*above, key))
+
+
+def _of_trial(path: Path, trial: str, tree: dict[str, Any], device: str | None) -> Measured:
+    """The sensors of one trial."""
+    if device is not None and device not in DEVICES:
+        raise ValueError(f"device must be one of {', '.join(DEVICES)}; got {device!r}")
+    where = f"{path.name}, {trial}"
+    worn = [each for each in DEVICES if isinstance(tree.get(each), dict)]
+    if device is not None and device not in worn:
+        raise RecordingError(f"{where} has no device {device}; it has {', '.join(worn)}")
+    notes, left_out = list[str](), list[str]()
+    parts, starts = list[Part](), list[float | None]()
+    for each in worn if device is None else [device]:
+        for place, sensor in tree[each].items():
+            if not isinstance(sensor, dict) or "Gyr" not in sensor:
+                left_out.append(f"{each}.{place} (no gyroscope)")
+            elif any(_same_place(part.label, place) for part in parts):
+                left_out.append(f"{each}.{place} (another device was worn there)")
+            else:
+                part, start = _part(place, sensor, f"{where}: {each}.{place}", notes)
+                parts.append(part)
+                starts.append(start)
+    if not parts:
+        raise RecordingError(f"{where} has no sensor with a gyroscope, Gyr; it has {', '.join(left_out) or 'none'}")
+    if left_out:
+        notes.append(f"left out: {', '.join(left_out)}")
+    if "StartDateTime" in tree:
+        notes.append(f"recorded {tree['StartDateTime']}")
+    folder = path.absolute().parent.name
+    return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder or "subject", tuple(notes))
+
+
+def _same_place(label: str, other: str) -> bool:
+    return label == other or (placement_of(label) is not None and placement_of(label) == placement_of(other))
+
+
+def _part(place: str, sensor: dict[str, Any], where: str, notes: list[str]) -> tuple[Part, float | None]:
+    """One sensor on a clock from 0, and when that was [Unix s]; without time stamps None."""
+    gyr = three_columns(sensor["Gyr"], f"{where}.Gyr")
+    acc = three_columns(sensor["Acc"], f"{where}.Acc", len(gyr)) if "Acc" in sensor else None
+    rates = sensor.get("Fs")
+    if not isinstance(rates, dict) or "Gyr" not in rates:
+        raise RecordingError(f"{where} has no sampling rate Fs.Gyr; it has {', '.join(sensor)}")
+    rate = _rate(rates["Gyr"], where)
+    if acc is not None and "Acc" in rates and _rate(rates["Acc"], where) != rate:
+        raise RecordingError(f"{where}: Acc and Gyr must share a rate; Fs says {rates['Acc']} and {rates['Gyr']} Hz")
+    axes = AXES if placement_of(place) == "lower_back" else ""
+    part = Part(place, gyr, acc, np.arange(len(gyr)) / rate, rate, "deg/s", "g", axes=axes)
+    if "Timestamp" not in sensor or not len(gyr):
+        return part, None
+    stamps = np.asarray(sensor["Timestamp"], np.float64).ravel()
+    if stamps.shape != (len(gyr),):
+        raise RecordingError(f"{where}.Timestamp must have shape ({len(gyr)},); it has {stamps.shape}")
+    since = stamps - stamps[0]
+    if not np.abs(since - part.time).max() <= CLOCKS_APART / rate:
+        notes.append(f"{place}: Timestamp differs from samples at {rate:g} Hz by more than half a sample; it is used")
+        part = part._replace(time=since)
+    return part, float(stamps[0])
+
+
+def _rate(value: Any, where: str) -> float:
+    try:
+        rate = float(value)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{where}.Fs must be numbers: {error}") from error
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordingError(f"{where}.Fs must be positive; it is {rate}")
+    return rate
+
+
+def _on_one_clock(parts: list[Part], starts: list[float | None]) -> list[Part]:
+    """Seconds since the first sample of all; samples alone where a sensor has no time stamps."""
+    known = [start for start in starts if start is not None]
+    if len(known) < len(parts):
+        return [part._replace(time=None) for part in parts]
+    return [part._replace(time=part.time + (start - min(known))) for part, start in zip(parts, known, strict=True)]
