@@ -17,6 +17,7 @@ from jgait.commands.datasets import sets
 from jgait.commands.demo import demo
 from jgait.commands.estimate import estimate
 from jgait.commands.evaluate import evaluate
+from jgait.commands.report import report
 from jgait.commands.simulate import simulate
 from jgait.commands.tune import tune
 
@@ -33,6 +34,7 @@ for command, what in (
     (simulate, "Walks with known truth, as files."),
     (evaluate, "A whole cohort, compared with its reference."),
     (tune, "Learn parameters from a cohort by gradient."),
+    (report, "One HTML page about a recording or a cohort."),
 ):
     app.command(short_help=what)(command)
 app.add_typer(sets, name="datasets")

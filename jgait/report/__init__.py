@@ -1,0 +1,12 @@
+"""One self-contained HTML page about a recording or a cohort, for those who read it and not for those who program.
+
+`of_estimate` makes the page of one recording, `of_cohort` that of many people; both give a `Report`, which a notebook
+shows and `save` writes. `jgait report` does the same from files.
+"""
+
+from jgait.report.cohort import of_cohort
+from jgait.report.made import Made
+from jgait.report.page import Report
+from jgait.report.recording import of_estimate
+
+__all__ = ["Made", "Report", "of_cohort", "of_estimate"]

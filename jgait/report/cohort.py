@@ -1,0 +1,302 @@
+"""The page of a cohort."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.report import flags
+from jgait.report.made import Made
+from jgait.report.page import (
+    Cell,
+    Content,
+    Flag,
+    Picture,
+    Report,
+    Section,
+    Table,
+    cell,
+    number,
+    picture,
+    significant,
+    without_folders,
+)
+from jgait.report.recording import ABOUT, readable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jgait.evaluate import Cohort
+
+DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps", "stride_duration_s")
+"""Quantities that figures are drawn of, where two people or more have them."""
+
+BY_SUBJECT = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
+"""Quantities of the table of people."""
+
+MOST_RECORDINGS = 2000
+"""Rows of the table of recordings; more make a page slow."""
+
+FEW_PEOPLE = 10
+"""Below so many people limits of agreement are said to be wide."""
+
+
+def of_cohort(
+    found: "Cohort",
+    *,
+    title: str = "cohort",
+    failures: Sequence[tuple[str, str]] | None = None,
+    made: Made | None = None,
+) -> Report:
+    """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and what failed.
+
+    Args:
+        found: as `jgait.evaluate.cohort` gives it.
+        title: what the cohort is called.
+        failures: (recording, reason) of what could not be used; None: those of `found`.
+        made: how it was made; without it the page cannot say.
+
+    Returns:
+        The page; `save` writes it.
+
+    Raises:
+        ValueError: if nobody is in it, neither used nor failed.
+        ImportError: without the extra `cli`.
+    """
+    made = Made() if made is None else made
+    if failures is None:
+        failures = list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+    failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
+    if not len(found.recordings) and not failures:
+        raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
+    paired = found.paired()
+    agreement = found.agreement()
+    raised = flags.ordered([*_failed(found, failures), *_few(found, paired), *_notes(found, made)])
+    used, people = len(found.recordings), found.recordings["subject"].nunique()
+    facts = [
+        ("Recordings used", f"{used} of {used + len(failures)}"), ("People", str(people)),
+        ("Recorded time", f"{number(float(found.recordings['seconds'].sum()), 0)} s"),
+        *_headline(paired, agreement),
+    ]  # fmt: skip
+    sections = [
+        _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
+        _people(found, paired, failures), _recordings(found), _failures(failures), _parameters(made),
+    ]  # fmt: skip
+    about = ABOUT.get(made.estimator, "What the sensors say")
+    lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
+    numbers = {
+        "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": dict(failures),
+        "agreement": agreement.astype(object).to_dict("index"), "flags": [flag._asdict() for flag in raised],
+        "people_table": found.by_subject().to_dict("records"), "made": made.numbers(),
+    }  # fmt: skip
+    return Report(Content(
+        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised,
+        [section for section in sections if section is not None], made.settings(), made.command, numbers,
+    ))  # fmt: skip
+
+
+def _failed(found: "Cohort", failures: Sequence[tuple[str, str]]) -> list[Flag]:
+    """That recordings could not be used."""
+    if not failures:
+        return []
+    whole = len(found.recordings) + len(failures)
+    meaning = (
+        "They are in none of the numbers; their reasons stand below. If recordings fail because of how somebody "
+        "walks, those who are left are no fair sample."
+    )
+    grade = "check" if len(found.recordings) else "stop"
+    return [Flag(grade, f"{len(failures)} of {whole} recordings could not be used", meaning)]
+
+
+def _few(found: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
+    """That there is no reference, or few people."""
+    told = paired.loc[paired["estimate"].notna()]
+    without = len(found.recordings) - told["recording"].nunique()
+    raised = []
+    if len(found.recordings) and without == len(found.recordings):
+        meaning = "How well the numbers agree with the truth cannot be said from this cohort."
+        raised.append(Flag("check", "No recording has a reference", meaning))
+    elif without:
+        meaning = "They are in the table of recordings and in none of the comparisons."
+        raised.append(Flag("info", f"{without} of {len(found.recordings)} recordings have no reference", meaning))
+    people = told["subject"].nunique()
+    if 0 < people < FEW_PEOPLE:
+        meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
+        raised.append(Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning))
+    return raised
+
+
+def _notes(found: "Cohort", made: Made) -> list[Flag]:
+    """What readers and estimators noted, gathered by what it means: how many recordings, and one of the notes."""
+    seen: Counter[tuple[str, str]] = Counter()
+    example: dict[tuple[str, str], str] = {}
+    for text in found.recordings["notes"]:
+        own = {(flag.grade, flag.meaning): flag.text for flag in flags.explained(filter(None, str(text).split("; ")))}
+        seen.update(own.keys())
+        example = own | example
+    gathered = [
+        Flag(grade, f"{count} of {len(found.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
+        for (grade, meaning), count in seen.most_common()
+        if grade != "info"
+    ]
+    # what one of many lacks stops that one and not the cohort
+    gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]
+    return [*flags.explained(made.notes), *gathered]
+
+
+def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str]]:
+    """Bias and limits of the first quantity that is drawn, and the distance's relative error."""
+    told = []
+    for name in DRAWN[:2]:
+        if name in agreement.index and np.isfinite(agreement.loc[name, ["bias", "loa_low"]].to_numpy(float)).all():
+            words, unit = readable(name)
+            row = agreement.loc[name]
+            half = 0.5 * (row["loa_high"] - row["loa_low"])
+            value = f"{significant(row['bias'])} ± {significant(half)} {unit}"
+            told.append((f"{words.capitalize()}: bias and limits", value))
+    relative = paired.loc[paired["quantity"] == "distance_m", "rel_error"].abs().dropna()
+    if len(relative):
+        told.append(("Distance: mean error", f"{number(100.0 * float(relative.mean()), 1)} %"))
+    return told
+
+
+def _how() -> str:
+    return (
+        "Difference between estimate and reference against the mean of both. The full line is the bias; between the "
+        "dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
+    )
+
+
+def _agreement(agreement: "pd.DataFrame") -> Section | None:
+    """Bias, limits and ICC of every quantity, and errors of whole curves."""
+    rows, curves = [], []
+    for name, row in agreement.iterrows():
+        if not row["n"]:
+            continue
+        words, unit = readable(str(name))
+        words = f"{words} [{unit}]" if unit else words
+        many = Cell(f"{row['n']:.0f} / {row['n_subjects']:.0f}", float(row["n"]))
+        if "_rmse_" in str(name):
+            curves.append([Cell(words), many, *(_significant(row[c]) for c in ("bias", "max_abs"))])
+            continue
+        rows.append([
+            Cell(words), many, _interval(row, "bias"), Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]),
+            _interval(row, "mae"), _significant(row["max_abs"]), _interval(row, "icc"),
+        ])  # fmt: skip
+    parts = []
+    if rows:
+        caption = (
+            "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
+            "compares with how much the people differ: 1 is perfect."
+        )
+        columns = ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst |error|", "ICC(2,1)")
+        parts.append(Table(caption, columns, rows))
+    if curves:
+        caption = "Root mean square difference of whole curves, over recordings."
+        parts.append(Table(caption, ("curve", "n / people", "mean", "worst"), curves))
+    return Section("Agreement with the reference", "", parts) if parts else None
+
+
+def _significant(value: float) -> Cell:
+    return Cell(significant(value), float(value))
+
+
+def _span(low: float, high: float) -> str:
+    return "–" if not np.isfinite([low, high]).all() else f"{significant(low)} to {significant(high)}"
+
+
+def _interval(row: Any, name: str) -> Cell:
+    inside = _span(row[f"{name}_low"], row[f"{name}_high"])
+    return Cell(significant(row[name]) + (f" ({inside})" if inside != "–" else ""), float(row[name]))
+
+
+def _figures(paired: "pd.DataFrame") -> list[Picture]:
+    from jgait import plot_cohort
+
+    made = []
+    for name in DRAWN:
+        rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
+        if rows["subject"].nunique() < 2:
+            continue
+        words, unit = readable(name)
+        rows = rows.assign(quantity=words)
+        alt = f"Bland–Altman plot of {words}, {len(rows)} comparisons of {rows['subject'].nunique()} people"
+        caption = f"Bland–Altman plot of {words}."
+        made.append(picture(plot_cohort.bland_altman(rows, words, unit=unit), alt, caption))
+        alt = f"Absolute errors of {words} of each person"
+        caption = f"Absolute errors of {words} by person, the best on top."
+        made.append(picture(plot_cohort.per_subject(rows, words, unit=unit), alt, caption))
+    return made
+
+
+def _people(found: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[str, str]]) -> Section:
+    """A row a person: recordings used and failed, and mean errors."""
+    whose = dict(zip(found.failures["recording"], found.failures["subject"], strict=True))
+    lost = Counter(str(whose.get(name, "")) for name, _ in failures)
+    used = found.recordings.groupby("subject")["recording"].count()
+    told = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
+    errors = {
+        name: paired[paired["quantity"] == name].groupby("subject")[["error", "abs_error"]].mean() for name in told
+    }
+    rows = []
+    for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
+        cells = [Cell(subject), _count(used.get(subject, 0)), _count(lost.get(subject, 0))]
+        for name in told:
+            own = errors[name].loc[subject] if subject in errors[name].index else {"error": None, "abs_error": None}
+            cells += [cell(own["error"], 3), cell(own["abs_error"], 3)]
+        rows.append(cells)
+    heads = []
+    for name in told:
+        words, unit = readable(name)
+        heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
+    caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
+    unknown = lost.get("", 0)
+    text = f"Of {unknown} recordings that failed it is not known whose they are." if unknown else ""
+    return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
+
+
+def _count(value: Any) -> Cell:
+    return Cell(str(int(value)), float(value))
+
+
+def _recordings(found: "Cohort") -> Section:
+    """A row a recording: how long, how much of it gave a result, what was noted."""
+    way = found.quantities[found.quantities["quantity"] == "distance_m"].set_index("recording")
+    rows = []
+    for one in found.recordings.head(MOST_RECORDINGS).itertuples():
+        known = way.loc[one.recording] if one.recording in way.index else {"estimate": None, "reference": None}
+        rows.append([
+            Cell(without_folders(str(one.recording))), Cell(str(one.subject)), cell(one.seconds, 1),
+            cell(100.0 * float(one.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
+            Cell(without_folders(str(one.notes))),
+        ])  # fmt: skip
+    left = len(found.recordings) - len(rows)
+    text = f"The first {len(rows)}; {left} more are in the tables of jgait evaluate." if left else ""
+    columns = ("recording", "person", "duration [s]", "known [%]", "distance [m]", "reference [m]", "notes")
+    caption = "All recordings that were used. A click on a heading sorts."
+    return Section("Recordings", text, [Table(caption, columns, rows, True, 1)])
+
+
+def _failures(failures: Sequence[tuple[str, str]]) -> Section | None:
+    if not failures:
+        return None
+    rows = [[Cell(name), Cell(_reason(reason))] for name, reason in failures]
+    table = Table("Recordings that could not be used, and why.", ("recording", "reason"), rows, words=1)
+    return Section("What could not be used", "", [table])
+
+
+def _reason(text: str) -> str:
+    """A reason without the name of the exception."""
+    for kind in ("RecordingError", "ValueError", "FileNotFoundError"):
+        text = text.removeprefix(f"{kind}: ")
+    return text
+
+
+def _parameters(made: Made) -> Section | None:
+    table = made.table()
+    if table is None:
+        return None
+    text = "Measures of a person that the cohort states stand in for these, person by person."
+    return Section("Parameters", text, [table])

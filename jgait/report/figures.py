@@ -1,0 +1,123 @@
+"""The figures of one recording's page, each with words for those who do not see it and for those who do not read it."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.report.page import Picture, picture
+from jgait.types import SIDES, Estimate, as_float
+
+CLOSE = 8.0
+"""[s] How much of a longer recording the close-up of angles shows."""
+
+BAND = "The band is ± two standard deviations: the true value is expected in it 95 times in 100."
+
+
+def pictures(estimate: Estimate, reference: Estimate | None = None) -> list[Picture]:
+    """All figures that an estimate has something for.
+
+    Args:
+        estimate: of one recording.
+        reference: drawn dashed, or None.
+    """
+    made: list[Picture] = []
+    if any(leg is not None for leg in estimate.legs):
+        made += _legs(estimate, reference)
+    if estimate.feet is not None and any(foot is not None for foot in estimate.feet):
+        made += _feet(estimate, reference)
+    elif estimate.strides is not None and np.any(estimate.strides.valid):
+        made += _of_strides(estimate)
+    if estimate.distance is not None and np.any(estimate.valid):
+        made += _distance(estimate, reference)
+    return made
+
+
+def middle(estimate: Estimate) -> tuple[float, float] | None:
+    """From and to [s] of a close-up in the middle of the way; None where all of it is short enough."""
+    time = as_float(estimate.time)
+    if time[-1] - time[0] <= 1.5 * CLOSE:
+        return None
+    way = np.zeros(time.size) if estimate.distance is None else np.nan_to_num(as_float(estimate.distance))
+    at = time[np.searchsorted(way, 0.5 * (way[0] + way[-1]))] if way[-1] > way[0] else 0.5 * (time[0] + time[-1])
+    start = float(np.clip(at - 0.5 * CLOSE, time[0], time[-1] - CLOSE))
+    return start, start + CLOSE
+
+
+def _worn(pair: Any) -> str:
+    return " and ".join(side for side, one in zip(SIDES, pair, strict=True) if one is not None)
+
+
+def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
+    from jgait import plot
+
+    valid = np.asarray(estimate.valid, bool)
+    spans = []
+    for side, leg in zip(SIDES, estimate.legs, strict=True):
+        for joint in () if leg is None else ("hip", "knee"):
+            values = np.rad2deg(as_float(getattr(leg, f"{joint}_angle"))[valid])
+            if values.size:
+                spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
+    said = "; ".join(spans).replace("-", "−")
+    dashed = "" if reference is None else " Dashed: the reference."
+    close = middle(estimate)
+    made = []
+    if close is not None:
+        figure = plot.joint_angles(estimate, reference, seconds=close)
+        alt = f"Hip and knee flexion of the {_worn(estimate.legs)} leg from {close[0]:.0f} to {close[1]:.0f} s"
+        caption = f"Hip and knee angles, {CLOSE:.0f} seconds from the middle of the walk. {BAND}{dashed}"
+        made.append(picture(figure, alt, caption))
+    figure = plot.joint_angles(estimate, reference)
+    caption = f"Hip and knee angles of the whole recording; flexion is positive, upright standing is 0. {BAND}{dashed}"
+    made.append(picture(figure, f"Hip and knee flexion over time: {said}", caption))
+    caption = f"Where the ankle goes, seen from the side with the hip at the origin; forward is to the right.{dashed}"
+    alt = f"Path of the {_worn(estimate.legs)} ankle relative to the hip"
+    made.append(picture(plot.foot_path(estimate, reference, seconds=close), alt, caption))
+    return made
+
+
+def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
+    from jgait import plot
+
+    worn = _worn(estimate.feet)
+    shown = reference if reference is not None and reference.feet is not None else None
+    together = estimate.strides is not None and "width_valid" in estimate.diagnostics
+    caption = "Where the feet's sensors went, seen from above; marks are footholds."
+    caption += "" if together else " Each foot starts at the origin; how far apart the feet are is not known."
+    made = [picture(plot.foot_paths(estimate, shown), f"Path of the {worn} foot from above", caption)]
+    caption = "Height of the sensor along the way; marks are footholds. Heights are drawn larger than lengths."
+    made.append(picture(plot.foot_height(estimate), f"Height of the {worn} foot along its way", caption))
+    if estimate.strides is None or not np.any(estimate.strides.valid):
+        return made
+    caption = "Length, width and rise of every stride. Bars are ± two standard deviations, as stated."
+    alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
+    made.append(picture(plot.stride_series(estimate), alt, caption))
+    if estimate.feet is not None and None not in estimate.feet and np.isfinite(as_float(estimate.strides.width)).any():
+        caption = (
+            "Both feet in one world, with stride widths as lines between the footholds: from above, in straight "
+            "parts, and over time. Hollow marks are not to be trusted."
+        )
+        made.append(picture(plot.two_feet(estimate), "Stride widths from above and over time", caption))
+    return made
+
+
+def _of_strides(estimate: Estimate) -> list[Picture]:
+    from jgait import plot
+
+    many = int(np.sum(estimate.strides.valid))
+    caption = (
+        "Every stride, when it ends. Bars are ± two standard deviations, as the estimator states them; outlined "
+        "marks are special strides."
+    )
+    length = as_float(estimate.strides.length)[np.asarray(estimate.strides.valid, bool)]
+    alt = f"Measures of {many} strides over time; lengths from {np.nanmin(length):.2f} to {np.nanmax(length):.2f} m"
+    return [picture(plot.leg_strides(estimate), alt, caption)]
+
+
+def _distance(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
+    from jgait import plot
+
+    way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
+    stated = "distance_stddev" in estimate.diagnostics
+    caption = "Distance walked since the start." + (f" {BAND}" if stated else "")
+    alt = f"Distance over time, {way[-1] - way[0]:.1f} m in all"
+    return [picture(plot.distance(estimate, reference), alt, caption)]

@@ -1,0 +1,111 @@
+"""What `jgait evaluate` left in a folder, as it was in memory."""
+
+import ast
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jgait.evaluate.store import COLUMNS, Cohort, frame
+from jgait.report.made import Made
+
+TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
+
+
+def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
+    """The tables of an evaluation, and (recording, reason) of what could not be used.
+
+    Args:
+        folder: that `jgait evaluate` wrote: recordings.csv, quantities.csv, strides.csv, failures.csv.
+
+    Raises:
+        FileNotFoundError: if a table is not there.
+        ValueError: if one of them lacks a column, or holds words where numbers belong.
+    """
+    tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
+    failed = _strings(folder / "failures.csv", ("recording", "reason"))
+    failures = list(zip(failed["recording"], failed["reason"], strict=True))
+    whose = _whose(folder / "run")
+    rows = {**failed, "subject": [whose.get(name, "") for name in failed["recording"]]}
+    return Cohort(**tables, failures=frame("failures", rows)), failures
+
+
+def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, Any]:
+    import pandas as pd
+
+    # As text: a subject may be called NA.
+    text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+    lacking = [name for name in columns if name not in text]
+    if lacking:
+        raise ValueError(f"{path.name} has no column {lacking[0]!r}")
+    return {name: text[name].to_numpy(dtype=object) for name in columns}
+
+
+def _table(path: Path, name: str) -> Any:
+    columns = _strings(path, COLUMNS[name])
+    return frame(name, {
+        column: values if column in TEXT else [float(value) if value else float("nan") for value in values]
+        for column, values in columns.items()
+    })  # fmt: skip
+
+
+def _whose(run: Path) -> dict[str, str]:
+    """Recording that failed → whose it is, of the batches in the folder `run`."""
+    found: dict[str, str] = {}
+    for part in sorted(run.glob("part-*-*/failures.csv")):
+        rows = _strings(part, ("recording", "subject"))
+        found |= dict(zip(rows["recording"], rows["subject"], strict=True))
+    return found
+
+
+def made(folder: Path) -> Made:
+    """How an evaluation was made, as it left it in its folder.
+
+    Args:
+        folder: that `jgait evaluate` wrote.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if it does not say.
+    """
+    from jgait import estimators
+
+    about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
+    if not isinstance(about, dict) or "estimator" not in about:
+        raise ValueError("run/cohort.json does not say how an evaluation was made")
+    name = str(about["estimator"])
+    default = estimators.get(name).params if name in estimators.names() else None
+    values = values_of(str(about.get("params", "")))
+    params = None if default is None else _filled(default, values)
+    return Made(name, params, default, file=folder.resolve().name, version=str(about.get("jgait", "")))
+
+
+def values_of(text: str) -> dict[str, float]:
+    """Name → number of a NamedTuple as `jgait.evaluate` prints it; what is no number is left out."""
+    found: dict[str, float] = {}
+
+    def walk(node: ast.expr, prefix: str) -> None:
+        if isinstance(node, ast.Call):
+            for word in node.keywords:
+                walk(word.value, f"{prefix}.{word.arg}".lstrip("."))
+            return
+        try:
+            value = ast.literal_eval(node)
+        except ValueError:
+            return
+        if isinstance(value, int | float):
+            found[prefix] = float(value)
+
+    try:
+        walk(ast.parse(text, mode="eval").body, "")
+    except SyntaxError:
+        return {}
+    return found
+
+
+def _filled(default: Any, values: dict[str, float]) -> Any:
+    """The default parameters with other values where they are known."""
+    leaves, structure = jax.tree_util.tree_flatten_with_path(default)
+    names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in leaves]
+    return jax.tree.unflatten(structure, [values.get(n, old) for n, (_, old) in zip(names, leaves, strict=True)])

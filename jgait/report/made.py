@@ -1,0 +1,75 @@
+"""How a result was made: version, estimator, parameters with their units, and what of them is not the default."""
+
+import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import jgait
+from jgait.report.page import Cell, Table, significant
+
+
+class Made(NamedTuple):
+    """How a result was made.
+
+    Attributes:
+        estimator: name of the estimator, "" where it is not known.
+        params: its parameters, a NamedTuple in natural units, or None.
+        default: what they are by default, in the same type, or None.
+        pipeline: which variant of the estimator, such as "the paper's".
+        file: name of the file or data set that it comes from.
+        command: that makes the page again.
+        notes: in words, what was assumed on the way.
+        version: of jgait that computed it.
+    """
+
+    estimator: str = ""
+    params: Any = None
+    default: Any = None
+    pipeline: str = ""
+    file: str = ""
+    command: str = ""
+    notes: tuple[str, ...] = ()
+    version: str = jgait.__version__
+
+    def settings(self) -> list[tuple[str, str]]:
+        """Name → value, for the end of the page."""
+        told = {
+            "jgait": self.version, "estimator": self.estimator, "pipeline": self.pipeline, "data": Path(self.file).name,
+            "page made on": datetime.date.today().isoformat(),
+        }  # fmt: skip
+        return [(name, value) for name, value in told.items() if value]
+
+    def changed(self) -> dict[str, tuple[float, float]]:
+        """Name → (value, default) of every parameter that is not at its default."""
+        own, usual = flat(self.params), flat(self.default)
+        return {name: (own[name], usual[name]) for name in own if name in usual and own[name] != usual[name]}
+
+    def numbers(self) -> dict[str, Any]:
+        """The same for programs."""
+        told = {name: getattr(self, name) for name in ("estimator", "pipeline", "command", "version")}
+        return {**told, "file": Path(self.file).name, "parameters": flat(self.params), "changed": list(self.changed())}
+
+    def table(self) -> Table | None:
+        """All parameters with units, those that are not at their default first; None where none are known."""
+        from jgait import io
+
+        own, usual, changed = flat(self.params), flat(self.default), self.changed()
+        if not own:
+            return None
+        units = io.units(self.params)
+        rows = []
+        for name in sorted(own, key=lambda one: one not in changed):
+            default = Cell(significant(usual[name], 4)) if name in usual else Cell("–")
+            words = "not the default" if name in changed else ""
+            rows.append([Cell(name), Cell(significant(own[name], 4)), default, Cell(units.get(name, "")), Cell(words)])
+        return Table("Parameters of the estimator", ("parameter", "value", "default", "unit", ""), rows, words=2)
+
+
+def flat(params: Any) -> dict[str, float]:
+    """Name of every parameter, such as "thigh_length.right" → its value; of arrays, none."""
+    leaves = [] if params is None else jax.tree_util.tree_flatten_with_path(params)[0]
+    named = {jax.tree_util.keystr(where).lstrip("."): value for where, value in leaves}
+    return {name: float(value) for name, value in named.items() if np.ndim(value) == 0}

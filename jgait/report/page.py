@@ -1,0 +1,242 @@
+"""What a page is made of, and how it becomes one self-contained HTML file."""
+
+import base64
+import hashlib
+import html
+import io
+import json
+import math
+import os
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jgait.io.atomic import write_text
+
+LARGEST_SVG = 150_000
+"""[bytes] Drawings that are larger, with tens of thousands of points, are kept as pixels."""
+
+DPI = 120
+"""Dots an inch of figures kept as pixels."""
+
+FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])")
+
+
+class Flag(NamedTuple):
+    """Something to know before a number is relied on.
+
+    Attributes:
+        grade: "stop", "check", "corrected" or "info"; see `GRADES`.
+        text: what was found.
+        meaning: what that means for the numbers, in a sentence.
+    """
+
+    grade: str
+    text: str
+    meaning: str
+
+
+GRADES = {"stop": "Do not rely on this", "check": "Check", "corrected": "Corrected", "info": "For information"}
+"""Grade of a flag, the gravest first → what the page calls it."""
+
+
+class Cell(NamedTuple):
+    """One cell: what it says, and the number by which its column is sorted (None: by its text)."""
+
+    text: str
+    value: float | None = None
+
+
+class Table(NamedTuple):
+    """A table.
+
+    Attributes:
+        caption: what it holds, and how to read it.
+        columns: headings, with units.
+        rows: of cells; the first of each names the row.
+        sortable: whether a click on a heading sorts it.
+        words: how many of the last columns are words, to be set to the left.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    sortable: bool = False
+    words: int = 0
+
+
+class Picture(NamedTuple):
+    """A figure: its data address, what it shows (for those who cannot see it), and how to read it."""
+
+    address: str
+    alt: str
+    caption: str
+
+
+class Section(NamedTuple):
+    """A part of the page: heading, a paragraph or none, then tables and pictures in order."""
+
+    heading: str
+    text: str = ""
+    parts: Sequence[Table | Picture] = ()
+
+
+class Content(NamedTuple):
+    """A whole page.
+
+    Attributes:
+        title: name of the recording or the cohort.
+        kind: above it, what the page is.
+        lead: a sentence that says what was done.
+        facts: name → value of the most important numbers, with units.
+        verdict: the flags in a sentence.
+        flags: the gravest first.
+        sections: the rest, in order.
+        settings: how it was made: name → value.
+        command: that makes it again, "" where it is not known.
+        numbers: what a program may want to know, anything that JSON holds.
+    """
+
+    title: str
+    kind: str
+    lead: str
+    facts: Sequence[tuple[str, str]]
+    verdict: str
+    flags: Sequence[Flag]
+    sections: Sequence[Section]
+    settings: Sequence[tuple[str, str]]
+    command: str
+    numbers: dict[str, Any]
+
+
+class Report:
+    """A page with its numbers; a notebook shows it in a frame.
+
+    Attributes:
+        html: the whole page, which asks for nothing from outside.
+        numbers: what it says, for programs; JSON holds all of it.
+    """
+
+    def __init__(self, content: Content) -> None:
+        """Render the content."""
+        self.html = rendered(content)
+        self.numbers = content.numbers
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page, whole or not at all.
+
+        Args:
+            path: of the file; its folder must exist.
+
+        Returns:
+            The path.
+        """
+        return write_text(path, self.html)
+
+    def save_numbers(self, path: str | os.PathLike[str]) -> Path:
+        """Write the numbers as JSON, whole or not at all.
+
+        Args:
+            path: of the file; its folder must exist.
+
+        Returns:
+            The path.
+        """
+        return write_text(path, json.dumps(plain(self.numbers), indent=1, ensure_ascii=False) + "\n")
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" title="jgait report"></iframe>'
+
+
+def rendered(content: Content) -> str:
+    """The page as HTML: own style and script, pictures inside, and a policy that lets nothing in or out.
+
+    Args:
+        content: of the page.
+
+    Raises:
+        ImportError: if jinja2 is not there, which comes with the extra `cli`.
+    """
+    try:
+        import jinja2
+        from markupsafe import Markup
+    except ImportError as missing:
+        raise ImportError(f"reports need the extra cli: pip install 'jgait[cli]' ({missing})") from missing
+    import jgait
+
+    folder = resources.files("jgait.report") / "templates"
+    style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    # A policy names the script by its digest: nothing that got into a table can run.
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("jgait.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html").render(
+        page=content, style=Markup(style), script=Markup(script), digest=digest, grades=GRADES,
+        version=jgait.__version__,
+    )  # fmt: skip
+
+
+def picture(figure: Any, alt: str, caption: str) -> Picture:
+    """A matplotlib figure as part of a page: a drawing if it is small, else pixels.
+
+    Args:
+        figure: a matplotlib figure.
+        alt: what it shows.
+        caption: how to read it.
+    """
+    import matplotlib
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "jgait"}):  # the same figure gives the same bytes
+        figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    kind, data = "svg+xml", stream.getvalue()
+    if len(data) > LARGEST_SVG:
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        kind, data = "png", stream.getvalue()
+    return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", alt, caption)
+
+
+def number(value: Any, digits: int) -> str:
+    """A number as the page shows it; a dash where there is none."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}".replace("-", "−")
+
+
+def significant(value: Any, digits: int = 3) -> str:
+    """A number with so many digits that count."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
+
+
+def cell(value: Any, digits: int, spread: Any = None) -> Cell:
+    """A number, with its standard deviation where there is one."""
+    if value is None or not math.isfinite(value):
+        return Cell("–", math.nan)
+    told = spread is not None and math.isfinite(spread)
+    return Cell(number(value, digits) + (f" ± {number(spread, digits)}" if told else ""), float(value))
+
+
+def without_folders(text: str) -> str:
+    """A text in which files go by their names alone: folders name people and machines.
+
+    Args:
+        text: such as a reason for a failure.
+    """
+    return FOLDERS.sub("", text)
+
+
+def plain(value: Any) -> Any:
+    """The same for JSON: no NumPy, and null for what is no number."""
+    if isinstance(value, dict):
+        return {str(name): plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,191 @@
+"""The page of one recording."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.report import flags, strides
+from jgait.report.figures import pictures
+from jgait.report.made import Made
+from jgait.report.page import Cell, Content, Report, Section, Table, number, significant
+from jgait.types import SIDES, Estimate, Recording, Walk, as_float
+
+ABOUT = {
+    "leg_ekf": "Hip and knee angles and distance from sensors on thigh and shank",
+    "foot_ins": "Paths and strides of the feet from sensors on the shoes",
+    "stride_width_ekf": "Paths, strides and stride widths from sensors on both shoes",
+    "two_feet": "Paths, strides and stride widths from sensors on both shoes",
+    "ankle_stride": "Strides from a sensor at the ankle or on the shank",
+    "waist_ofdri": "Contacts, strides and distance from one sensor at the waist",
+}
+"""Estimator → what it gives, in words."""
+
+
+def of_estimate(
+    estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
+) -> Report:
+    """The page of one recording: summary, doubts, means by side, figures with bands, all strides, how it was made.
+
+    Args:
+        estimate: of one recording, as an estimator's `estimate` gives it.
+        recording: what it was made of.
+        reference: what an independent measurement says, drawn dashed and compared, or None.
+        made: how the estimate was made; without it the page cannot say.
+
+    Returns:
+        The page; `save` writes it.
+
+    Raises:
+        ValueError: if the estimate is not of one recording.
+        ImportError: without the extra `cli`.
+    """
+    if np.ndim(estimate.time) != 1:
+        raise ValueError(f"a report is of one recording, time of shape (T,); got shape {np.shape(estimate.time)}")
+    made = Made() if made is None else made
+    of = strides.found(estimate)
+    rows = strides.means(of)
+    notes = (*recording.notes, *estimate.diagnostics.get("notes", ()), *made.notes)
+    raised = [
+        *flags.explained(notes), *flags.of_samples(estimate),
+        *flags.of_strides(len(of.table), of.marks, int(of.regular.sum())),
+    ]  # fmt: skip
+    raised = flags.ordered(raised)
+    total = distance_of(estimate)
+    sections = [*_strides(of, rows), Section("Figures", "", pictures(estimate, reference)), *_all_strides(of)]
+    if reference is not None:
+        sections.insert(1, _against(estimate, recording, reference))
+    sections.append(_details(estimate, recording, made))
+    title = Path(recording.name).name
+    about = ABOUT.get(made.estimator, "What the sensors say")
+    who = "" if recording.subject in ("", "subject") else f", {recording.subject}"
+    lead = f"{about}{who}."
+    return Report(Content(
+        title, "Gait report", lead, _facts(estimate, recording, of, rows, total), flags.verdict(raised), raised,
+        sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, total, raised, made),
+    ))  # fmt: skip
+
+
+def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
+    """Distance walked [m] and its standard deviation where one is stated; None where nothing is known of it."""
+    if estimate.distance is None:
+        return None
+    way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
+    way = way[np.isfinite(way)]
+    if not way.size:
+        return None
+    spread = estimate.diagnostics.get("distance_stddev")
+    sd = None if spread is None or not np.size(spread) else float(np.ravel(spread)[-1])
+    return float(way[-1] - way[0]), sd
+
+
+def _facts(
+    estimate: Estimate, recording: Recording, of: strides.Found, rows: list[dict[str, Any]],
+    total: tuple[float, float | None] | None,
+) -> list[tuple[str, str]]:  # fmt: skip
+    """The most important numbers, with units."""
+    facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s")]
+    if total is not None:
+        sd = "" if total[1] is None else f" ± {number(total[1], 2)}"
+        facts.append(("Distance", f"{number(total[0], 2)}{sd} m"))
+    by_side = [f"{int(np.sum(of.table['side'] == side))} {side}" for side in SIDES if (of.table["side"] == side).any()]
+    many = str(len(of.table)) + (f" ({', '.join(by_side)})" if by_side else "")
+    facts.append(("Strides", many))
+    known = {m.name: m for m in strides.MEASURES}
+    for row in rows[:4]:
+        if row["name"] in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
+            measure = known[row["name"]]
+            name = measure.words.capitalize()
+            facts.append((name, f"{strides.told(row['all'], measure)} {measure.unit}"))
+    facts.append(("Sampling rate", f"{significant(recording.sampling_rate_hz, 4)} Hz"))
+    return facts
+
+
+def _strides(of: strides.Found, rows: list[dict[str, Any]]) -> list[Section]:
+    """The means, or that there are none."""
+    if rows:
+        return [Section("Gait at a glance", "", [strides.mean_table(of, rows)])]
+    if len(of.table):
+        return [Section("Gait at a glance", "No stride is regular: means would say nothing, and are not given.")]
+    return [Section("Gait at a glance", "No strides were found in this recording.")]
+
+
+def _all_strides(of: strides.Found) -> list[Section]:
+    return [Section("Stride by stride", "", [strides.stride_table(of)])] if len(of.table) else []
+
+
+def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:
+    """The numbers of the whole recording beside those of the reference."""
+    from jgait.evaluate.scores import score
+
+    rows = []
+    for name, (own, known) in score(estimate, Walk(recording, reference, {})).quantities.items():
+        if not np.isfinite([own, known]).all():
+            continue
+        words, unit = readable(name)
+        if "_rmse_" in name:
+            rows.append([Cell(words), Cell("–"), Cell("–"), Cell(significant(own)), Cell(unit)])
+        else:
+            cells = (significant(value) for value in (own, known, own - known))
+            rows.append([Cell(words), *map(Cell, cells), Cell(unit)])
+    caption = "This recording against an independent measurement; of whole curves, their root mean square difference."
+    table = Table(caption, ("", "estimate", "reference", "difference", "unit"), rows, words=1)
+    return Section("Against the reference", "" if rows else "The two have nothing in common.", [table] if rows else ())
+
+
+def readable(name: str) -> tuple[str, str]:
+    """A quantity's name in words, and its unit."""
+    units = {"m": "m", "s": "s", "mps": "m/s", "deg": "°", "cm": "cm", "percent": "%", "spm": "steps/min"}
+    parts = name.split("_")
+    side = parts.pop() if parts[-1] in SIDES else ""
+    unit = units.get(parts[-1], "")
+    words = " ".join(parts[:-1] if unit else parts).replace("rmse", "difference (RMS)").replace("2sd", "2 SD")
+    return f"{words}, {side}" if side else words, unit
+
+
+def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
+    """Sensors, parameters, and how well the model fits."""
+    rows = []
+    for name, imu in recording.sensors.items():
+        mask = np.asarray(imu.mask, bool)
+        kinds = "gyroscope" + ("" if imu.acc is None else ", accelerometer")
+        lost = f"{100.0 * float(np.mean(~mask)):.1f} %" if mask.size else "–"
+        rows.append([Cell(_place(name)), Cell(str(mask.size)), Cell(lost), Cell(kinds)])
+    parts = [Table("Sensors of the recording", ("place", "samples", "lost", "what"), rows, words=1)]
+    of_params = made.table()
+    parts += [] if of_params is None else [of_params]
+    fits = {n: float(v) for n, v in estimate.diagnostics.items() if n.startswith("nis") and np.ndim(v) == 0}
+    text = ""
+    if fits:
+        each = ", ".join(f"{significant(v)} ({n.removeprefix('nis').strip('_') or 'all'})" for n, v in fits.items())
+        text = f"Squared surprise of the measurements against what the filter expects: {each}; 1 where they agree."
+    return Section("Sensors and parameters", text, parts)
+
+
+def _place(name: str) -> str:
+    """A placement in words."""
+    part, _, side = name.rpartition("_")
+    return f"{side} {part}" if side in SIDES else name.replace("_", " ")
+
+
+def _numbers(
+    estimate: Estimate, recording: Recording, of: strides.Found, rows: list[dict[str, Any]],
+    total: tuple[float, float | None] | None, raised: list[flags.Flag], made: Made,
+) -> dict[str, Any]:  # fmt: skip
+    """What the page says, for programs."""
+    return {
+        "kind": "recording",
+        "recording": Path(recording.name).name,
+        "subject": recording.subject,
+        "duration_s": float(estimate.time[-1] - estimate.time[0]),
+        "sampling_rate_hz": float(recording.sampling_rate_hz),
+        "sensors": list(recording.sensors),
+        "distance_m": None if total is None else total[0],
+        "distance_std_m": None if total is None else total[1],
+        "strides": len(of.table),
+        "strides_regular": int(of.regular.sum()),
+        "means": rows,
+        "flags": [flag._asdict() for flag in raised],
+        "stride_table": of.table.to_dict("records"),
+        "made": made.numbers(),
+    }

@@ -1,0 +1,270 @@
+"""The strides of a report: one table whatever the estimator, what is special about each, means by side."""
+
+import itertools
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jgait.report import flags
+from jgait.report.page import Cell, Table, cell, number
+from jgait.types import SIDES, Estimate, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TURNING = 0.35
+"""[rad] A stride over which a foot turns by more (20°) is one of a turn, where the estimator does not say itself."""
+
+KNEE_SWING = np.deg2rad(20.0)
+"""[rad] How far the knee bends beyond what lies around it, at least, when a leg swings."""
+
+SHORTEST, LONGEST = 0.6, 2.5
+"""[s] A cycle of a walking leg; what lasts longer has standing in it."""
+
+FEWEST = 3
+"""Strides of each side from which on sides are compared."""
+
+
+class Measure(NamedTuple):
+    """A column of the table of strides: its name, what a reader calls it, and how it is written."""
+
+    name: str
+    words: str
+    unit: str
+    digits: int
+    scale: float = 1.0
+    ratio: bool = True
+
+    @property
+    def heading(self) -> str:
+        """With its unit."""
+        return f"{self.words} [{self.unit}]"
+
+
+MEASURES = (
+    Measure("stride_length_m", "stride length", "m", 2),
+    Measure("stride_duration_s", "stride time", "s", 2),
+    Measure("cadence_spm", "cadence", "steps/min", 0),
+    Measure("walking_speed_mps", "speed", "m/s", 2),
+    Measure("step_length_m", "step length", "m", 2),
+    Measure("stride_width_m", "stride width", "cm", 1, 100.0),
+    Measure("stride_height_m", "rise", "cm", 1, 100.0, ratio=False),
+    Measure("turn_deg", "turn", "°", 0, ratio=False),
+    Measure("lift_m", "sensor's lift", "cm", 1, 100.0),
+    Measure("contact_angle_deg", "foot angle at contact", "°", 0, ratio=False),
+    Measure("push_off_angle_deg", "foot angle at push-off", "°", 0, ratio=False),
+    Measure("hip_flexion_deg", "largest hip flexion", "°", 0, ratio=False),
+    Measure("hip_extension_deg", "smallest hip flexion", "°", 0, ratio=False),
+    Measure("knee_flexion_deg", "largest knee flexion", "°", 0, ratio=False),
+    Measure("knee_stance_deg", "smallest knee flexion", "°", 0, ratio=False),
+)
+"""What is told of strides, in the order in which it is shown."""
+
+CYCLES = (
+    "Cycles of each leg, from the largest bend of the swinging knee to the next; the length is how far the distance "
+    "grows meanwhile."
+)
+
+NOT_AVERAGED = ("turn_deg", "stride_height_m")
+NOT_BY_STRIDE = ("cadence_spm",)
+
+
+class Found(NamedTuple):
+    """The strides of an estimate.
+
+    Attributes:
+        table: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
+        marks: flag → (rows,) bool.
+        regular: (rows,) bool; the strides that the means are over.
+        cycles: whether these are cycles of leg angles instead of strides between contacts.
+    """
+
+    table: "pd.DataFrame"
+    marks: dict[str, np.ndarray]
+    regular: np.ndarray
+    cycles: bool
+
+
+def found(estimate: Estimate) -> Found:
+    """The strides of an estimate, or the cycles of its leg angles.
+
+    A cycle of a leg goes from the largest bend of a swinging knee to the next; its length is how far the distance
+    grows meanwhile.
+
+    Args:
+        estimate: of one recording.
+    """
+    from jgait import io
+
+    cycles = estimate.strides is None
+    table = leg_cycles(estimate) if cycles else io.strides_to_dataframe(estimate)
+    marks = {} if cycles else _marks(estimate)
+    if "stride_duration_s" in table:
+        duration = table["stride_duration_s"].where(~marks.get("half", np.zeros(len(table), bool)))
+        table = table.assign(cadence_spm=120.0 / duration)
+    special = [own for name, own in marks.items() if name in flags.OUT_OF_MEANS]
+    regular = ~np.logical_or.reduce(special) if special else np.ones(len(table), bool)
+    return Found(table, marks, regular, cycles)
+
+
+def _marks(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Flag → of every stride whether it has it, in the order of `io.strides_to_dataframe`."""
+    strides, told = estimate.strides, estimate.diagnostics
+    size = np.size(strides.side)
+    valid = np.flatnonzero(np.asarray(strides.valid, bool))
+    first = as_float(strides.standing if strides.start is None else strides.start)
+    order = valid[np.argsort(first[valid], kind="stable")]
+    marks = {
+        name: np.asarray(told[name], bool)[order]
+        for name in flags.STRIDES
+        if name in told and np.shape(told[name]) == (size,)
+    }
+    if "pendulum_constant" in told:
+        marks.pop("unsure", None)  # the pendulum measures the speed, so that integration need not
+    if "turning" not in marks and strides.turn is not None:
+        marks["turning"] = np.abs(np.nan_to_num(as_float(strides.turn)[order])) > TURNING
+    if "half" not in marks and strides.start is not None and strides.final_contact is not None:
+        leaves = as_float(strides.final_contact)[order]
+        marks["half"] = np.nan_to_num(leaves - as_float(strides.start)[order], nan=1.0) <= 0.0
+    trusted = told.get("width_valid")
+    if trusted is not None and np.shape(trusted) == (size,):
+        marks["width"] = ~np.asarray(trusted, bool)[order] & np.isfinite(as_float(strides.width)[order])
+    return marks
+
+
+def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
+    """The cycles of leg angles, from one largest bend of the swinging knee to the next.
+
+    Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°].
+
+    Args:
+        estimate: with `legs`.
+    """
+    import pandas as pd
+    from scipy.signal import find_peaks
+
+    time = as_float(estimate.time)
+    valid = np.asarray(estimate.valid, bool)
+    rows: list[dict[str, Any]] = []
+    for side, leg in zip(SIDES, estimate.legs, strict=True):
+        if leg is None or time.size < 2:
+            continue
+        step = float(np.median(np.diff(time)))
+        knee, hip = (np.where(valid, as_float(angle), 0.0) for angle in (leg.knee_angle, leg.hip_angle))
+        peaks = find_peaks(knee, prominence=KNEE_SWING, distance=max(1, round(SHORTEST / step)))[0]
+        for a, b in itertools.pairwise(peaks):
+            if time[b] - time[a] > LONGEST or not valid[a : b + 1].all():
+                continue
+            way = None if estimate.distance is None else float(estimate.distance[b] - estimate.distance[a])
+            lasts = float(time[b] - time[a])
+            rows.append({
+                "side": side, "start_s": time[a], "end_s": time[b],
+                **({} if way is None else {"stride_length_m": way}), "stride_duration_s": lasts,
+                **({} if way is None else {"walking_speed_mps": way / lasts}),
+                "hip_flexion_deg": np.rad2deg(hip[a:b].max()), "hip_extension_deg": np.rad2deg(hip[a:b].min()),
+                "knee_flexion_deg": np.rad2deg(knee[a:b].max()), "knee_stance_deg": np.rad2deg(knee[a:b].min()),
+            })  # fmt: skip
+    table = pd.DataFrame(rows, columns=list(rows[0]) if rows else ["side", "start_s", "end_s"])
+    table = table.sort_values("start_s", kind="stable", ignore_index=True)
+    table.insert(0, "s_id", np.arange(len(table)))
+    return table
+
+
+def stride_table(of: Found) -> Table:
+    """All strides, a row each, with standard deviations and remarks."""
+    shown = [m for m in MEASURES if m.name not in NOT_BY_STRIDE and m.name in of.table]
+    told = [m for m in shown if of.table[m.name].notna().any()]
+    rows: list[list[Cell]] = []
+    for k, stride in enumerate(of.table.to_dict("records")):
+        start = stride.get("start_s", stride.get("standing_s"))
+        cells = [Cell(str(k + 1), k + 1.0), Cell(stride["side"]), cell(start, 2)]
+        for measure in told:
+            name, _, unit = measure.name.rpartition("_")
+            spread = stride.get(f"{name}_std_{unit}")
+            spread = None if spread is None else measure.scale * spread
+            cells.append(cell(measure.scale * stride[measure.name], measure.digits, spread))
+        words = [str(flags.WORDS[name]) for name, own in of.marks.items() if own[k]]
+        rows.append([*cells, Cell(", ".join(words))])
+    spread = any("_std_" in name for name in of.table)
+    caption = CYCLES if of.cycles else "Strides, from one contact of a foot to its next."
+    caption += " ± is one standard deviation, as the estimator states it." if spread else ""
+    caption += " A click on a heading sorts."
+    return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in told), "remarks"), rows, True, 1)
+
+
+def means(of: Found) -> list[dict[str, Any]]:
+    """Mean, standard deviation and number over the regular strides, of all and of each side.
+
+    Args:
+        of: the strides.
+
+    Returns:
+        A row a measure: "name", "unit", "all", "right", "left" (each "mean", "sd", "n", or None), "difference" of
+        right − left and "difference_percent" of their mean, None where not both sides are known.
+    """
+    rows = []
+    for measure in MEASURES:
+        if measure.name in NOT_AVERAGED or measure.name not in of.table:
+            continue
+        values = of.table[measure.name].to_numpy(float)
+        use = of.regular & np.isfinite(values)
+        if measure.name in ("stride_width_m", "step_length_m") and "width" in of.marks:
+            use &= ~of.marks["width"]
+        if not use.any():
+            continue
+        side = of.table["side"].to_numpy()
+        row: dict[str, Any] = {"name": measure.name, "unit": measure.name.rpartition("_")[2], "all": _mean(values[use])}
+        for name in SIDES:
+            row[name] = _mean(values[use & (side == name)])
+        row |= {"difference": None, "difference_percent": None}
+        if all(row[name] is not None and row[name]["n"] >= FEWEST for name in SIDES):
+            right, left = row["right"]["mean"], row["left"]["mean"]
+            row["difference"] = right - left
+            row["difference_percent"] = 200.0 * (right - left) / (right + left) if measure.ratio else None
+        rows.append(row)
+    return rows
+
+
+def _mean(values: np.ndarray) -> dict[str, Any] | None:
+    if not values.size:
+        return None
+    sd = float(np.std(values, ddof=1)) if values.size > 1 else None
+    return {"mean": float(np.mean(values)), "sd": sd, "n": int(values.size)}
+
+
+def told(one: dict[str, Any] | None, measure: Measure) -> str:
+    """A mean with its standard deviation between strides."""
+    if one is None:
+        return "–"
+    spread = "" if one["sd"] is None else f" ± {number(measure.scale * one['sd'], max(measure.digits, 1))}"
+    return number(measure.scale * one["mean"], measure.digits) + spread
+
+
+def mean_table(of: Found, rows: list[dict[str, Any]]) -> Table:
+    """Means of all regular strides and of each side, and how the sides differ."""
+    known = {m.name: m for m in MEASURES}
+    sides = [name for name in SIDES if any(row[name] is not None for row in rows)]
+    both = any(row["difference"] is not None for row in rows)
+    made = []
+    for row in rows:
+        measure = known[row["name"]]
+        cells = [Cell(measure.heading), Cell(told(row["all"], measure)), *(Cell(told(row[s], measure)) for s in sides)]
+        if both:
+            cells.append(Cell(_difference(row, measure)))
+        made.append([*cells, Cell(str(row["all"]["n"]))])
+    columns = ["", "all", *(f"{side} leg" for side in sides), *(["right − left"] if both else []), "strides"]
+    left_out = sorted({str(flags.WORDS[n]) for n in of.marks if n in flags.OUT_OF_MEANS and of.marks[n].any()})
+    caption = "Mean ± standard deviation from stride to stride" + (
+        f"; strides {' or '.join(left_out)} are left out." if left_out else "."
+    )
+    if both:
+        caption += " Right − left in percent of the mean of both."
+    return Table(caption, columns, made)
+
+
+def _difference(row: dict[str, Any], measure: Measure) -> str:
+    if row["difference"] is None:
+        return "–"
+    value = number(measure.scale * row["difference"], measure.digits)
+    percent = row["difference_percent"]
+    return value if percent is None else f"{value} ({number(percent, 1)} %)"
