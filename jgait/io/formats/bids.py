@@ -1,0 +1,303 @@
+"""BIDS-motion: `*_tracksys-<system>_motion.tsv` with its `*_motion.json` and `*_channels.tsv`.
+
+*Format*: Brain Imaging Data Structure, "Motion" (since 1.9; Jeung et al. 2024, Scientific Data 11:716). The motion file
+has no header; `channels.tsv` says in its order what the columns are: name, component (x, y, z), type (ACCEL, GYRO, …),
+tracked_point, units, perhaps placement, reference_frame, status. `motion.json` says SamplingFrequency [Hz]; a channel
+of type LATENCY, where there is one, is the time [s]. Both may lie in a folder further up (the inheritance principle).
+A header that repeats the names of the channels, which many writers add, is passed over and noted.
+
+*Units* are stated, channel by channel; `n/a` is a question to the signals. *Placements*: tracked_point, else the
+column placement. *Axes*: the channels' reference_frame and what `channels.json` says of it; kept. *Subject*: the
+entity `sub-`, with what `participants.tsv` tells. Other tracking systems of the same walk are noted.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.io.formats.files import check_file, library
+from jgait.io.formats.parts import Measured, Part, placement_of
+from jgait.types import RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EXPECTED = "a BIDS motion file (*_motion.tsv)"
+ENDINGS = ("_motion.tsv", "_motion.tsv.gz")
+NEEDED = ("name", "component", "type", "units")
+LEVELS = 5
+"""Folders above the file in which what it inherits is looked for, at most; a data set's root ends the search before."""
+UNITS = {
+    "GYRO": {"deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "rads-1": "rad/s", "degs-1": "deg/s"},
+    "ACCEL": {
+        "m/s^2": "m/s^2", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s**2": "m/s^2", "ms-2": "m/s^2", "g": "g", "mg": "mg",
+    },
+    "LATENCY": {"s": "s", "ms": "ms"},
+}  # fmt: skip
+"""Type of channel → a unit as it is written → as it is called here."""
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether its name is that of a BIDS motion file."""
+    return path.name.endswith(ENDINGS)
+
+
+def measured(path: Path) -> Measured:
+    """Every tracked point of a motion file that has a gyroscope.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if it or what belongs to it is not as BIDS has it; the message names file, expected and found.
+    """
+    check_file(path, EXPECTED)
+    stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
+    channels_file = _nearest(path, stem, "channels.tsv")
+    channels = _channels(path, channels_file)
+    about = _about(path, stem)
+    notes: list[str] = []
+    values = _values(path, list(channels["name"]), notes)
+    rate = _positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
+    time = _latency(path, channels, values)
+    frames = _frames(path, stem)
+    parts, left_out = list[Part](), list[str]()
+    for point in dict.fromkeys(channels["tracked_point"]):
+        rows = channels[channels["tracked_point"] == point]
+        if not (rows["type"] == "GYRO").any():
+            left_out.append(point)
+            continue
+        parts.append(_part(path, point, rows, values, time, rate, frames, notes))
+    if not parts:
+        kinds = sorted(set(channels["type"]))
+        raise RecordingError(
+            f"{path.name} holds no gyroscope: expected channels of type GYRO, found {', '.join(kinds)}"
+        )
+    if left_out:
+        notes.append(f"left out, for they have no gyroscope: {', '.join(left_out)}")
+    notes.extend(_others(path, stem))
+    found = re.match(r"sub-([^_]+)", path.name)
+    subject = found.group(1) if found else "subject"
+    notes.extend(_participant(path, subject))
+    return Measured(parts, stem, subject, tuple(notes))
+
+
+def _folders(path: Path) -> list[Path]:
+    """The file's folder and those above it, up to the data set's root."""
+    found: list[Path] = []
+    for folder in list(path.absolute().parents)[:LEVELS]:
+        found.append(folder)
+        if (folder / "dataset_description.json").exists():
+            break
+    return found
+
+
+def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
+    """Files of a kind that hold for this one, the nearest first: their entities are among its own."""
+    own = set(stem.split("_"))
+    found = []
+    for folder in _folders(path):
+        here = [
+            file
+            for file in folder.glob(f"*{kind}")
+            if set(file.name.removesuffix(kind).rstrip("_").split("_")) <= own | {""}
+        ]
+        found += sorted(here, key=lambda file: -len(file.name))
+    return found
+
+
+def _nearest(path: Path, stem: str, kind: str) -> Path:
+    found = _inherited(path, stem, kind)
+    if not found:
+        raise RecordingError(f"{path.name} needs {stem}_{kind}, which says what its columns are; there is none")
+    return found[0]
+
+
+def _table(file: Path, **options: Any) -> "pd.DataFrame":
+    """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
+    pandas = library("pandas", EXPECTED)
+    try:
+        return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
+    except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:
+        raise RecordingError(f"{file.name} is no table with tabs: {error}") from error
+
+
+def _channels(path: Path, file: Path) -> "pd.DataFrame":
+    """What the columns are: text without blanks around it, empty for n/a."""
+    table = _table(file, dtype=str).fillna("")
+    table.columns = [str(column).strip() for column in table.columns]
+    lacking = [column for column in NEEDED if column not in table.columns]
+    if lacking or not len(table):
+        raise RecordingError(
+            f"{file.name} lacks {', '.join(lacking) or 'rows'}; expected {', '.join(NEEDED)}, found "
+            f"{', '.join(table.columns)} and {len(table)} rows"
+        )
+    for column in table.columns:
+        table[column] = table[column].str.strip()
+    if "tracked_point" not in table:
+        table["tracked_point"] = path.name
+    table["type"] = table["type"].str.upper().replace({"ACC": "ACCEL", "GYR": "GYRO"})
+    table["component"] = table["component"].str.lower()
+    return table.reset_index(drop=True)
+
+
+def _about(path: Path, stem: str) -> dict[str, Any]:
+    """`motion.json`, what is nearer overrules what is further up."""
+    found: dict[str, Any] = {}
+    files = _inherited(path, stem, "motion.json")
+    if not files:
+        raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
+    for file in reversed(files):
+        found |= _json(file)
+    return found
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8-sig"))
+    except ValueError as error:
+        raise RecordingError(f"{file.name} is no JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise RecordingError(f"{file.name} must be a JSON object; it is a {type(found).__name__}")
+    return found
+
+
+def _positive(*candidates: Any) -> float | None:
+    """The first that is a positive number."""
+    for value in candidates:
+        try:
+            if np.isfinite(float(value)) and float(value) > 0.0:
+                return float(value)
+        except (TypeError, ValueError):
+            continue
+    return None
+
+
+def _values(path: Path, names: list[str], notes: list[str]) -> np.ndarray:
+    """(T, channels) numbers, NaN for n/a."""
+    first = _table(path, header=None, nrows=1, dtype=str)
+    header = [str(cell).strip() for cell in first.iloc[0]] == names
+    table = _table(path, header=None, skiprows=1 if header else 0)
+    if header:
+        notes.append("the motion file has a header, which BIDS does not foresee; it was passed over")
+    if table.shape[1] != len(names):
+        raise RecordingError(
+            f"{path.name} has {table.shape[1]} columns, its channels.tsv {len(names)} rows; they must agree"
+        )
+    for position, name in enumerate(names):
+        if table.dtypes.iloc[position].kind not in "fiu":
+            column = table.iloc[:, position]
+            pandas = library("pandas", EXPECTED)
+            wrong = column[pandas.to_numeric(column, errors="coerce").isna() & column.notna()]
+            raise RecordingError(
+                f"{path.name}: {name} holds {wrong.iloc[0]!r} in row {wrong.index[0]}; expected a number"
+            )
+    return np.asarray(table.to_numpy(np.float64), np.float64)
+
+
+def _latency(path: Path, channels: "pd.DataFrame", values: np.ndarray) -> np.ndarray | None:
+    """Time [s] where a channel says it."""
+    rows = channels.index[channels["type"] == "LATENCY"]
+    if not len(rows):
+        return None
+    unit = _unit(path, channels.loc[rows[:1]], "LATENCY") or "s"
+    return values[:, rows[0]] * (1e-3 if unit == "ms" else 1.0)
+
+
+def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
+    """The one unit of some channels; None where they state none."""
+    said = dict.fromkeys(rows["units"])
+    if len(said) > 1:
+        raise RecordingError(f"{path.name}: {', '.join(rows['name'])} must share a unit; they have {', '.join(said)}")
+    unit = next(iter(said))
+    if not unit:
+        return None
+    known = UNITS[kind]
+    plain = re.sub(r"[\s·.*]", "", unit)
+    found = known.get(unit) or known.get(plain) or known.get(plain.lower()) or known.get(plain.replace("^-", "-"))
+    if found is None:
+        raise RecordingError(
+            f"{path.name}: {rows['name'].iloc[0]} ({kind}) is in {unit!r}; expected one of {', '.join(known)}"
+        )
+    return found
+
+
+def _signal(path: Path, point: str, rows: "pd.DataFrame", kind: str, values: np.ndarray) -> tuple[Any, str | None]:
+    """(T, 3) and its unit; None where the point has no such channels."""
+    here = rows[rows["type"] == kind]
+    if not len(here):
+        return None, None
+    if sorted(here["component"]) != ["x", "y", "z"]:
+        raise RecordingError(
+            f"{path.name}: {kind} of {point!r} must have the components x, y and z, once each; it has "
+            f"{', '.join(here['component'])} ({', '.join(here['name'])})"
+        )
+    here = here.sort_values("component")
+    return values[:, here.index.to_numpy()], _unit(path, here, kind)
+
+
+def _part(
+    path: Path,
+    point: str,
+    rows: "pd.DataFrame",
+    values: np.ndarray,
+    time: np.ndarray | None,
+    rate: float | None,
+    frames: dict[str, str],
+    notes: list[str],
+) -> Part:
+    """One tracked point."""
+    gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
+    acc, acc_unit = _signal(path, point, rows, "ACCEL", values)
+    used = rows[rows["type"].isin(["GYRO", "ACCEL"])]
+    place = None
+    if placement_of(point) is None and "placement" in rows:
+        place = next((placement_of(text) for text in used["placement"] if placement_of(text)), None)
+        if place is not None:
+            notes.append(f"{point}: at {place} by the column placement")
+    if "status" in rows and (used["status"].str.lower() == "bad").any():
+        bad = ", ".join(used["name"][used["status"].str.lower() == "bad"])
+        notes.append(f"{point}: channels.tsv calls {bad} bad")
+    if "sampling_frequency" in rows:
+        rate = _positive(rate, *used["sampling_frequency"])
+    frame = next((text for text in used["reference_frame"] if text), "") if "reference_frame" in rows else ""
+    axes = f"in the reference frame {frame!r}{frames.get(frame, '')}" if frame else ""
+    return Part(point, gyr, acc, time, rate, gyr_unit, acc_unit, place, axes)
+
+
+def _frames(path: Path, stem: str) -> dict[str, str]:
+    """Reference frame → what `channels.json` says of its axes."""
+    files = _inherited(path, stem, "channels.json")
+    levels = _json(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
+    found = {}
+    for name, about in levels.items():
+        said = [
+            f"{key} {about[key]}" for key in ("SpatialAxes", "RotationRule") if isinstance(about, dict) and key in about
+        ]
+        found[name] = f" ({', '.join(said)})" if said else ""
+    return found
+
+
+def _others(path: Path, stem: str) -> list[str]:
+    """Other tracking systems of the same walk."""
+    if "_tracksys-" not in stem:
+        return []
+    pattern = re.sub(r"_tracksys-[^_]+", "_tracksys-*", stem) + "_motion.tsv*"
+    there = sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name)
+    return [f"the same walk was measured by other systems too: {', '.join(there)}"] if there else []
+
+
+def _participant(path: Path, subject: str) -> list[str]:
+    """What `participants.tsv` says of the person."""
+    file = _folders(path)[-1] / "participants.tsv"
+    if not file.exists():
+        return []
+    table = _table(file, dtype=str)
+    if "participant_id" not in table:
+        return []
+    row = table[table["participant_id"].isin([f"sub-{subject}", subject])].dropna(axis=1)
+    said = (
+        [f"{column} {row[column].iloc[0]}" for column in row.columns if column != "participant_id"] if len(row) else []
+    )
+    return [f"participants.tsv: {', '.join(said)}"] if said else []
