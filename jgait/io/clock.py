@@ -61,7 +61,7 @@ def make_clock(
     stamps = as_float(time)
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
-    _check_order(stamps, name)
+    check_order(stamps, name)
     scale, notes = _scale(stamps, time_unit, name)
     seconds = (stamps - stamps[0]) * scale
     step = float(np.median(np.diff(seconds)))
@@ -79,8 +79,12 @@ def make_clock(
     return Clock(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
 
 
-def _check_order(stamps: np.ndarray, name: str) -> None:
-    """Every time stamp there, and later than the one before."""
+def check_order(stamps: np.ndarray, name: str) -> None:
+    """Refuse time stamps that are missing, or not later than the one before.
+
+    Raises:
+        RecordingError: naming the first such row.
+    """
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):
         raise RecordingError(

@@ -13,17 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import ACC_UNITS, GYR_UNITS, recording_from_arrays
-from jgait.io.checks import FASTEST, GRAVITY_RANGE
+from jgait.io.checks import FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
+from jgait.io.formats.clocks import CLOCKS_APART as CLOCKS_APART
+from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 SLOW, FAST = 12.0, 30.0
 """[as in the file] 99th percentile of a walking sensor's rate: below the one only rad/s, above the other only deg/s."""
-
-CLOCKS_APART = 0.5
-"""[samples] Time stamps of two sensors that differ by less are one clock."""
-
-SAME_RATE = 1e-3
-"""Relative difference of sampling rates below which two are one."""
 
 
 class Part(NamedTuple):
@@ -39,6 +35,9 @@ class Part(NamedTuple):
         acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
         placement: where it sat, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
         axes: what is known of the sensor's axes, in words; empty: nothing.
+        packets: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was
+            lost on the way has none. Parts that have them need no `time`.
+        packets_wrap: what the sensors' counter counts to before it begins again; None: it does not.
     """
 
     label: str
@@ -50,6 +49,8 @@ class Part(NamedTuple):
     acc_unit: str | None = None
     placement: str | None = None
     axes: str = ""
+    packets: Any = None
+    packets_wrap: int | None = None
 
 
 class Measured(NamedTuple):
@@ -60,12 +61,27 @@ class Measured(NamedTuple):
         name: of the recording.
         subject: who walked.
         notes: what the reader noticed, in plain words.
+        feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
+            one clock, NaN where nothing was heard; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
     """
 
     parts: Sequence[Part]
     name: str
     subject: str = "subject"
     notes: tuple[str, ...] = ()
+    feet_range: Any = None
+
+
+def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
+    """Files of one walk as one, each note once.
+
+    Args:
+        every: what each file says, at least one.
+        name: of the recording; None: the first file's.
+    """
+    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
+    parts = [part for one in every for part in one.parts]
+    return Measured(parts, name or every[0].name, every[0].subject, notes)
 
 
 def settle(
@@ -102,21 +118,24 @@ def settle(
     called = measured.name if name is None else name
     notes = list(measured.notes)
     placed = _placed(measured.parts, placements or {}, called, notes)
-    units_gyr, units_acc = [], []
+    placed = on_one_counter(placed, called, notes)
+    units_gyr = _rate_units(placed, gyr_unit, called, notes)
+    units_acc = []
     for where, part in placed.items():
-        units_gyr.append(gyr_unit or part.gyr_unit or _rate_unit(part, where, called, notes))
         units_acc.append(
             "m/s^2" if part.acc is None else acc_unit or part.acc_unit or _unit(part, where, called, notes)
         )
         notes.append(_which_way_up(part, where))
     sensors = {
         where: _in_si(part, rate, force)
-        for (where, part), rate, force in zip(placed.items(), units_gyr, units_acc, strict=True)
+        for (where, part), rate, force in zip(placed.items(), units_gyr.values(), units_acc, strict=True)
     }
-    time, rate_hz = _one_clock(placed, sensors, sampling_rate_hz, called, notes)
+    time, rate_hz = one_clock(placed, sensors, sampling_rate_hz, called, notes)
     recording = recording_from_arrays(
         sensors,
         time=time,
+        feet_range=measured.feet_range,
+        range_unit=_range_unit(measured.feet_range, called, notes),
         time_unit=None if time is None else "s",
         sampling_rate_hz=rate_hz,
         gyr_unit="rad/s",
@@ -217,20 +236,51 @@ def _unit(part: Part, where: str, name: str, notes: list[str]) -> str:
     )
 
 
-def _rate_unit(part: Part, where: str, name: str, notes: list[str]) -> str:
-    """The gyroscope's unit, told by its size, which tells only when somebody walks."""
-    size = np.linalg.norm(np.asarray(part.gyr, np.float64), axis=1)
-    size = size[np.isfinite(size)]
-    fastest = float(np.percentile(size, 99.0)) if len(size) else float("nan")
-    unit = "deg/s" if fastest > FAST else "rad/s" if 1.0 < fastest < SLOW else None
-    if unit is None:
+def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: list[str]) -> dict[str, str]:
+    """Placement → the gyroscope's unit: said, stated, or told by its size, which tells only when somebody walks.
+
+    A sensor that turns too little to tell has the unit that the others of its file were told to have.
+    """
+    units: dict[str, str] = {}
+    fastest: dict[str, float] = {}
+    for where, part in placed.items():
+        unit = said or part.gyr_unit
+        if unit is None:
+            size = np.linalg.norm(np.asarray(part.gyr, np.float64), axis=1)
+            size = size[np.isfinite(size)]
+            reached = fastest[where] = float(np.percentile(size, 99.0)) if len(size) else float("nan")
+            unit = "deg/s" if reached > FAST else "rad/s" if 1.0 < reached < SLOW else None
+        if unit is not None:
+            units[where] = unit
+    told = {units[where] for where in fastest if where in units}
+    for where, reached in fastest.items():
+        if len(told) > 1 or not told:
+            raise RecordingError(
+                f"{name}: the file states no unit of angular rate, and the size of {where} does not tell (99th "
+                f"percentile {reached:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
+                f"{FASTEST:g} rad/s occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
+            )
+        why = "as the other sensors" if where not in units else f"for the 99th percentile is {reached:.4g}"
+        units.setdefault(where, next(iter(told)))
+        notes.append(f"{where}: the file states no unit of angular rate; {units[where]}, {why}")
+    return {where: units[where] for where in placed}
+
+
+def _range_unit(values: Any, name: str, notes: list[str]) -> str:
+    """The unit of a range between feet, told by how far apart feet are."""
+    heard = np.asarray([] if values is None else values, np.float64)
+    heard = heard[np.isfinite(heard)]
+    if not heard.size:
+        return "m"
+    middle = float(np.median(heard))
+    fits = [unit for unit, metres in RANGE_UNITS.items() if FEET_APART[0] <= middle * metres <= FEET_APART[1]]
+    if len(fits) != 1:
         raise RecordingError(
-            f"{name}: the file states no unit of angular rate, and the size of {where} does not tell (99th percentile "
-            f"{fastest:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most {FASTEST:g} rad/s "
-            f"occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
+            f"{name}: the file states no unit of feet_range, and its median, {middle:.4g}, does not tell (feet that "
+            f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and say range_unit"
         )
-    notes.append(f"{where}: the file states no unit of angular rate; {unit}, for the 99th percentile is {fastest:.4g}")
-    return unit
+    notes.append(f"feet_range: the file states no unit; {fits[0]}, for its median is {middle:.4g}")
+    return fits[0]
 
 
 def _which_way_up(part: Part, where: str) -> str:
@@ -254,49 +304,4 @@ def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, Any]:
     found = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
     if part.acc is not None:
         found["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]
-    return found
-
-
-def _one_clock(
-    placed: Mapping[str, Part], sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str, notes: list[str]
-) -> tuple[Any, float | None]:
-    """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first."""
-    parts = list(placed.values())
-    first = parts[0]
-    if all(part.time is None for part in parts):
-        rates = {part.sampling_rate_hz for part in parts if part.sampling_rate_hz is not None}
-        lengths = {where: len(part.gyr) for where, part in placed.items()}
-        if len(set(lengths.values())) > 1 or (rates and max(rates) > (1.0 + SAME_RATE) * min(rates)):
-            raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
-        if rate_hz is None and not rates:
-            raise RecordingError(f"{name} states neither time stamps nor a sampling rate; say sampling_rate_hz")
-        return None, rate_hz or rates.pop()
-    lost = [where for where, part in placed.items() if part.time is None]
-    if lost:
-        raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
-    times = [np.asarray(part.time, np.float64) for part in parts]
-    step = float(np.median(np.diff(times[0])))
-    same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
-    if all(same):
-        return times[0], rate_hz or first.sampling_rate_hz
-    begin, end = max(t[0] for t in times), min(t[-1] for t in times)
-    if not end > begin:
-        raise RecordingError(
-            f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
-        )
-    common = times[0][(times[0] >= begin) & (times[0] <= end)]
-    for where, own in zip(placed, times, strict=True):
-        sensors[where] = {kind: _resampled(common, own, values) for kind, values in sensors[where].items()}
-    notes.append(
-        f"sensors on clocks of their own were interpolated to that of {next(iter(placed))}, {begin:.2f} to {end:.2f} s"
-    )
-    return common, None
-
-
-def _resampled(time: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values at other times, linear; NaN wherever a neighbour is lost or far."""
-    step = float(np.median(np.diff(own)))
-    found = np.stack([np.interp(time, own, column) for column in values.T], axis=1)
-    right = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
-    found[own[right] - own[right - 1] > 1.5 * step] = np.nan
     return found

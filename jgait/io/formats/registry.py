@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from jgait.io.formats.parts import Measured, settle
+from jgait.io.formats.parts import Measured, joined, settle
 from jgait.types import Recording, RecordingError
 
 HEAD = 4096
@@ -110,7 +110,9 @@ def read(
     if isinstance(path, Mapping):
         if placement is not None or placements is not None:
             raise ValueError("files by placement need no placement or placements")
-        found = _joined({where: _one(file, format, where) for where, file in path.items()})
+        if not path:
+            raise ValueError("no file was given; expected placement → file")
+        found = joined([_one(file, format, where) for where, file in path.items()])
         placements = None
     else:
         found = _one(path, format, placement)
@@ -144,12 +146,3 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         labels = [part.label for part in found.parts]
         raise RecordingError(f"{file.name} has {len(labels)} sensors, {labels}; place them by placements={{…}}")
     return found._replace(parts=(found.parts[0]._replace(placement=placement),))
-
-
-def _joined(found: Mapping[str, Measured]) -> Measured:
-    """Files of one sensor each as one."""
-    if not found:
-        raise ValueError("no file was given; expected placement → file")
-    every = list(found.values())
-    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
-    return Measured([part for one in every for part in one.parts], every[0].name, every[0].subject, notes)

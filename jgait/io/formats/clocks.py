@@ -1,0 +1,153 @@
+"""Sensors of one file on one clock: by packet numbers, by time stamps, or by their sampling rate alone."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.io.clock import LONGEST_GAP_S, check_order
+from jgait.types import RecordingError
+
+if TYPE_CHECKING:
+    from jgait.io.formats.parts import Part
+
+CLOCKS_APART = 0.5
+"""[samples] Time stamps of two sensors that differ by less are one clock."""
+
+SAME_RATE = 1e-3
+"""Relative difference of sampling rates below which two are one."""
+
+USUAL_RATE = 100.0
+"""[Hz] By which a gap in packet numbers is judged where the rate is not known."""
+
+
+def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "dict[str, Part]":
+    """Parts that count packets on the numbers that they share, NaN where a packet was lost.
+
+    Where the counter wraps, sensors may begin on either side of it: each is shifted by whole turns to be nearest to the
+    first.
+
+    Args:
+        placed: placement → part; those without packets stay as they are.
+        name: of the recording, for messages.
+        notes: gets how many packets were lost.
+
+    Returns:
+        placement → part, all of one length, without packets.
+
+    Raises:
+        RecordingError: if packet numbers do not increase, some parts have none, or a gap is too long.
+    """
+    if all(part.packets is None for part in placed.values()):
+        return placed
+    numbers: dict[str, np.ndarray] = {}
+    for where, part in placed.items():
+        if part.packets is None:
+            raise RecordingError(f"{name}: {where} has no packet numbers, other sensors have; they cannot be joined")
+        own = np.asarray(part.packets, np.int64)
+        wrong = np.flatnonzero(np.diff(own) <= 0)
+        if len(wrong):
+            raise RecordingError(
+                f"{name}: packet numbers of {where} must increase; {own[wrong[0] + 1]} follows {own[wrong[0]]} in row "
+                f"{wrong[0] + 1} (the first row is 0)"
+            )
+        first = next(iter(numbers.values()), own)
+        turn = part.packets_wrap
+        numbers[where] = own if turn is None else own + turn * round(float(first[0] - own[0]) / turn)
+    begin, end = max(own[0] for own in numbers.values()), min(own[-1] for own in numbers.values())
+    if end <= begin:
+        spans = ", ".join(f"{where} {own[0]} to {own[-1]}" for where, own in numbers.items())
+        raise RecordingError(f"{name}: the sensors' packet numbers do not overlap: {spans}")
+    found = {}
+    for where, part in placed.items():
+        own = numbers[where]
+        kept = (own >= begin) & (own <= end)
+        gap = int(np.diff(own).max()) - 1
+        if gap > LONGEST_GAP_S * (part.sampling_rate_hz or USUAL_RATE):
+            raise RecordingError(
+                f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
+                "split the recording there"
+            )
+        lost = end + 1 - begin - int(kept.sum())
+        if lost:
+            notes.append(f"{where}: {lost} packets were lost and are masked")
+        if not kept.all():
+            notes.append(
+                f"{where}: {int((~kept).sum())} packets at the ends that other sensors do not have are left out"
+            )
+        rows = own[kept] - begin
+        found[where] = part._replace(
+            gyr=_spread(part.gyr, kept, rows, end + 1 - begin),
+            acc=None if part.acc is None else _spread(part.acc, kept, rows, end + 1 - begin),
+            time=None, packets=None,
+        )  # fmt: skip
+    return found
+
+
+def _spread(values: Any, kept: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
+    found = np.full((length, 3), np.nan)
+    found[rows] = np.asarray(values, np.float64)[kept]
+    return found
+
+
+def one_clock(
+    placed: "Mapping[str, Part]", sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str, notes: list[str]
+) -> tuple[Any, float | None]:
+    """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first.
+
+    Args:
+        placed: placement → part.
+        sensors: placement → signals in SI, (T, 3) each; changed where they must be interpolated.
+        rate_hz: what the caller says [Hz], or None.
+        name: of the recording, for messages.
+        notes: gets what was done.
+
+    Returns:
+        (T,) time [s] or None, and sampling rate [Hz] or None: at least one of them.
+
+    Raises:
+        RecordingError: if there is neither, time does not increase, or clocks or lengths cannot be joined.
+    """
+    parts = list(placed.values())
+    first = parts[0]
+    if all(part.time is None for part in parts):
+        rates = {part.sampling_rate_hz for part in parts if part.sampling_rate_hz is not None}
+        lengths = {where: len(part.gyr) for where, part in placed.items()}
+        if len(set(lengths.values())) > 1 or (rates and max(rates) > (1.0 + SAME_RATE) * min(rates)):
+            raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
+        if rate_hz is None and not rates:
+            raise RecordingError(f"{name} states neither time stamps nor a sampling rate; say sampling_rate_hz")
+        return None, rate_hz or rates.pop()
+    lost = [where for where, part in placed.items() if part.time is None]
+    if lost:
+        raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
+    times = [np.asarray(part.time, np.float64) for part in parts]
+    if len(parts) == 1:
+        return times[0], rate_hz or first.sampling_rate_hz
+    for where, stamps in zip(placed, times, strict=True):
+        check_order(stamps, f"{name}, {where}")
+    step = float(np.median(np.diff(times[0])))
+    same = [len(t) == len(times[0]) and np.abs(t - times[0]).max() < CLOCKS_APART * step for t in times]
+    if all(same):
+        return times[0], rate_hz or first.sampling_rate_hz
+    begin, end = max(t[0] for t in times), min(t[-1] for t in times)
+    if not end > begin:
+        raise RecordingError(
+            f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
+        )
+    common = times[0][(times[0] >= begin) & (times[0] <= end)]
+    for where, own in zip(placed, times, strict=True):
+        sensors[where] = {kind: _resampled(common, own, values) for kind, values in sensors[where].items()}
+    notes.append(
+        f"sensors on clocks of their own were interpolated to that of {next(iter(placed))}, {begin:.2f} to {end:.2f} s"
+    )
+    return common, None
+
+
+def _resampled(time: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at other times, linear; NaN wherever a neighbour is lost or far."""
+    step = float(np.median(np.diff(own)))
+    found = np.stack([np.interp(time, own, column) for column in values.T], axis=1)
+    right = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
+    found[own[right] - own[right - 1] > 1.5 * step] = np.nan
+    return found

@@ -1,0 +1,210 @@
+"""Tables in text files of measuring systems: where the header is, what separates cells, and that no row is cut off.
+
+A file is read as its format says and never mended: a row that is shorter or longer than the others, or a cell that
+holds no number where one must be, is an error that names file and line. Empty cells are lost samples.
+"""
+
+import io
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.io.formats.files import check_file
+from jgait.types import RecordingError
+
+SEPARATORS = (",", ";", "\t")
+HEADER_WITHIN = 60
+"""[lines] A header is looked for so far down."""
+
+HEAD = 4096
+"""[bytes] How much of each file of a folder is looked at."""
+
+UNITS = {
+    "deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "m/s^2": "m/s^2", "m/(s^2)": "m/s^2",
+    "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "g": "g", "mg": "mg",
+}  # fmt: skip
+"""How files write a unit → what it is called in `jgait.io.arrays`."""
+
+
+class Rows(NamedTuple):
+    """A table in a text file.
+
+    Attributes:
+        name: of the file.
+        before: lines above the header.
+        header: names of the columns, blanks and quotes taken off.
+        first_line: number of the first row's line in the file, from 1.
+        units: cells of the row of units below the header, or ().
+        cells: (rows, columns) pandas table, columns by position.
+    """
+
+    name: str
+    before: tuple[str, ...]
+    header: tuple[str, ...]
+    first_line: int
+    units: tuple[str, ...]
+    cells: Any
+
+    def where(self, column: str) -> int | None:
+        """Position of a column, without regard to case; None if there is none."""
+        plain = [name.lower() for name in self.header]
+        return plain.index(column.lower()) if column.lower() in plain else None
+
+    def numbers(self, column: int) -> np.ndarray:
+        """(T,) a column as numbers, NaN where empty.
+
+        Raises:
+            RecordingError: for a cell that holds something else.
+        """
+        import pandas as pd
+
+        raw = self.cells[column]
+        values = pd.to_numeric(raw, errors="coerce").to_numpy(np.float64, na_value=np.nan)
+        wrong = np.flatnonzero(np.isnan(values) & raw.notna().to_numpy())
+        if len(wrong):
+            raise RecordingError(
+                f"{self.name}, line {self.first_line + wrong[0]}: column {self.header[column]!r} must hold numbers; "
+                f"found {raw.iloc[wrong[0]]!r}"
+            )
+        return values
+
+    def three(self, columns: Sequence[str]) -> np.ndarray:
+        """(T, 3) of three columns.
+
+        Raises:
+            RecordingError: if one is not there, naming it and those that are.
+        """
+        found = [self.where(column) for column in columns]
+        for column, position in zip(columns, found, strict=True):
+            if position is None:
+                raise self.lacks(column)
+        return np.stack([self.numbers(position) for position in found if position is not None], axis=1)
+
+    def lacks(self, column: str) -> RecordingError:
+        """What to raise for a column that is not there."""
+        return RecordingError(f"{self.name} lacks the column {column!r}; it has {', '.join(filter(None, self.header))}")
+
+    def unit(self, column: int) -> str:
+        """What the row of units says of a column, plain; "" where it says nothing."""
+        return self.units[column].strip("[]() ") if column < len(self.units) else ""
+
+
+def split(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line without blanks and quotes."""
+    return tuple(cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator))
+
+
+def header_in(head: bytes, is_header: Callable[[tuple[str, ...]], bool]) -> bool:
+    """Whether the first bytes of a file hold a header; the last line may be cut off there."""
+    lines = head.decode("utf-8-sig", errors="replace").splitlines()
+    return "\0" not in head.decode("latin-1") and _header(lines, is_header) is not None
+
+
+def read_rows(
+    path: Path, expected: str, is_header: Callable[[tuple[str, ...]], bool], *, units_below: bool = False
+) -> Rows:
+    """The table of a text file.
+
+    Args:
+        path: the file.
+        expected: what it should be and hold, for messages: "an Xsens MTw text file with a header PacketCounter, …".
+        is_header: whether a line's cells are the header.
+        units_below: whether a row without numbers below the header holds the units.
+
+    Returns:
+        The table, its cells unread.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
+    """
+    import pandas as pd
+
+    check_file(path, expected)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path.name} is no text file in UTF-8 ({error}); expected {expected}") from error
+    found = _header(lines, is_header)
+    if found is None:
+        begins = next((line for line in lines if line.strip()), "").strip()[:80]
+        raise RecordingError(f"{path.name} has no such header: expected {expected}; it begins with {begins!r}")
+    row, separator = found
+    header = split(lines[row], separator)
+    units: tuple[str, ...] = ()
+    first = row + 1
+    while first < len(lines) and not lines[first].strip():
+        first += 1
+    if units_below and first < len(lines) and not _any_number(split(lines[first], separator)):
+        units = split(lines[first], separator)
+        first += 1
+    body = lines[first:]
+    while body and not body[-1].strip():
+        body.pop()
+    if not body:
+        raise RecordingError(f"{path.name} has a header and no rows; its columns are {', '.join(filter(None, header))}")
+    _check_lengths(body, separator, len(header), first + 1, path.name)
+    decimal = "," if separator != "," and "," in body[-1] else "."
+    cells = pd.read_csv(
+        io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
+        skipinitialspace=True, skip_blank_lines=False, low_memory=False,
+    )  # fmt: skip
+    return Rows(path.name, tuple(lines[:row]), header, first + 1, units, cells)
+
+
+def _header(lines: Sequence[str], is_header: Callable[[tuple[str, ...]], bool]) -> tuple[int, str] | None:
+    """Line of the header, and what separates its cells."""
+    for row, line in enumerate(lines[:HEADER_WITHIN]):
+        separator = max(SEPARATORS, key=line.count)
+        if is_header(split(line, separator)):
+            return row, separator
+    return None
+
+
+def _any_number(cells: Sequence[str]) -> bool:
+    for cell in cells:
+        try:
+            float(cell.replace(",", "."))
+        except ValueError:
+            continue
+        return True
+    return False
+
+
+def _check_lengths(body: Sequence[str], separator: str, columns: int, first_line: int, name: str) -> None:
+    """Every row as long as the first, and that as the header, which may do without a separator at the end."""
+    counts = np.fromiter((line.count(separator) for line in body), np.int64, len(body)) + 1
+    if counts[0] != columns and not (counts[0] == columns + 1 and body[0].rstrip(" \r").endswith(separator)):
+        raise RecordingError(
+            f"{name}, line {first_line}: the header has {columns} columns, the row has {counts[0]} values"
+        )
+    wrong = np.flatnonzero(counts != counts[0])
+    if len(wrong):
+        what = "is cut off" if counts[wrong[0]] < counts[0] else "is too long"
+        raise RecordingError(
+            f"{name}, line {first_line + wrong[0]}: the row {what}: expected {counts[0]} values, "
+            f"found {counts[wrong[0]]}"
+        )
+
+
+def files_in(
+    path: Path, endings: Sequence[str], recognises: Callable[[Path, bytes], bool], *, below: bool = False
+) -> list[Path]:
+    """The files of a format in a folder, by name.
+
+    Args:
+        path: the folder.
+        endings: such as ".csv".
+        recognises: looks at a file's name and first bytes.
+        below: whether to look in the folders of the folder too.
+    """
+    found = []
+    for pattern in ("*", "*/*") if below else ("*",):
+        for file in sorted(path.glob(pattern)):
+            if file.suffix.lower() in endings and not file.name.startswith(".") and file.is_file():
+                with file.open("rb") as stream:
+                    if recognises(file, stream.read(HEAD)):
+                        found.append(file)
+    return found
