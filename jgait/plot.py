@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jgait.plot_feet import foot_height, foot_paths, stride_series
+from jgait.plot_power import error_over_duty, error_over_saving
 from jgait.plot_strides import leg_strides
 from jgait.plot_walk import blank, stick_figure, stride_signals
 from jgait.plot_widths import two_feet
@@ -16,6 +17,8 @@ from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
 __all__ = [
     "distance",
+    "error_over_duty",
+    "error_over_saving",
     "foot_height",
     "foot_path",
     "foot_paths",
