@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist_ofdri
+from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist_ofdri
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]
@@ -15,6 +15,7 @@ _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "two_feet": two_feet.estimator,
     "ankle_stride": ankle_stride.estimator,
     "waist_ofdri": waist_ofdri.estimator,
+    "duty_cycled_gyro": duty_cycled_gyro.estimator,
 }
 
 
