@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,22 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
+
+
+class Columns(NamedTuple):
+    """What the columns of a table hold, in the table's units.
+
+    Attributes:
+        sensors: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
+        time: (T,) or None.
+        feet_range: (T,) or None.
+        others: names of columns that say nothing here.
+    """
+
+    sensors: dict[str, dict[str, np.ndarray]]
+    time: np.ndarray | None
+    feet_range: np.ndarray | None
+    others: tuple[str, ...]
 
 
 def recording_from_dataframe(
@@ -62,6 +78,46 @@ def recording_from_dataframe(
         RecordingError: if columns are missing (the message lists what was expected and found, and what was perhaps
             meant), hold no numbers, or the data make no usable recording.
     """
+    found = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
+    recording = recording_from_arrays(
+        found.sensors,
+        time=found.time,
+        feet_range=found.feet_range,
+        sampling_rate_hz=sampling_rate_hz,
+        time_unit=time_unit,
+        gyr_unit=gyr_unit,
+        acc_unit=acc_unit,
+        range_unit=range_unit,
+        name=name,
+        subject=subject,
+        check_sizes=check_sizes,
+    )
+    return recording._replace(notes=(*recording.notes, *left_out(found)))
+
+
+def columns_of(
+    table: "pd.DataFrame",
+    *,
+    columns: Mapping[str, str] | None = None,
+    placement: str | None = None,
+    needs: Iterable[str] = (),
+    name: str = "recording",
+) -> Columns:
+    """The signals in a table, found by the names of its columns.
+
+    Args:
+        table: as `recording_from_dataframe`.
+        columns: as `recording_from_dataframe`.
+        placement: as `recording_from_dataframe`.
+        needs: as `recording_from_dataframe`.
+        name: what messages call it.
+
+    Returns:
+        The signals, in the table's units.
+
+    Raises:
+        RecordingError: if columns are missing or hold no numbers.
+    """
     given = [str(column) for column in table.columns]
     renamed = _renamed(given, columns or {}, placement, name)
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
@@ -79,23 +135,13 @@ def recording_from_dataframe(
     if "feet_range" in position:
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
-    recording = recording_from_arrays(
-        sensors,
-        time=time,
-        feet_range=apart,
-        sampling_rate_hz=sampling_rate_hz,
-        time_unit=time_unit,
-        gyr_unit=gyr_unit,
-        acc_unit=acc_unit,
-        range_unit=range_unit,
-        name=name,
-        subject=subject,
-        check_sizes=check_sizes,
-    )
-    others = [column for index, column in enumerate(given) if index not in used]
-    if others:
-        recording = recording._replace(notes=(*recording.notes, f"columns left out: {', '.join(others)}"))
-    return recording
+    others = tuple(column for index, column in enumerate(given) if index not in used)
+    return Columns(sensors, time, apart, others)
+
+
+def left_out(found: Columns) -> tuple[str, ...]:
+    """The note about columns that say nothing here; none if there are none."""
+    return (f"columns left out: {', '.join(found.others)}",) if found.others else ()
 
 
 def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:
@@ -203,7 +249,7 @@ def read_csv(
         RecordingError: if the file is empty, no text, has no rows, lacks columns, or holds no usable recording.
     """
     file = Path(path)
-    table = _read_table(file)
+    table = read_table(file)
     return recording_from_dataframe(
         table,
         columns=columns,
@@ -220,7 +266,13 @@ def read_csv(
     )
 
 
-def _read_table(file: Path) -> "pd.DataFrame":
+def read_table(file: Path) -> "pd.DataFrame":
+    """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        RecordingError: if it is empty, no text, has no rows, or rows that are longer than the header.
+    """
     import pandas as pd
 
     try:

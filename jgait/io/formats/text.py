@@ -27,6 +27,11 @@ UNITS = {
 }  # fmt: skip
 """How files write a unit → what it is called in `jgait.io.arrays`."""
 
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+"""How files write a unit of time → how long it is."""
+
+AXES = "as printed on the sensor's case"
+
 
 class Rows(NamedTuple):
     """A table in a text file.
@@ -81,6 +86,22 @@ class Rows(NamedTuple):
             if position is None:
                 raise self.lacks(column)
         return np.stack([self.numbers(position) for position in found if position is not None], axis=1)
+
+    def in_units(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
+        """(T, 3) of three columns, and the unit that the row of units states; None if it states none.
+
+        Raises:
+            RecordingError: if a column is not there, or the unit is none that is known.
+        """
+        values = self.three(columns)
+        said = {self.unit(self.where(column) or 0) for column in columns}
+        if said <= {""}:
+            return values, None
+        if len(said) > 1 or next(iter(said)) not in UNITS:
+            raise RecordingError(
+                f"{self.name}: {columns[0]} … is in {', '.join(sorted(said))}; expected one of {', '.join(UNITS)}"
+            )
+        return values, UNITS[next(iter(said))]
 
     def lacks(self, column: str) -> RecordingError:
         """What to raise for a column that is not there."""
@@ -145,7 +166,7 @@ def read_rows(
         body.pop()
     if not body:
         raise RecordingError(f"{path.name} has a header and no rows; its columns are {', '.join(filter(None, header))}")
-    _check_lengths(body, separator, len(header), first + 1, path.name)
+    check_lengths(body, separator, len(header), first + 1, path.name)
     decimal = "," if separator != "," and "," in body[-1] else "."
     cells = pd.read_csv(
         io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
@@ -173,8 +194,12 @@ def _any_number(cells: Sequence[str]) -> bool:
     return False
 
 
-def _check_lengths(body: Sequence[str], separator: str, columns: int, first_line: int, name: str) -> None:
-    """Every row as long as the first, and that as the header, which may do without a separator at the end."""
+def check_lengths(body: Sequence[str], separator: str, columns: int, first_line: int, name: str) -> None:
+    """Refuse rows that are not all as long as the header, or longer by a separator at the end.
+
+    Raises:
+        RecordingError: naming the first line that is not.
+    """
     counts = np.fromiter((line.count(separator) for line in body), np.int64, len(body)) + 1
     if counts[0] != columns and not (counts[0] == columns + 1 and body[0].rstrip(" \r").endswith(separator)):
         raise RecordingError(

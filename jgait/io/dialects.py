@@ -1,0 +1,168 @@
+"""Data of gaitmap and mobgap as recordings, every frame and unit by their documentation.
+
+gaitmap (feet): m/s², deg/s. Its *sensor frame* has x towards the toes, y to the left, z up; its *body frame* (`pa`
+along the foot, `ml` outwards, `si` down for the acceleration) is mirrored between the feet, and its rates have signs of
+their own: forth and back is the same change of signs. mobgap (lower back): m/s², deg/s. Its sensor frame has x up, y to
+the right, z forward; its body frame only has other names for the same axes (`is`, `ml`, `pa`). Recordings keep the
+sensor frame. Source: gaitmap 2, `utils.consts`; mobgap 1, `consts` and `utils.conversions`; both are tested against
+them.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.io.formats.parts import Measured, Part, placement_of, settle
+from jgait.io.read import CHANNELS
+from jgait.types import Recording, RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+GAITMAP_PLACEMENTS = {"left_sensor": "foot_left", "right_sensor": "foot_right"}
+"""What gaitmap's examples call its sensors → where they sit."""
+
+BODY_GAITMAP = ("gyr_pa", "gyr_ml", "gyr_si", "acc_pa", "acc_ml", "acc_si")
+"""gaitmap's names in the body frame, of the channels `gyr_x` … `acc_z`."""
+
+SIGNS_GAITMAP = {"left": (-1, -1, -1, 1, 1, -1), "right": (1, -1, 1, 1, -1, -1)}
+"""Body frame over sensor frame of each, for either foot."""
+
+BODY_MOBGAP = ("gyr_is", "gyr_ml", "gyr_pa", "acc_is", "acc_ml", "acc_pa")
+"""mobgap's names in the body frame, of the channels `gyr_x` … `acc_z`."""
+
+AXES_GAITMAP = "gaitmap's sensor frame: x towards the toes, y left, z up, if the data were aligned"
+AXES_MOBGAP = "mobgap's sensor frame: x up, y right, z forward"
+FRAMES = ("sensor", "body")
+
+
+def recording_from_gaitmap(
+    dataset: "Mapping[str, pd.DataFrame] | pd.DataFrame",
+    sampling_rate_hz: float,
+    *,
+    frame: str = "sensor",
+    placements: Mapping[str, str] = GAITMAP_PLACEMENTS,
+    name: str = "recording",
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from gaitmap's data of several sensors, in gaitmap's sensor frame.
+
+    Args:
+        dataset: sensor → table, or one table with two levels of columns, sensor and channel; m/s² and deg/s.
+        sampling_rate_hz: of the data [Hz].
+        frame: 'sensor' (`acc_x`, …) or 'body' (`acc_pa`, …), which is mirrored between the feet and is turned back.
+        placements: gaitmap's name of a sensor → where it sat.
+        name: what tables and figures call the recording.
+        subject: who walked.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units.
+
+    Raises:
+        ValueError: for an unknown frame.
+        RecordingError: if columns are missing, sensors cannot be placed, or the data make no usable recording.
+    """
+    if isinstance(dataset, Mapping):
+        tables = {str(sensor): table for sensor, table in dataset.items()}
+    elif dataset.columns.nlevels == 2:
+        tables = {str(sensor): dataset[sensor] for sensor in dataset.columns.unique(0)}
+    else:
+        raise RecordingError(
+            f"{name}: expected gaitmap's data of several sensors, columns of two levels; found "
+            f"{list(dataset.columns)}; pass one sensor as {{'left_sensor': table}}"
+        )
+    parts = gaitmap_parts(tables, frame, name, placements)
+    said = {part.label: placements[part.label] for part in parts if part.label in placements}
+    return settle(
+        Measured(parts, name, subject), placements=said, sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes
+    )
+
+
+def recording_from_mobgap(
+    table: "pd.DataFrame",
+    sampling_rate_hz: float,
+    *,
+    placement: str = "lower_back",
+    frame: str | None = None,
+    name: str = "recording",
+    subject: str = "subject",
+    check_sizes: bool = True,
+) -> Recording:
+    """A recording from mobgap's data of one sensor, in mobgap's sensor frame.
+
+    Args:
+        table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
+        sampling_rate_hz: of the data [Hz].
+        placement: where the sensor sat.
+        frame: 'sensor' or 'body'; None: told by the names.
+        name: what tables and figures call the recording.
+        subject: who walked.
+        check_sizes: refuse units that the size of the signals contradicts.
+
+    Returns:
+        The recording in SI units.
+
+    Raises:
+        ValueError: for an unknown frame.
+        RecordingError: if columns are missing, as in mobgap's global frames, or the data make no usable recording.
+    """
+    if frame is None:
+        frame = "body" if set(BODY_MOBGAP) <= set(map(str, table.columns)) else "sensor"
+    part = mobgap_part(table, frame, name)._replace(placement=placement)
+    return settle(Measured([part], name, subject), sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes)
+
+
+def gaitmap_parts(
+    tables: "Mapping[str, pd.DataFrame]", frame: str, name: str, placements: Mapping[str, str] = GAITMAP_PLACEMENTS
+) -> list[Part]:
+    """Parts of gaitmap's sensors, turned to its sensor frame."""
+    parts = []
+    for sensor, table in tables.items():
+        where = placements.get(sensor) or placement_of(sensor)
+        signs: Any = (1,) * 6
+        if _known(frame) == "body":
+            side = (where or "").rpartition("_")[2]
+            if side not in SIGNS_GAITMAP:
+                raise RecordingError(
+                    f"{name}: gaitmap's body frame is mirrored between the feet, and {sensor!r} is not known to be of "
+                    "either; say its placement"
+                )
+            signs = SIGNS_GAITMAP[side]
+        values = _six(table, CHANNELS if frame == "sensor" else BODY_GAITMAP, f"{name}, {sensor}") * signs
+        parts.append(
+            Part(sensor, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=where,
+                 axes=AXES_GAITMAP)
+        )  # fmt: skip
+    return parts
+
+
+def mobgap_part(table: "pd.DataFrame", frame: str, name: str) -> Part:
+    """The part of mobgap's sensor, which sat at the lower back."""
+    values = _six(table, CHANNELS if _known(frame) == "sensor" else BODY_MOBGAP, name)
+    return Part(
+        "lower_back", values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement="lower_back",
+        axes=AXES_MOBGAP,
+    )  # fmt: skip
+
+
+def _known(frame: str) -> str:
+    if frame not in FRAMES:
+        raise ValueError(f"frame must be one of {', '.join(map(repr, FRAMES))}; got {frame!r}")
+    return frame
+
+
+def _six(table: "pd.DataFrame", columns: tuple[str, ...], name: str) -> np.ndarray:
+    """(T, 6) of the named columns."""
+    lacking = [column for column in columns if column not in table.columns]
+    if lacking:
+        raise RecordingError(
+            f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found "
+            f"{list(map(str, table.columns))}"
+        )
+    try:
+        return table[list(columns)].to_numpy(np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{name}: {', '.join(columns)} must be numbers: {error}") from error

@@ -1,0 +1,118 @@
+"""Tables whose columns are named as jgait names them, and gaitmap's and mobgap's, as CSV or Parquet.
+
+*Format*: `<placement>_gyr_x` … `<placement>_acc_z`, perhaps `time` and `feet_range`, as `jgait.io.write_csv` and
+`write_table` write a recording; or `gyr_x` … `acc_z` of one sensor, whose file is called by its placement, alone or in
+a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's body frame (`acc_is`, `acc_ml`,
+`acc_pa`).
+
+*Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s). The others' are not stated, but told
+from the signals. *Clock*: `time` in s or ms, told from its steps, or the sampling rate, which must be said. *Axes*:
+gaitmap's and mobgap's sensor frame by their documentation, else not known.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jgait.io.clock import LONGEST_STEP_S, TIME_UNITS
+from jgait.io.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
+from jgait.io.formats.files import check_file, library
+from jgait.io.formats.parts import Measured, Part, joined, placement_of
+from jgait.io.formats.text import check_lengths
+from jgait.io.read import CHANNELS, Columns, columns_of, left_out, read_table
+from jgait.types import RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or gyr_x, …, acc_z of one sensor"
+PARQUET = (".parquet", ".pq")
+ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether its name ends like that of a table, or it is a folder of such files."""
+    if path.is_dir():
+        return bool(_files(path))
+    text = path.suffix.lower() in ENDINGS and b"\0" not in head
+    return text or path.suffix.lower() in PARQUET or head.startswith(b"PAR1")
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in sorted(folder.iterdir())
+            if file.suffix.lower() in ENDINGS and file.is_file() and placement_of(file.stem)]  # fmt: skip
+
+
+def measured(path: Path) -> Measured:
+    """All sensors of a table, or of a folder of tables of one sensor each that are called by their placements.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if it is no table, or lacks columns.
+    """
+    if path.is_dir():
+        files = _files(path)
+        if not files:
+            raise RecordingError(f"{path.name} holds no table that is called by a placement, such as foot_left.csv")
+        return joined([measured(file) for file in files], path.name)
+    check_file(path, EXPECTED)
+    table = _table(path)
+    if table.columns.nlevels == 2:
+        parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, "sensor", path.name)
+        return Measured(parts, path.stem, notes=("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them",))
+    plain = [str(column).strip().lower() for column in table.columns]
+    if set(BODY_MOBGAP) <= set(plain):
+        part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
+        return Measured([part], path.stem, notes=("mobgap's names of axes: m/s² and deg/s, as mobgap has them",))
+    if set(CHANNELS[:3]) <= set(plain):
+        # Where it sat is not for the table to say: any placement will do to have its columns.
+        found = columns_of(table, placement="waist", name=path.name)
+        parts = _parts(found, {"waist": path.stem})
+    else:
+        found = columns_of(table, name=path.name)
+        parts = _parts(found, {})
+    notes = list(left_out(found))
+    if found.time is not None:
+        notes.append(f"{path.name}: time taken to be in {_time_unit(found.time)}")
+    return Measured(parts, path.stem, notes=tuple(notes), feet_range=found.feet_range)
+
+
+def _parts(found: Columns, labels: dict[str, str]) -> list[Part]:
+    time = None if found.time is None else TIME_UNITS[_time_unit(found.time)] * found.time
+    return [
+        Part(labels.get(where, where), signals["gyr"], signals.get("acc"), time)
+        for where, signals in found.sensors.items()
+    ]
+
+
+def _time_unit(stamps: np.ndarray) -> str:
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    return "ms" if len(steps) and float(np.median(steps)) > LONGEST_STEP_S else "s"
+
+
+def _table(path: Path) -> "pd.DataFrame":
+    import pandas as pd
+
+    if path.suffix.lower() in PARQUET:
+        library("pyarrow", "Parquet files")
+        try:
+            return pd.read_parquet(path)
+        except (ValueError, OSError) as error:
+            raise RecordingError(f"{path.name} is no Parquet file: {str(error)[:200]}") from error
+    table = read_table(path)
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    rows = [row for row, line in enumerate(lines) if line.strip()]
+    separator = max((",", ";", "\t"), key=lines[rows[0]].count)
+    second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
+    if {"gyr_x", "gyr_y", "gyr_z"} <= set(second):
+        decimal = "," if separator != "," and "," in lines[rows[-1]] else "."
+        # gaitmap's own files begin a row with its number, below the names of the levels.
+        numbered = None if second[0] in CHANNELS else 0
+        table = pd.read_csv(
+            path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered, encoding="utf-8-sig"
+        )
+    if not any('"' in line for line in lines):
+        body = [lines[row] for row in rows[1:]]
+        check_lengths(body, separator, lines[rows[0]].count(separator) + 1, rows[1] + 1, path.name)
+    return table

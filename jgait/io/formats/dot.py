@@ -1,0 +1,80 @@
+"""Movella (Xsens) DOT CSV, one file a sensor, as its app and its exporter write it.
+
+*Format* (Movella DOT user manual, "Data exporter"): perhaps `sep=,`; lines such as `DeviceTag:,Right thigh`,
+`FirmwareVersion:`, `SyncStatus:`, `OutputRate:,60Hz`; a header `PacketCounter,SampleTimeFine,Acc_X,…,Gyr_X,…` with
+other columns before, between and after (`Euler_X`, `Quat_W`, `FreeAcc_X`, `Mag_X`, `Status`).
+
+*Units*: the manual states m/s² with gravity, deg/s and µs. `FreeAcc` is without gravity: a file that has no other
+acceleration is refused. *Clock*: `SampleTimeFine` (32 bits, wrapping), which sensors share once they were synchronised.
+*Placement*: not stated; the sensor is called by its `DeviceTag`, which the user may have chosen, or else by the file's
+name. *Axes*: the sensor's, printed on its case.
+"""
+
+import re
+from pathlib import Path
+
+from jgait.io.formats.mtw import COUNTER, counted, is_header, signals
+from jgait.io.formats.mtw import recognises as is_mtw
+from jgait.io.formats.parts import Measured, Part, joined
+from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.types import RecordingError
+
+EXPECTED = "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …"
+ENDINGS = (".csv",)
+TIME, TIME_BITS, MICROSECONDS = "SampleTimeFine", 32, 1e-6
+FACT = re.compile(r'^"?([A-Za-z ]+?)\s*:?\s*[:,;\t]\s*(.*?)["\s,;]*$')
+UNSYNCED = re.compile(r"^(un|not)[\s_-]*sync", re.IGNORECASE)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is such a file, by its header, or a folder of them."""
+    if path.is_dir():
+        return bool(files_in(path, ENDINGS, recognises))
+    return header_in(head, is_header) and not is_mtw(path, head)
+
+
+def measured(path: Path) -> Measured:
+    """One sensor, or all of a folder.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is not in this format, holds no raw signals, or sensors were not synchronised.
+    """
+    if not path.is_dir():
+        return _one(path)[0]
+    found = {file.name: _one(file) for file in files_in(path, ENDINGS, recognises)}
+    apart = [name for name, (_, state) in found.items() if UNSYNCED.match(state)]
+    if len(found) > 1 and apart:
+        raise RecordingError(
+            f"{path.name}: the clock of {apart[0]} was not synchronised with the others' (SyncStatus "
+            f"{found[apart[0]][1]!r}); sensors of one recording need one clock"
+        )
+    whole = joined([one for one, _ in found.values()], path.name)
+    if len(found) > 1 and not all(state for _, state in found.values()):
+        note = "the files do not say whether the sensors' clocks were synchronised; they are taken to be one"
+        whole = whole._replace(notes=(*whole.notes, note))
+    return whole
+
+
+def _facts(rows: Rows) -> dict[str, str]:
+    """What the lines above the header say: "devicetag" → "Right thigh"."""
+    found = (FACT.match(line) for line in rows.before)
+    return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in found if fact}
+
+
+def _one(path: Path) -> tuple[Measured, str]:
+    """One sensor, and what its file says of its clock."""
+    rows = read_rows(path, EXPECTED, is_header)
+    facts = _facts(rows)
+    gyr, acc = signals(rows)
+    stamps = counted(rows, TIME, TIME_BITS)
+    stated = re.match(r"[\d.]+", facts.get("outputrate", ""))
+    rate = float(stated.group()) if stated else None
+    part = Part(
+        facts.get("devicetag") or path.stem, gyr, acc,
+        time=None if stamps is None else MICROSECONDS * stamps,
+        sampling_rate_hz=rate if stamps is None else None,
+        gyr_unit="deg/s", acc_unit="m/s^2", axes=AXES,
+        packets=counted(rows, COUNTER, TIME_BITS) if stamps is None else None,
+    )  # fmt: skip
+    return Measured([part], path.stem), facts.get("syncstatus", "")

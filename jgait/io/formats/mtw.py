@@ -1,0 +1,112 @@
+"""Xsens MTw text (`MT_*.txt`), one file a sensor, as MT Manager and its relatives export it.
+
+*Format* (Xsens, MT Manager user manual, "ASCII exporter"): lines that begin with `//`, among them `// Update Rate:
+100.0Hz`; a header `PacketCounter SampleTimeFine Acc_X … Gyr_X … Mag_X …` and perhaps `FreeAcc_…`, `Quat_…`, `Mat[1][1]`
+…; tabs, commas or semicolons. `Acquisition frequency: 100 Hz` instead of the `//` lines is read too.
+
+*Units*: the manual states m/s² with gravity and rad/s. Some exports are in deg/s all the same: a rate that is too large
+for a walking person in rad/s is taken for a unit that is not stated, and questioned. *Clock*: sensors of one receiver
+count the same packets (16 bits, wrapping); those that were lost become missing samples. *Placement*: not stated; the
+sensor is called by the serial number that ends the file's name. *Axes*: the sensor's, printed on its case.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from jgait.io.formats.parts import SLOW, Measured, Part, joined
+from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.types import RecordingError
+
+EXPECTED = "Xsens MTw text with a header PacketCounter, Acc_X, …, Gyr_X, …"
+ENDINGS = (".txt", ".csv")
+COUNTER, COUNTER_BITS = "PacketCounter", 16
+RATE = re.compile(r"(?:update rate|acquisition frequency)\W*([\d.]+)\s*hz", re.IGNORECASE)
+SERIAL = re.compile(r"[_-]([0-9A-F]{8})$")
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is such a file, by its header and what stands above it, or a folder of them."""
+    if path.is_dir():
+        return bool(files_in(path, ENDINGS, recognises))
+    return header_in(head, is_header) and (path.suffix.lower() == ".txt" or head.lstrip(b"\xef\xbb\xbf ")[:2] == b"//")
+
+
+def is_header(cells: tuple[str, ...]) -> bool:
+    """Whether cells are the header of an Xsens sensor's file."""
+    plain = [cell.lower() for cell in cells]
+    return COUNTER.lower() in plain and len(plain) > 3
+
+
+def measured(path: Path) -> Measured:
+    """One sensor, or all of a folder.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is not in this format, or holds no raw signals.
+    """
+    if not path.is_dir():
+        return _one(path)
+    return joined([_one(file) for file in files_in(path, ENDINGS, recognises)], path.name)
+
+
+def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    """Gyroscope and accelerometer, (T, 3) each, as the file has them.
+
+    Raises:
+        RecordingError: if one is not there; of acceleration without gravity, saying so.
+    """
+    if rows.where("Acc_X") is None:
+        free = [column for column in rows.header if column.lower().startswith("freeacc")]
+        if free:
+            raise RecordingError(
+                f"{rows.name} holds only acceleration from which gravity was taken off ({', '.join(free)}); expected "
+                "Acc_X, Acc_Y, Acc_Z: export or record inertial data"
+            )
+        if any(column.lower().startswith(("dv[", "dv_", "dq_", "velinc", "oriinc")) for column in rows.header):
+            raise RecordingError(
+                f"{rows.name} holds increments (dq, dv) and no rates; expected Acc_X, …, Gyr_X, …: export inertial data"
+            )
+    return rows.three(["Gyr_X", "Gyr_Y", "Gyr_Z"]), rows.three(["Acc_X", "Acc_Y", "Acc_Z"])
+
+
+def counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
+    """(T,) a counter, its wraps undone; None if the file has no such column, or nothing in it.
+
+    Raises:
+        RecordingError: if a row has none.
+    """
+    position = rows.where(column)
+    if position is None:
+        return None
+    values = rows.numbers(position)
+    lost = np.flatnonzero(~np.isfinite(values))
+    if len(lost) == len(values):
+        return None
+    if len(lost):
+        raise RecordingError(f"{rows.name}, line {rows.first_line + lost[0]}: {column} is empty")
+    return np.unwrap(values, period=2**bits)
+
+
+def _one(path: Path) -> Measured:
+    rows = read_rows(path, EXPECTED, is_header)
+    gyr, acc = signals(rows)
+    packets = counted(rows, COUNTER, COUNTER_BITS)
+    stated = RATE.search("\n".join(rows.before))
+    serial = SERIAL.search(path.stem)
+    size = np.linalg.norm(gyr, axis=1)
+    size = size[np.isfinite(size)]
+    likely = not len(size) or float(np.percentile(size, 99.0)) < SLOW
+    return Measured(
+        [
+            Part(
+                serial.group(1) if serial else path.stem, gyr, acc,
+                sampling_rate_hz=float(stated.group(1)) if stated else None,
+                gyr_unit="rad/s" if likely else None, acc_unit="m/s^2", axes=AXES,
+                packets=packets, packets_wrap=2**COUNTER_BITS,
+            )
+        ],
+        path.stem,
+        notes=() if likely else (f"{path.stem}: Xsens' text is in rad/s by its manual, but the rates are too large",),
+    )  # fmt: skip

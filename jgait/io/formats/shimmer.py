@@ -1,0 +1,120 @@
+r"""Shimmer's CSV, as Consensys exports it; one or several devices in a file.
+
+*Format* (Shimmer, Consensys user guide): perhaps `"sep=\t"`; a header of names `<device>_<signal>_<axis>_<CAL or RAW>`
+such as `Shimmer_8665_Accel_LN_X_CAL` or `RWrist_Gyro_X_CAL`; a row of units (`m/(s^2)`, `deg/s`, `ms`); tabs, commas
+or semicolons.
+
+*Units*: stated by the row of units; without it they are questioned. Uncalibrated signals (`RAW`) are refused.
+*Signals*: the low-noise accelerometer (`Accel_LN`, to about ±2 g), or the wide-range one (`Accel_WR`) where it is the
+only one or the other is driven to its limit. *Clock*: Unix time. *Placement*: not stated, but the user may have called
+a device by it. *Axes*: the sensor's, printed on its case.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from jgait.io.formats.parts import Measured, Part, joined
+from jgait.io.formats.text import AXES, SECONDS, Rows, files_in, header_in, read_rows
+from jgait.types import RecordingError
+
+EXPECTED = "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …"
+ENDINGS = (".csv", ".txt", ".tsv")
+SIGNAL = re.compile(r"^(?P<device>.+?)_(?P<signal>Accel_LN|Accel_WR|Gyro)_(?P<axis>[XYZ])_(?P<kind>CAL|RAW|UNCAL)$")
+STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|Unix|Shimmer|RC)?_?CAL$")
+FULL, OFTEN = 1.9, 1e-3
+"""[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
+STANDARD_GRAVITY = {"m/s^2": 9.80665, "g": 1.0, "mg": 1000.0}
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is such a file, by its header, or a folder of them."""
+    if path.is_dir():
+        return bool(files_in(path, ENDINGS, recognises))
+    return header_in(head, _is_header)
+
+
+def _is_header(cells: tuple[str, ...]) -> bool:
+    return any(SIGNAL.match(cell) or STAMP.match(cell) for cell in cells)
+
+
+def measured(path: Path) -> Measured:
+    """All devices of a file, or of a folder's files.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if the file is not in this format, holds no calibrated signals, or states an unknown unit.
+    """
+    if path.is_dir():
+        return joined([measured(file) for file in files_in(path, ENDINGS, recognises)], path.name)
+    rows = read_rows(path, EXPECTED, _is_header, units_below=True)
+    found: dict[str, dict[str, set[str]]] = {}
+    for cell in rows.header:
+        if match := SIGNAL.match(cell):
+            found.setdefault(match["device"], {}).setdefault(match["signal"], set()).add(match["kind"])
+    notes: list[str] = []
+    parts = [_part(rows, device, kinds, notes) for device, kinds in found.items() if "Gyro" in kinds]
+    if not parts:
+        raise RecordingError(
+            f"{path.name} holds no gyroscope; expected {EXPECTED}; it has {', '.join(filter(None, rows.header))}"
+        )
+    return Measured(parts, path.stem, notes=tuple(notes))
+
+
+def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[str]) -> Part:
+    for signal, stored in kinds.items():
+        if "CAL" not in stored and signal in ("Gyro", *(kinds if len(kinds) == 2 else ())):
+            raise RecordingError(
+                f"{rows.name}: {device}_{signal}_X is not calibrated (found {', '.join(sorted(stored))}, expected "
+                "CAL): export calibrated data"
+            )
+    time = _time(rows, device)
+    told = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
+    gyr, gyr_unit = rows.in_units(_columns(device, "Gyro"))
+    acc, acc_unit = None, None
+    choice = [name for name in ("Accel_LN", "Accel_WR") if "CAL" in kinds.get(name, ())]
+    if choice:
+        acc, acc_unit = rows.in_units(_columns(device, choice[0]))
+        limit = FULL * STANDARD_GRAVITY[acc_unit or "m/s^2"]
+        share = float(np.mean(np.abs(acc[told]).max(axis=1, initial=0.0) > limit))
+        taken = choice[0]
+        if len(choice) == 2 and share > OFTEN:
+            taken = choice[1]
+            acc, acc_unit = rows.in_units(_columns(device, taken))
+            notes.append(f"{device}: {taken} taken, for Accel_LN is at its limit in {share:.2%} of the samples")
+        else:
+            notes.append(f"{device}: {taken} taken")
+    return Part(
+        device, gyr[told], None if acc is None else acc[told],
+        time=None if time is None else time[told], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
+    )  # fmt: skip
+
+
+def _columns(device: str, signal: str) -> list[str]:
+    return [f"{device}_{signal}_{axis}_CAL" for axis in "XYZ"]
+
+
+def _time(rows: Rows, device: str) -> np.ndarray | None:
+    """(T,) [s], NaN in rows without this device; Unix time before the device's own."""
+    import pandas as pd
+
+    stamps = {cell: match for cell in rows.header if (match := STAMP.match(cell))}
+    own = {match["how"] or "": cell for cell, match in stamps.items() if match["device"] == device}
+    for how in ("Unix", "FormattedUnix", "Shimmer", "RC", ""):
+        if how not in own:
+            continue
+        column = rows.where(own[how]) or 0
+        if how == "FormattedUnix":
+            times = pd.to_datetime(rows.cells[column], errors="coerce", format="mixed")
+            wrong = times.isna() & rows.cells[column].notna()
+            if wrong.any():
+                found = rows.cells[column][wrong].iloc[0]
+                raise RecordingError(f"{rows.name}: column {own[how]!r} must hold times of day; found {found!r}")
+            since = (times - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
+            return since.to_numpy(np.float64, na_value=np.nan)
+        unit = rows.unit(column)
+        if unit not in (*SECONDS, ""):
+            raise RecordingError(f"{rows.name}: {own[how]} is in {unit}; expected one of {', '.join(SECONDS)}")
+        return SECONDS[unit or "ms"] * rows.numbers(column)
+    return None
