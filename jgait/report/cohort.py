@@ -76,8 +76,8 @@ def of_cohort(
     raised = flags.ordered([*_failed(found, failures), *_few(found, paired), *_notes(found, made)])
     used, people = len(found.recordings), found.recordings["subject"].nunique()
     facts = [
-        ("Recordings used", f"{used} of {used + len(failures)}"), ("People", str(people)),
-        ("Recorded time", f"{number(float(found.recordings['seconds'].sum()), 0)} s"),
+        ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
+        ("Recorded time", f"{number(float(found.recordings['seconds'].sum()), 0)} s", "of the recordings used"),
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
@@ -133,32 +133,35 @@ def _notes(found: "Cohort", made: Made) -> list[Flag]:
     seen: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
     for text in found.recordings["notes"]:
-        own = {(flag.grade, flag.meaning): flag.text for flag in flags.explained(filter(None, str(text).split("; ")))}
+        own = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(text)}
         seen.update(own.keys())
         example = own | example
     gathered = [
         Flag(grade, f"{count} of {len(found.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
         for (grade, meaning), count in seen.most_common()
-        if grade != "info"
     ]
     # what one of many lacks stops that one and not the cohort
     gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]
     return [*flags.explained(made.notes), *gathered]
 
 
-def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str]]:
+def _noted(text: Any) -> list[Flag]:
+    """The notes of a recording that are more than information."""
+    return [flag for flag in flags.explained(filter(None, str(text).split("; "))) if flag.grade != "info"]
+
+
+def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
     """Bias and limits of the first quantity that is drawn, and the distance's relative error."""
     told = []
     for name in DRAWN[:2]:
         if name in agreement.index and np.isfinite(agreement.loc[name, ["bias", "loa_low"]].to_numpy(float)).all():
             words, unit = readable(name)
             row = agreement.loc[name]
-            half = 0.5 * (row["loa_high"] - row["loa_low"])
-            value = f"{significant(row['bias'])} ± {significant(half)} {unit}"
-            told.append((f"{words.capitalize()}: bias and limits", value))
+            limits = f"95 % limits of agreement {_span(row['loa_low'], row['loa_high'])} {unit}"
+            told.append((f"{words.capitalize()}: bias", f"{significant(row['bias'])} {unit}", limits))
     relative = paired.loc[paired["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):
-        told.append(("Distance: mean error", f"{number(100.0 * float(relative.mean()), 1)} %"))
+        told.append(("Distance: mean |error|", f"{number(100.0 * float(relative.mean()), 1)} %", "of the reference"))
     return told
 
 
@@ -209,7 +212,7 @@ def _span(low: float, high: float) -> str:
 
 def _interval(row: Any, name: str) -> Cell:
     inside = _span(row[f"{name}_low"], row[f"{name}_high"])
-    return Cell(significant(row[name]) + (f" ({inside})" if inside != "–" else ""), float(row[name]))
+    return Cell(significant(row[name]) + (f"\n({inside})" if inside != "–" else ""), float(row[name]))
 
 
 def _figures(paired: "pd.DataFrame") -> list[Picture]:
@@ -253,7 +256,8 @@ def _people(found: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[st
         heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
     caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
     unknown = lost.get("", 0)
-    text = f"Of {unknown} recordings that failed it is not known whose they are." if unknown else ""
+    failed = f"{unknown} of the recordings that failed" if unknown > 1 else "One recording that failed"
+    text = f"{failed} could not be read far enough to know whose it was." if unknown else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 
@@ -270,11 +274,11 @@ def _recordings(found: "Cohort") -> Section:
         rows.append([
             Cell(without_folders(str(one.recording))), Cell(str(one.subject)), cell(one.seconds, 1),
             cell(100.0 * float(one.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
-            Cell(without_folders(str(one.notes))),
+            Cell("; ".join(line for flag in _noted(one.notes) for line in flag.text.splitlines())),
         ])  # fmt: skip
     left = len(found.recordings) - len(rows)
     text = f"The first {len(rows)}; {left} more are in the tables of jgait evaluate." if left else ""
-    columns = ("recording", "person", "duration [s]", "known [%]", "distance [m]", "reference [m]", "notes")
+    columns = ("recording", "person", "duration [s]", "results for [%]", "distance [m]", "reference [m]", "notes")
     caption = "All recordings that were used. A click on a heading sorts."
     return Section("Recordings", text, [Table(caption, columns, rows, True, 1)])
 

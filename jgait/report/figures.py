@@ -10,7 +10,7 @@ from jgait.types import SIDES, Estimate, as_float
 CLOSE = 8.0
 """[s] How much of a longer recording the close-up of angles shows."""
 
-BAND = "The band is ± two standard deviations: the true value is expected in it 95 times in 100."
+BAND = "The band is ± two standard deviations, as the estimator states them."
 
 
 def pictures(estimate: Estimate, reference: Estimate | None = None) -> list[Picture]:
@@ -88,7 +88,7 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     made.append(picture(plot.foot_height(estimate), f"Height of the {worn} foot along its way", caption))
     if estimate.strides is None or not np.any(estimate.strides.valid):
         return made
-    caption = "Length, width and rise of every stride. Bars are ± two standard deviations, as stated."
+    caption = "Length, width and rise of every stride. Bars are ± two standard deviations."
     alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
     made.append(picture(plot.stride_series(estimate), alt, caption))
     if estimate.feet is not None and None not in estimate.feet and np.isfinite(as_float(estimate.strides.width)).any():

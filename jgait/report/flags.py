@@ -137,17 +137,22 @@ MOSTLY = 0.95
 
 
 def explained(notes: Iterable[str]) -> list[Flag]:
-    """Notes as flags: each once, the gravest first, without names of folders.
+    """Notes as flags: each once, those of one meaning together, the gravest first, without names of folders.
 
     Args:
         notes: in words, as readers and estimators give them.
     """
-    found = []
+    found: dict[tuple[str, str], list[str]] = {}
     for note in dict.fromkeys(without_folders(str(note)) for note in notes):
         known = next((one for one in MEANINGS if re.search(one.pattern, note)), None)
         grade, meaning = ("info", "Noticed while the recording was read or computed.") if known is None else known[1:]
-        found.append(Flag(grade, note[:1].upper() + note[1:], meaning))
-    return ordered(found)
+        found.setdefault((grade, meaning), []).append(_sentence(note))
+    return ordered(Flag(grade, "\n".join(lines), meaning) for (grade, meaning), lines in found.items())
+
+
+def _sentence(note: str) -> str:
+    """With a capital, unless it begins with the name of a column."""
+    return note if "_" in note.partition(" ")[0] else note[:1].upper() + note[1:]
 
 
 def ordered(flags: Iterable[Flag]) -> list[Flag]:

@@ -21,6 +21,9 @@ LARGEST_SVG = 150_000
 DPI = 120
 """Dots an inch of figures kept as pixels."""
 
+COLOURS = 96
+"""Colours of figures kept as pixels."""
+
 FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])")
 
 
@@ -29,7 +32,7 @@ class Flag(NamedTuple):
 
     Attributes:
         grade: "stop", "check", "corrected" or "info"; see `GRADES`.
-        text: what was found.
+        text: what was found, a line each.
         meaning: what that means for the numbers, in a sentence.
     """
 
@@ -90,7 +93,7 @@ class Content(NamedTuple):
         title: name of the recording or the cohort.
         kind: above it, what the page is.
         lead: a sentence that says what was done.
-        facts: name → value of the most important numbers, with units.
+        facts: (name, value with its unit, what to know of it) of the most important numbers.
         verdict: the flags in a sentence.
         flags: the gravest first.
         sections: the rest, in order.
@@ -102,7 +105,7 @@ class Content(NamedTuple):
     title: str
     kind: str
     lead: str
-    facts: Sequence[tuple[str, str]]
+    facts: Sequence[tuple[str, str, str]]
     verdict: str
     flags: Sequence[Flag]
     sections: Sequence[Section]
@@ -200,13 +203,25 @@ def picture(figure: Any, alt: str, caption: str) -> Picture:
     if len(data) > LARGEST_SVG:
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-        kind, data = "png", stream.getvalue()
+        kind, data = "png", _few_colours(stream)
     return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", alt, caption)
+
+
+def _few_colours(stream: io.BytesIO) -> bytes:
+    """A picture in the colours that figures have, at a quarter of the size."""
+    from PIL import Image
+
+    small = io.BytesIO()
+    Image.open(stream).convert("RGB").quantize(COLOURS).save(small, format="png", optimize=True)
+    return small.getvalue()
 
 
 def number(value: Any, digits: int) -> str:
     """A number as the page shows it; a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}".replace("-", "−")
+    if value is None or not math.isfinite(value):
+        return "–"
+    # a difference that rounds to nothing has no sign
+    return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def significant(value: Any, digits: int = 3) -> str:

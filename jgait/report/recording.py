@@ -22,6 +22,13 @@ ABOUT = {
 """Estimator → what it gives, in words."""
 
 
+CURVES = {
+    "hip": "hip angle", "knee": "knee angle", "x": "ankle forward of hip", "y": "ankle above hip",
+    "foot": "foot, seen from above", "foot_height": "foot, height",
+}  # fmt: skip
+"""First part of the name of a root mean square error → the curve that it is of."""
+
+
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
@@ -58,7 +65,7 @@ def of_estimate(
     sections.append(_details(estimate, recording, made))
     title = Path(recording.name).name
     about = ABOUT.get(made.estimator, "What the sensors say")
-    who = "" if recording.subject in ("", "subject") else f", {recording.subject}"
+    who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     lead = f"{about}{who}."
     return Report(Content(
         title, "Gait report", lead, _facts(estimate, recording, of, rows, total), flags.verdict(raised), raised,
@@ -82,23 +89,26 @@ def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
 def _facts(
     estimate: Estimate, recording: Recording, of: strides.Found, rows: list[dict[str, Any]],
     total: tuple[float, float | None] | None,
-) -> list[tuple[str, str]]:  # fmt: skip
-    """The most important numbers, with units."""
-    facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s")]
+) -> list[tuple[str, str, str]]:  # fmt: skip
+    """The most important numbers, with units, and what to know of each."""
+    rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
+    facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
     if total is not None:
-        sd = "" if total[1] is None else f" ± {number(total[1], 2)}"
-        facts.append(("Distance", f"{number(total[0], 2)}{sd} m"))
+        sd, words = "", "its uncertainty is not stated"
+        if total[1] is not None:
+            sd, words = f" ± {number(total[1], 2)}", "± one standard deviation, as stated"
+        facts.append(("Distance", f"{number(total[0], 2)}{sd} m", words))
     by_side = [f"{int(np.sum(of.table['side'] == side))} {side}" for side in SIDES if (of.table["side"] == side).any()]
-    many = str(len(of.table)) + (f" ({', '.join(by_side)})" if by_side else "")
-    facts.append(("Strides", many))
+    facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))
     known = {m.name: m for m in strides.MEASURES}
     for row in rows[:4]:
         if row["name"] in ("stride_length_m", "stride_duration_s", "cadence_spm", "walking_speed_mps"):
             measure = known[row["name"]]
             name = measure.words.capitalize()
-            facts.append((name, f"{strides.told(row['all'], measure)} {measure.unit}"))
-    facts.append(("Sampling rate", f"{significant(recording.sampling_rate_hz, 4)} Hz"))
-    return facts
+            words = f"mean ± SD of {row['all']['n']} strides"
+            facts.append((name, f"{strides.told(row['all'], measure)} {measure.unit}", words))
+    placed = ", ".join(_place(name) for name in recording.sensors)
+    return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 
 
 def _strides(of: strides.Found, rows: list[dict[str, Any]]) -> list[Section]:
@@ -128,7 +138,10 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
         else:
             cells = (significant(value) for value in (own, known, own - known))
             rows.append([Cell(words), *map(Cell, cells), Cell(unit)])
-    caption = "This recording against an independent measurement; of whole curves, their root mean square difference."
+    caption = (
+        "This recording against an independent measurement; of whole curves, their root mean square difference, offsets "
+        "while standing included."
+    )
     table = Table(caption, ("", "estimate", "reference", "difference", "unit"), rows, words=1)
     return Section("Against the reference", "" if rows else "The two have nothing in common.", [table] if rows else ())
 
@@ -139,7 +152,10 @@ def readable(name: str) -> tuple[str, str]:
     parts = name.split("_")
     side = parts.pop() if parts[-1] in SIDES else ""
     unit = units.get(parts[-1], "")
-    words = " ".join(parts[:-1] if unit else parts).replace("rmse", "difference (RMS)").replace("2sd", "2 SD")
+    parts = parts[:-1] if unit else parts
+    if "rmse" in parts:
+        parts = [CURVES.get("_".join(parts[:-1]), " ".join(parts[:-1]))]
+    words = " ".join(parts).replace("2sd", "2 SD")
     return f"{words}, {side}" if side else words, unit
 
 
@@ -158,7 +174,10 @@ def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
     text = ""
     if fits:
         each = ", ".join(f"{significant(v)} ({n.removeprefix('nis').strip('_') or 'all'})" for n, v in fits.items())
-        text = f"Squared surprise of the measurements against what the filter expects: {each}; 1 where they agree."
+        text = (
+            f"Fit of the model, as mean normalised innovation squared: {each}. About 1 where the noise stated is "
+            "right, less where it is too large, more where the measurements surprise the filter."
+        )
     return Section("Sensors and parameters", text, parts)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from jgait.report import flags
 from jgait.report.page import Cell, Table, cell, number
-from jgait.types import SIDES, Estimate, as_float
+from jgait.types import SIDES, Estimate, Strides, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,6 +20,9 @@ KNEE_SWING = np.deg2rad(20.0)
 
 SHORTEST, LONGEST = 0.6, 2.5
 """[s] A cycle of a walking leg; what lasts longer has standing in it."""
+
+SHORT = 0.8
+"""A stride at an end of a bout that is shorter than this share of the median is one from or to standing."""
 
 FEWEST = 3
 """Strides of each side from which on sides are compared."""
@@ -123,13 +126,29 @@ def _marks(estimate: Estimate) -> dict[str, np.ndarray]:
         marks.pop("unsure", None)  # the pendulum measures the speed, so that integration need not
     if "turning" not in marks and strides.turn is not None:
         marks["turning"] = np.abs(np.nan_to_num(as_float(strides.turn)[order])) > TURNING
-    if "half" not in marks and strides.start is not None and strides.final_contact is not None:
-        leaves = as_float(strides.final_contact)[order]
-        marks["half"] = np.nan_to_num(leaves - as_float(strides.start)[order], nan=1.0) <= 0.0
+    if "half" not in marks and strides.start is not None and strides.end is not None:
+        marks["half"] = _half(strides, order)
     trusted = told.get("width_valid")
     if trusted is not None and np.shape(trusted) == (size,):
         marks["width"] = ~np.asarray(trusted, bool)[order] & np.isfinite(as_float(strides.width)[order])
     return marks
+
+
+def _half(strides: Strides, order: np.ndarray) -> np.ndarray:
+    """Which strides are from or to standing: without a contact before, or short at the end of a bout."""
+    start, end, length = (as_float(values)[order] for values in (strides.start, strides.end, strides.length))
+    side = np.asarray(strides.side)[order]
+    half = np.zeros(order.size, bool)
+    if strides.final_contact is not None:
+        half |= np.nan_to_num(as_float(strides.final_contact)[order] - start, nan=1.0) <= 0.0
+    for foot in range(len(SIDES)):
+        own = np.flatnonzero(side == foot)
+        if own.size < FEWEST:
+            continue
+        apart = start[own][1:] - end[own][:-1] > 0.5 * np.median(end[own] - start[own])
+        ends = np.concatenate([[True], apart]) | np.concatenate([apart, [True]])
+        half[own] |= ends & (length[own] < SHORT * np.median(length[own]))
+    return half
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
