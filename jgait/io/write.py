@@ -1,17 +1,21 @@
 """Estimates and recordings as tables, in the units and names of the ecosystem: degrees, metres, one column each."""
 
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jgait.io.atomic import replaced
+from jgait.io.formats.files import library
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PARQUET = (".parquet", ".pq")
+"""Endings of Parquet files."""
 
 _LEG_COLUMNS = (("hip_angle", "deg"), ("knee_angle", "deg"), ("x", "m"), ("y", "m"))
 _FOOT_COLUMNS = (("position", "xyz", "_m"), ("velocity", "xyz", "_mps"), ("orientation", "wxyz", ""))
@@ -148,17 +152,43 @@ def write_csv(
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist; write_csv makes no folders")
-    table = _table(what)
-    handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
-            table.to_csv(stream, index=False, float_format="%.9g")
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    _put(_table(what), target, parquet=False)
     return target
+
+
+def write_table(
+    what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
+) -> Path:
+    """Write a table as Parquet or CSV, by the file's ending, whole or not at all.
+
+    Args:
+        what: as `write_csv`.
+        path: the file, `.csv`, `.parquet` or `.pq`; its folder must exist.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: for another ending.
+        FileNotFoundError: if the folder does not exist.
+        ImportError: if Parquet needs a library that is not installed.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in (".csv", *PARQUET):
+        raise ValueError(f"a table is written as .csv, {', '.join(PARQUET)}; got {target.name!r}")
+    _put(_table(what), target, parquet=target.suffix.lower() in PARQUET)
+    return target
+
+
+def _put(table: "pd.DataFrame", target: Path, *, parquet: bool) -> None:
+    """Write beside the file, then take its place."""
+    if parquet:
+        library("pyarrow", "Parquet files")
+    with replaced(target) as part:
+        if parquet:
+            table.to_parquet(part, engine="pyarrow", index=False)
+        else:
+            table.to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
 
 
 def _table(what: Any) -> "pd.DataFrame":
@@ -172,4 +202,4 @@ def _table(what: Any) -> "pd.DataFrame":
         parts = [table.reset_index().assign(sensor=sensor) for sensor, table in what.items()]
         whole = pd.concat(parts, ignore_index=True)
         return whole[["sensor", *(name for name in whole.columns if name != "sensor")]]
-    return what if what.index.name is None else what.reset_index()
+    return what if all(name is None for name in what.index.names) else what.reset_index()

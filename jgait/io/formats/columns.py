@@ -21,13 +21,13 @@ from jgait.io.formats.files import check_file, library
 from jgait.io.formats.parts import Measured, Part, joined, placement_of
 from jgait.io.formats.text import check_lengths
 from jgait.io.read import CHANNELS, Columns, columns_of, left_out, read_table
+from jgait.io.write import PARQUET
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or gyr_x, …, acc_z of one sensor"
-PARQUET = (".parquet", ".pq")
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
 
 

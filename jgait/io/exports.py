@@ -1,0 +1,188 @@
+"""Strides in the tables of gaitmap and mobgap: parameters of each stride, initial contacts, walking bouts."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from jgait.io.strides import GAITMAP_SENSORS, strides_to_dataframe, to_gaitmap
+from jgait.types import SIDES, Estimate, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+GAITMAP_PARAMETERS = {
+    "stride_length": "stride length [m]",
+    "gait_velocity": "gait velocity [m/s]",
+    "ic_angle": "ic angle [deg]",
+    "tc_angle": "tc angle [deg]",
+    "turning_angle": "turning angle [deg]",
+    "max_sensor_lift": "max. sensor lift [m]",
+    "stride_time": "stride time [s]",
+    "swing_time": "swing time [s]",
+    "stance_time": "stance time [s]",
+}
+"""gaitmap's name of a parameter → its name with the unit."""
+
+BREAK = 3.0
+"""[s] The longest break in a walking bout of mobgap's."""
+
+
+class MobgapTables(NamedTuple):
+    """What mobgap's pipelines say of a recording, in their names and units; times in samples.
+
+    Attributes:
+        ic_list: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
+        per_stride_parameters: strides from contact to contact, index `wb_id`, `s_id`: `start`, `end`, `lr_label`,
+            `stride_duration_s`, `cadence_spm` [steps/min], `stride_length_m`, `walking_speed_mps`.
+        per_wb_parameters: walking bouts, index `wb_id`: `start`, `end`, `n_strides`, `duration_s`,
+            `n_raw_initial_contacts`, and the means of the strides' parameters.
+    """
+
+    ic_list: "pd.DataFrame"
+    per_stride_parameters: "pd.DataFrame"
+    per_wb_parameters: "pd.DataFrame"
+
+
+def to_gaitmap_parameters(
+    estimate: Estimate,
+    sampling_rate_hz: float,
+    *,
+    first_sample: float = 0.0,
+    sensors: tuple[str, str] = GAITMAP_SENSORS,
+    with_units: bool = False,
+) -> "dict[str, pd.DataFrame]":
+    """The parameters of each foot's strides under gaitmap's names, those of the stride lists of `to_gaitmap`.
+
+    Columns, each where the estimate has it: `stride_length` [m]; `gait_velocity` [m/s], the length over the time from
+    contact to contact; `ic_angle`, `tc_angle` [deg] of the foot with the ground, toes up positive, against standing;
+    `turning_angle` [deg], left positive; `max_sensor_lift` [m] above where the sensor was at the stride's start;
+    `stride_time`, `swing_time`, `stance_time` [s], not rounded to samples. The index is `s_id`.
+
+    Args:
+        estimate: of one recording, with `strides` that know contacts and standing.
+        sampling_rate_hz: as `to_gaitmap`; which strides are in order hangs on it.
+        first_sample: as `to_gaitmap`.
+        sensors: as `to_gaitmap`.
+        with_units: name the columns as gaitmap's `parameters_pretty_`, "stride length [m]", and the index "stride id".
+
+    Returns:
+        Sensor → table; a foot that was not measured has an empty one.
+
+    Raises:
+        ValueError: as `to_gaitmap`.
+    """
+    import pandas as pd
+
+    lists = to_gaitmap(estimate, sampling_rate_hz, first_sample=first_sample, sensors=sensors)
+    table = strides_to_dataframe(estimate).set_index("s_id")
+    given = {
+        "stride_length": table.get("stride_length_m"),
+        "gait_velocity": table.get("walking_speed_mps"),
+        "ic_angle": table.get("contact_angle_deg"),
+        "tc_angle": table.get("push_off_angle_deg"),
+        "turning_angle": table.get("turn_deg"),
+        "stride_time": table["end_s"] - table["start_s"],
+        "swing_time": table["end_s"] - table["final_contact_s"],
+        "stance_time": table["final_contact_s"] - table["start_s"],
+    }
+    if "lift_m" in table and "stride_height_m" in table:
+        # jgait's lift is above the higher foothold, gaitmap's above the first.
+        given["max_sensor_lift"] = table["lift_m"] + table["stride_height_m"].clip(lower=0.0)
+    columns = {name: given[name] for name in GAITMAP_PARAMETERS if given.get(name) is not None}
+    whole = pd.DataFrame(columns, index=table.index)
+    found = {sensor: whole.loc[own.index] for sensor, own in lists.items()}
+    if with_units:
+        found = {
+            sensor: own.rename(columns=GAITMAP_PARAMETERS).rename_axis("stride id") for sensor, own in found.items()
+        }
+    return found
+
+
+def to_mobgap(
+    estimate: Estimate, sampling_rate_hz: float, *, first_sample: float = 0.0, max_break_s: float = BREAK
+) -> MobgapTables:
+    """Initial contacts, strides and walking bouts under mobgap's names.
+
+    A stride of mobgap's begins and ends with an initial contact, so that a first stride from standing is left out. A
+    bout lasts as long as the next stride begins at most `max_break_s` after the last has ended; mobgap's own selection
+    of strides and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
+
+    Args:
+        estimate: of one recording, with `strides` that know contacts.
+        sampling_rate_hz: of mobgap's data [Hz].
+        first_sample: time of its first sample [s], on the clock of the estimate.
+        max_break_s: longest break in a bout [s].
+
+    Returns:
+        The tables; no rows where nobody walked.
+
+    Raises:
+        ValueError: if the estimate says nothing of strides or of contacts, or the rate is not positive.
+    """
+    if not sampling_rate_hz > 0.0:
+        raise ValueError(f"sampling_rate_hz must be positive; got {sampling_rate_hz}")
+    table = strides_to_dataframe(estimate)
+    lacking = [name for name in ("start_s", "end_s") if name not in table]
+    if lacking:
+        raise ValueError(f"mobgap's strides need contacts; these have no {', '.join(lacking)}")
+    if "standing_s" in table:
+        table = table[~(table["standing_s"] < table["start_s"])]
+    contacts = _contacts(estimate, table, sampling_rate_hz, first_sample)
+    strides = _strides(table, sampling_rate_hz, first_sample, max_break_s)
+    return MobgapTables(contacts, strides, _bouts(strides, contacts, sampling_rate_hz))
+
+
+def _samples(seconds: "np.ndarray", rate: float, first: float) -> np.ndarray:
+    return np.round((np.asarray(seconds, np.float64) - first) * rate).astype(np.int64)
+
+
+def _sides(names: "np.ndarray | list[str]") -> "pd.Categorical":
+    import pandas as pd
+
+    return pd.Categorical(names, categories=["left", "right"])
+
+
+def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float, first: float) -> "pd.DataFrame":
+    """Contacts that the estimator lists, or else those at the ends of its strides."""
+    import pandas as pd
+
+    told = estimate.diagnostics
+    if "initial_contact" in told and "initial_contact_side" in told:
+        ic = _samples(as_float(told["initial_contact"]), rate, first)
+        side = np.asarray(SIDES, dtype=object)[np.asarray(told["initial_contact_side"]).astype(int)]
+    else:
+        ic = np.concatenate([_samples(table[name].to_numpy(), rate, first) for name in ("start_s", "end_s")])
+        side = np.concatenate([table["side"].to_numpy(dtype=object)] * 2)
+    found = pd.DataFrame({"ic": ic, "lr_label": side}).drop_duplicates().sort_values("ic", kind="stable")
+    found = found.reset_index(drop=True).rename_axis(index="step_id")
+    return found.assign(lr_label=_sides(found["lr_label"].to_numpy(dtype=object)))
+
+
+def _strides(table: "pd.DataFrame", rate: float, first: float, max_break_s: float) -> "pd.DataFrame":
+    import pandas as pd
+
+    begin, end = table["start_s"].to_numpy(np.float64), table["end_s"].to_numpy(np.float64)
+    order = np.argsort(begin, kind="stable")
+    begin, end, table = begin[order], end[order], table.iloc[order]
+    fresh = np.concatenate([[True], begin[1:] - np.maximum.accumulate(end)[:-1] > max_break_s])[: len(begin)]
+    bouts = np.cumsum(fresh)
+    found = pd.DataFrame({
+        "wb_id": bouts - 1, "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate, first),
+        "end": _samples(end, rate, first), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
+        "stride_duration_s": end - begin, "cadence_spm": 120.0 / (end - begin),
+    })  # fmt: skip
+    for name in ("stride_length_m", "walking_speed_mps"):
+        if name in table:
+            found[name] = table[name].to_numpy()
+    return found.set_index(["wb_id", "s_id"])
+
+
+def _bouts(strides: "pd.DataFrame", contacts: "pd.DataFrame", rate: float) -> "pd.DataFrame":
+    by_bout = strides.groupby(level="wb_id")
+    found = by_bout.agg(start=("start", "min"), end=("end", "max"), n_strides=("start", "size"))
+    found["duration_s"] = (found["end"] - found["start"]) / rate
+    found["n_raw_initial_contacts"] = [
+        int(contacts["ic"].between(start, end).sum()) for start, end in zip(found["start"], found["end"], strict=True)
+    ]
+    measures = [name for name in strides.columns if name not in ("start", "end", "lr_label")]
+    return found.join(by_bout[measures].mean())
