@@ -139,8 +139,8 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
             cells = (significant(value) for value in (own, known, own - known))
             rows.append([Cell(words), *map(Cell, cells), Cell(unit)])
     caption = (
-        "This recording against an independent measurement; of whole curves, their root mean square difference, offsets "
-        "while standing included."
+        "This recording against an independent measurement; of whole curves, their root mean square difference, "
+        "offsets while standing included."
     )
     table = Table(caption, ("", "estimate", "reference", "difference", "unit"), rows, words=1)
     return Section("Against the reference", "" if rows else "The two have nothing in common.", [table] if rows else ())
