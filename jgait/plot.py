@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jgait.plot_duty import sleeping_gyroscopes
 from jgait.plot_feet import foot_height, foot_paths, stride_series
 from jgait.plot_power import error_over_duty, error_over_saving
 from jgait.plot_strides import leg_strides
@@ -25,6 +26,7 @@ __all__ = [
     "joint_angles",
     "leg_strides",
     "save",
+    "sleeping_gyroscopes",
     "stick_figure",
     "stride_series",
     "stride_signals",

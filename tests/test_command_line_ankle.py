@@ -137,7 +137,7 @@ def slowed(factor):
         (None, "thigh_right", (), "ankle_stride needs 'ankle_right' or 'ankle_left'"),
         (None, "ankle_right", ("--axes", "x,y"), "--axes names the axes that look forward, left and up"),
         (None, "ankle_right", ("--axes", "x,y,-z"), "right-handed, such as x,y,z or -z,y,x; got 'x,y,-z'"),
-        (None, "ankle_right", ("--thigh", 0.4), "--thigh is an option of leg_ekf; got --estimator ankle_stride"),
+        (None, "ankle_right", ("--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
         (None, "ankle_right", ("--paper",), "--paper is an option of leg_ekf and stride_width_ekf"),
     ],
 )

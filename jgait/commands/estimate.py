@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from jgait.commands import estimate_feet, estimate_legs, estimate_strides, estimate_waist
+from jgait.commands import estimate_duty, estimate_feet, estimate_legs, estimate_strides, estimate_waist
 from jgait.commands.console import console, errors, note, stop
 from jgait.commands.estimate_legs import Show
 from jgait.commands.pipeline import pipeline_of, refuse_others, start_of
@@ -18,17 +18,24 @@ from jgait.types import Estimate, Recording
 def estimate(
     files: Annotated[list[Path], typer.Argument(help="CSV files, one recording each.")],
     estimator: Annotated[
-        str, typer.Option("--estimator", help="leg_ekf, foot_ins, stride_width_ekf, ankle_stride or waist_ofdri.")
+        str,
+        typer.Option(
+            "--estimator",
+            "--method",
+            help="leg_ekf, foot_ins, stride_width_ekf, ankle_stride, waist_ofdri or duty_cycled_gyro.",
+        ),
     ] = "leg_ekf",
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")] = None,
     gyr_unit: Annotated[str, typer.Option(help="deg/s or rad/s.")] = "deg/s",
     acc_unit: Annotated[str, typer.Option(help="m/s^2 or g.")] = "m/s^2",
     range_unit: Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")] = "m",
     thigh: Annotated[
-        float | None, typer.Option(min=0.2, max=0.7, help="leg_ekf: thigh length, hip to knee [m]; 0.43.")
+        float | None,
+        typer.Option(min=0.2, max=0.7, help="leg_ekf, duty_cycled_gyro: thigh length, hip to knee [m]; 0.43."),
     ] = None,
     shank: Annotated[
-        float | None, typer.Option(min=0.2, max=0.7, help="leg_ekf: shank length, knee to ankle [m]; 0.43.")
+        float | None,
+        typer.Option(min=0.2, max=0.7, help="leg_ekf, duty_cycled_gyro: shank length, knee to ankle [m]; 0.43."),
     ] = None,
     scale: Annotated[float | None, typer.Option(min=0.1, help="leg_ekf: personal scale of the distance; 1.")] = None,
     pivot: Annotated[
@@ -65,13 +72,31 @@ def estimate(
         float | None,
         typer.Option(min=0.4, max=1.6, help="waist_ofdri: height of the sensor above the ground [m]; 0.97."),
     ] = None,
+    duty: Annotated[
+        float | None,
+        typer.Option(
+            help="duty_cycled_gyro: part of the time that the shank's gyroscope is on, in tenths, 0.1 to 1; the other "
+            "samples are hidden as if it slept."
+        ),
+    ] = None,
+    filler: Annotated[
+        str | None,
+        typer.Option(
+            help="duty_cycled_gyro: how gaps are filled, such as neighbours or blend; a wrong name lists all."
+        ),
+    ] = None,
+    warm_up: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="duty_cycled_gyro: how long all gyroscopes are on at first [s]; 0."),
+    ] = None,
     params: Annotated[Path | None, typer.Option(help="Parameters from this file, as `jgait tune` writes it.")] = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("jgait-results"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
     """Joint angles (leg_ekf), ways and strides of the feet (foot_ins), those of both with widths (stride_width_ekf),
-    strides of a leg (ankle_stride), or contacts and distance from the waist (waist_ofdri).
+    strides of a leg (ankle_stride), contacts and distance from the waist (waist_ofdri), or joint angles while
+    gyroscopes sleep part of the time (duty_cycled_gyro, with the columns of leg_ekf or one segment's alone).
 
     Columns: time [s], and for each sensor thigh_right_gyr_x … thigh_right_acc_z, likewise shank_right, thigh_left,
     shank_left. One leg is enough; accelerometers make the angles stay true in turns and on long walks. For the feet
@@ -82,12 +107,15 @@ def estimate(
     """
     from jgait import io
 
-    pipeline = pipeline_of(estimator, paper)
+    pipeline, settings = pipeline_of(estimator, paper), None
     refuse_others(estimator, {
         "--thigh": thigh, "--shank": shank, "--scale": scale, "--pivot": pivot, "--level": level,
         "--range-offset": range_offset, "--lever": lever, "--axes": axes, "--height": height,
-        "--sensor-height": sensor_height,
+        "--sensor-height": sensor_height, "--duty": duty, "--filler": filler, "--warm-up": warm_up,
     })  # fmt: skip
+    if estimator == "duty_cycled_gyro":
+        settings = estimate_duty.options_of(duty, filler, warm_up, paper)
+        pipeline = estimate_duty.pipeline(settings)
     start, told = start_of(pipeline, params, paper), params is not None
     if estimator == "leg_ekf":
         show: Show = estimate_legs.legs(start, thigh, shank, scale, paper, told=told)
@@ -97,9 +125,12 @@ def estimate(
         show = estimate_strides.strides(start, lever, axes, told=told)
     elif estimator == "waist_ofdri":
         show = estimate_waist.walks(start, height, sensor_height, paper, told=told)
+    elif estimator == "duty_cycled_gyro":
+        show = estimate_duty.gyroscopes(start, settings, thigh, shank)
     else:
         stop(
-            "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf, ankle_stride and waist_ofdri give; "
+            "jgait estimate shows what leg_ekf, foot_ins, stride_width_ekf, ankle_stride, waist_ofdri and "
+            "duty_cycled_gyro give; "
             f"for {estimator} use jgait evaluate"
         )
 

@@ -11,8 +11,8 @@ MEASURES = ("thigh_length", "shank_length", "pivot_height", "range_offset")
 """A person's own measures [m] that an estimator may take, by the names of its parameters."""
 
 OF = {
-    "--thigh": ("leg_ekf",),
-    "--shank": ("leg_ekf",),
+    "--thigh": ("leg_ekf", "duty_cycled_gyro"),
+    "--shank": ("leg_ekf", "duty_cycled_gyro"),
     "--scale": ("leg_ekf",),
     "--pivot": ("foot_ins", "stride_width_ekf"),
     "--level": ("foot_ins", "stride_width_ekf"),
@@ -21,7 +21,10 @@ OF = {
     "--axes": ("ankle_stride",),
     "--height": ("waist_ofdri",),
     "--sensor-height": ("waist_ofdri",),
-    "--paper": ("leg_ekf", "stride_width_ekf", "waist_ofdri"),
+    "--duty": ("duty_cycled_gyro",),
+    "--filler": ("duty_cycled_gyro",),
+    "--warm-up": ("duty_cycled_gyro",),
+    "--paper": ("leg_ekf", "stride_width_ekf", "waist_ofdri", "duty_cycled_gyro"),
 }
 """Options that only some estimators know, and which."""
 
@@ -36,9 +39,10 @@ def refuse_others(estimator: str, given: Mapping[str, Any]) -> None:
 def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
     """The estimator that was asked for; leaves with 2 where there is none."""
     from jgait import estimators
-    from jgait.estimators import leg_ekf, stride_width_ekf, waist_ofdri
+    from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf, waist_ofdri
 
-    papers = {"leg_ekf": leg_ekf.PAPER, "stride_width_ekf": stride_width_ekf.PAPER, "waist_ofdri": waist_ofdri.PAPER}
+    modules = (leg_ekf, stride_width_ekf, waist_ofdri, duty_cycled_gyro)
+    papers = {module.__name__.rpartition(".")[2]: module.PAPER for module in modules}
     if name in estimators.names():
         refuse_others(name, {"--paper": paper})
     try:

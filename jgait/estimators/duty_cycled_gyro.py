@@ -52,10 +52,10 @@ from jgait.estimators.duty_gyro_params import (
     pad,
     params_of,
     transforms_of,
+    with_body,
 )
 from jgait.estimators.duty_params import DutyInputs, PlanarSegment, SegmentEstimate
 from jgait.estimators.interface import Estimator, Prepared, bucket
-from jgait.estimators.leg_params import with_body
 from jgait.gap_filling import FILLED, HELD, MEASURED, Filled, Thigh, fillers
 from jgait.gap_recording import SEGMENTS, schedule_of
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
@@ -159,10 +159,11 @@ def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate)
 def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_LegResult | None]:
     """Both legs; side by side in one program where the same is worn on both."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
-    if both[0] is None or both[1] is None or jax.tree.structure(both[0]) != jax.tree.structure(both[1]):
-        return [None if one is None else _leg(*one, inputs, options) for one in both]
+    worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
+    if None in worn or worn[0] != worn[1]:
+        return [None if one is None else _leg(one[0], one[1], inputs, options) for one in both]
     stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
-    result = jax.vmap(lambda one: _leg(*one, inputs, options))(stacked)
+    result = jax.vmap(lambda one: _leg(one[0], one[1], inputs, options))(stacked)
     return [jax.tree.map(lambda v, side=side: v[side], result) for side in range(2)]
 
 
@@ -226,20 +227,23 @@ def estimator(options: DutyCycledOptions = DEFAULT) -> Estimator[DutyCycledParam
     return Estimator("duty_cycled_gyro", params_of(options), transforms_of(options), ready, pad, run, with_body)
 
 
-def energy(preparation: Preparation) -> dict[str, Any]:
+def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, Any]:
     """What the worn sensors draw over the recording, and how long a battery feeds them.
+
+    Args:
+        preparation: from `prepared`, with the same options.
+        options: which sensors and battery, and the schedule.
 
     Returns:
         `gyro_energy_saved` [1], part of the energy that the gyroscopes would need always on; `mean_power` [W] of all
         sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and of
         a schedule that is followed for long, `schedule_saving` [1].
     """
-    options, used = preparation.options, preparation.used
-    gyro, rate_hz = options.gyroscope, options.sampling_rate_hz
+    used, rate_hz, gyro = preparation.used, preparation.options.sampling_rate_hz, options.gyroscope
     seconds = len(preparation.inputs.time) / rate_hz
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
-    felt = options.accelerometer.on * len(used) if options.felt else 0.0
+    felt = options.accelerometer.on * len(used) if preparation.options.felt else 0.0
     told: dict[str, Any] = {
         "gyro_energy_saved": 1.0 - drawn / always,
         "mean_power": drawn / seconds + felt,
@@ -299,5 +303,5 @@ def estimate(
     result = jax.tree.map(np.asarray, _run_jit(p, padded, preparation.options))
     result = jax.tree.map(lambda v: v[:samples] if np.ndim(v) else v, result)
     notes = (*recording.notes, *preparation.notes, *_held(result, preparation))
-    told = result.diagnostics | energy(preparation) | {"notes": notes, "standing": preparation.standing}
+    told = result.diagnostics | energy(preparation, options) | {"notes": notes, "standing": preparation.standing}
     return result._replace(diagnostics=told)

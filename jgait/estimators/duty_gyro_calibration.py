@@ -30,7 +30,7 @@ class Preparation(NamedTuple):
 
     Attributes:
         inputs: of `duty_cycled_gyro.run`.
-        options: with what the recording decides put in.
+        options: of `duty_cycled_gyro.run`: what the program depends on, with what the recording decides put in.
         notes: in words.
         standing: half-open range of samples that calibrated.
         used: placement → masks (T,).
@@ -186,7 +186,9 @@ def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[s
         np.asarray(1e-4 if still[0] else 0.1),
     )  # fmt: skip
     filters = options.filters._replace(gravity=options.filters.gravity and not bare)
-    told = options._replace(
-        filters=filters, sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare
-    )
+    # What only masks and energies depend on is no matter of the program.
+    told = DutyCycledOptions(
+        filler=options.filler, above=options.above, filters=filters,
+        sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,
+    )  # fmt: skip
     return Preparation(inputs, told, tuple(notes), (start, stop), used)

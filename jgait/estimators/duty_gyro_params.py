@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jgait import params
-from jgait.estimators import duty_params
+from jgait.estimators import duty_params, leg_params
 from jgait.estimators.duty_params import DutyOptions, DutyParams
 from jgait.estimators.interface import grown, lengthened
 from jgait.estimators.leg_params import BySide
@@ -129,6 +129,13 @@ def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:
 def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
     """The parameters of one leg (0 right, 1 left): each `BySide` gives way to its value."""
     return DutyCycledParams(*(value[side] if isinstance(value, BySide) else value for value in p))
+
+
+def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
+    """The parameters with a person's own lengths put in, see `leg_params.with_body`; sensors keep their share."""
+    own: Any = leg_params.with_body
+    found: DutyCycledParams = own(p, body)
+    return found
 
 
 def filter_params(p: DutyCycledParams) -> DutyParams:
