@@ -6,34 +6,48 @@ structure, its clock or its units make useless raises `RecordingError`; what is 
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes, validate
+from jgait.io.dialects import recording_from_gaitmap, recording_from_mobgap
+from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
+from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
+from jgait.io.formats.c3d_axes import joint_centres
 from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
 from jgait.io.formats.registry import FORMATS
 from jgait.io.formats.registry import read as _read
 from jgait.io.params import read_params, units, write_params
 from jgait.io.read import read_csv, recording_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
-from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv
+from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv, write_table
 
 # The module `jgait.io.read`, imported above, took the name.
 read = _read
 
 __all__ = [
     "FORMATS",
+    "Capture",
+    "CaptureEvent",
+    "MobgapTables",
+    "joint_centres",
     "mobilised_trials",
     "quality_notes",
     "read",
     "read_all_mobilised",
+    "read_c3d",
     "read_csv",
     "read_mobilised",
     "read_params",
     "recording_from_arrays",
     "recording_from_dataframe",
+    "recording_from_gaitmap",
+    "recording_from_mobgap",
     "recording_to_dataframe",
     "strides_to_dataframe",
     "to_dataframe",
     "to_gaitmap",
+    "to_gaitmap_parameters",
+    "to_mobgap",
     "units",
     "validate",
     "write_csv",
     "write_params",
+    "write_table",
 ]

@@ -1,0 +1,302 @@
+"""C3D: markers, analog signals and events of a motion capture, as a reference beside inertial sensors.
+
+*Format*: the C3D file format (c3d.org), read by ezc3d. *Units*: POINT:UNITS, each analog signal's in ANALOG:UNITS; a
+file that states none for its markers is asked how far apart they are. *Frames*: the laboratory's axes; which one points
+up comes from POINT:Y_SCREEN, else from the markers (the pelvis above the feet, or all above a floor), and is noted.
+Markers are turned, not mirrored, so that z points up: x stays horizontal, the file's own axes follow in cyclic order.
+*Clock*: the first captured frame is 0 s, which may be before the first that is stored; events count from it too.
+Points that a model put beside the markers (angles, moments, powers) are kept apart, in the file's units. Force plates
+are left as they are: their signals are among the analog ones, their corners and types in `force_plates`.
+"""
+
+import os
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
+from jgait.io.formats.files import check_file, library, plain
+from jgait.types import RecordingError
+
+EXPECTED = "a C3D file"
+UNITS = {
+    "m": 1.0, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "in": 0.0254,
+    "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
+    "millimeters": 1e-3, "millimetres": 1e-3, "inches": 0.0254,
+}  # fmt: skip
+"""A unit of length as POINT:UNITS may call it → metres."""
+OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Parameters of POINT that list points which are no places."""
+OUTPUT_NAME = re.compile(r"(angles?|forces?|moments?|powers?)$", re.IGNORECASE)
+EVENTS = {
+    "foot strike": "initial_contact", "heel strike": "initial_contact", "initial contact": "initial_contact",
+    "foot off": "final_contact", "toe off": "final_contact", "final contact": "final_contact",
+}  # fmt: skip
+BIG_ENDIAN = 86
+"""The processor of a file whose numbers begin with their most significant byte: MIPS; Intel is 84, DEC 85."""
+
+PARAMETERS_END = 2**19
+"""[bytes] Where the parameters end at the latest: they begin within 255 blocks of 512 and have no more."""
+
+
+class CaptureEvent(NamedTuple):
+    """One event of a capture.
+
+    Attributes:
+        time: [s] on the clock of `Capture.time`.
+        kind: 'initial_contact', 'final_contact', or the file's label where that says neither.
+        side: 'right', 'left', or None for neither.
+    """
+
+    time: float
+    kind: str
+    side: str | None
+
+
+class Capture(NamedTuple):
+    """What a motion capture stored.
+
+    Attributes:
+        time: (T,) [s] of the markers, 0 at the first captured frame.
+        rate_hz: [Hz] of the markers.
+        markers: name → (T, 3) [m], NaN where not seen; z points up where `up` is known.
+        up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
+        outputs: name → (T, 3) what a model computed, in the file's units.
+        analog_time: (A,) [s] on the same clock.
+        analog_rate_hz: [Hz], 0 where there is no analog signal.
+        analog: name → (A,) in the unit of `analog_units`.
+        analog_units: name → unit as the file calls it; empty: it does not.
+        events: in order of time.
+        force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
+        name: of the recording.
+        subject: who walked.
+        notes: what was told, changed or is doubtful.
+    """
+
+    time: np.ndarray
+    rate_hz: float
+    markers: dict[str, np.ndarray]
+    up: str | None
+    outputs: dict[str, np.ndarray]
+    analog_time: np.ndarray
+    analog_rate_hz: float
+    analog: dict[str, np.ndarray]
+    analog_units: dict[str, str]
+    events: tuple[CaptureEvent, ...]
+    force_plates: dict[str, Any]
+    name: str
+    subject: str
+    notes: tuple[str, ...]
+
+
+def read_c3d(
+    path: str | os.PathLike[str],
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    name: str | None = None,
+    subject: str | None = None,
+) -> Capture:
+    """Markers, analog signals and events of a C3D file; `joint_centres` makes a body's joints of the markers.
+
+    Args:
+        path: the file.
+        unit: of the markers, 'mm', 'm', 'cm' or 'in', overrules the file.
+        up: the file's axis that points up, such as '+y', overrules the file.
+        name: what tables and figures call it; None: the file's name without its ending.
+        subject: who walked; None: as the file's labels say, else "subject".
+
+    Returns:
+        The capture in metres and seconds.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        ValueError: for an unknown unit or axis.
+        RecordingError: if it is no whole C3D file, or does not say its unit and the markers do not tell.
+    """
+    if unit is not None and unit not in UNITS:
+        raise ValueError(f"unit must be one of {', '.join(UNITS)}; got {unit!r}")
+    if up is not None and up not in UPRIGHT:
+        raise ValueError(f"up must be one of {', '.join(UPRIGHT)}; got {up!r}")
+    file = Path(path)
+    raw = _load(file)
+    parameters = raw["parameters"]
+    notes: list[str] = []
+    rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
+    values = np.moveaxis(np.asarray(raw["data"]["points"], np.float64)[:3], 0, 2)  # (markers, T, 3)
+    samples = values.shape[1]
+    labels, told = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
+    markers, outputs = _apart(parameters, labels, values)
+    metres = UNITS[unit] if unit is not None else _metres(parameters, markers, file, notes)
+    markers = {label: metres * place for label, place in markers.items()}
+    axis = up or _up(parameters, markers, notes)
+    if axis is not None:
+        markers = {label: place @ UPRIGHT[axis].T for label, place in markers.items()}
+    analog, units, analog_rate = _analog(raw, notes)
+    count = len(next(iter(analog.values()), ()))
+    if not samples and not count:
+        raise RecordingError(f"{file.name} holds neither markers nor analog signals")
+    return Capture(
+        (first + np.arange(samples)) / rate, rate, markers, axis, outputs,
+        first / rate + np.arange(count) / (analog_rate or 1.0), analog_rate, analog, units, _events(parameters, file),
+        {key: each["value"] for key, each in parameters.get("FORCE_PLATFORM", {}).items() if "value" in each},
+        file.stem if name is None else name, subject or told or "subject", tuple(notes),
+    )  # fmt: skip
+
+
+def _load(file: Path) -> Any:
+    """ezc3d's tree, once the file is known to be whole: ezc3d itself gives what a truncated file still holds."""
+    check_file(file, EXPECTED)
+    stored = _frames_in_header(file)
+    ezc3d = library("ezc3d", EXPECTED)
+    try:
+        raw = ezc3d.c3d(str(file))
+    except Exception as error:  # ezc3d raises whatever its parser stumbles over
+        raise RecordingError(f"{file.name} is no whole C3D file: {error}") from error
+    found = raw["data"]["points"].shape[2]
+    if stored is not None and found < stored and raw["data"]["points"].shape[1]:
+        raise RecordingError(f"{file.name} is truncated: its header says {stored} frames, {found} are there")
+    return raw
+
+
+def _frames_in_header(file: Path) -> int | None:
+    """How many frames the header states; None where 16 bits do not hold it.
+
+    Raises:
+        RecordingError: if this is no C3D file, or its parameters are not there in full, of which ezc3d would seek the
+            end for ever.
+    """
+    with file.open("rb") as stream:
+        content = stream.read(PARAMETERS_END)
+    if len(content) < 512 or content[1] != 0x50:
+        raise RecordingError(f"{file.name} is not {EXPECTED}: it does not begin with the header of one")
+    place = max(content[0] - 1, 1) * 512
+    order = ">u2" if content[place + 3 : place + 4] == bytes([BIG_ENDIAN]) else "<u2"
+    words = np.frombuffer(content[:512], order)
+    place += 4
+    while True:
+        # Each parameter says how far the next is: length of its name, group, name, distance; 0 ends the list.
+        name = abs(int(np.frombuffer(content[place : place + 1].ljust(1, b"\0"), np.int8)[0]))
+        at = place + 2 + name
+        if place + 2 > len(content) or (name and at + 2 > len(content)):
+            raise RecordingError(f"{file.name} is truncated: its parameters do not end within {len(content)} bytes")
+        distance = int(np.frombuffer(content[at : at + 2], order)[0]) if name else 0
+        if distance == 0:
+            break
+        place = at + distance
+    first, last = int(words[3]), int(words[4])
+    return last - first + 1 if first <= last < 65535 else None
+
+
+def _texts(parameters: Any, group: str, key: str) -> list[str]:
+    """A parameter of many strings, with its continuations: LABELS, LABELS2, … hold 255 each."""
+    found: list[str] = []
+    for number in ("", *map(str, range(2, 100))):
+        each = parameters.get(group, {}).get(f"{key}{number}")
+        if each is None:
+            break
+        found += [plain(value) for value in each["value"]]
+    return found
+
+
+def _rate(raw: Any, file: Path) -> float:
+    said = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
+    rate = float(said[0]) if len(said) and said[0] > 0 else float(raw["header"]["points"]["frame_rate"])
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordingError(f"{file.name} states no rate of its frames: POINT:RATE is {list(said)}")
+    return rate
+
+
+def _labels(said: list[str], count: int, notes: list[str]) -> tuple[list[str], str | None]:
+    """One name a point, none twice, and the subject whose name they all bear."""
+    labels = [said[i] if i < len(said) and said[i] else f"*{i + 1}" for i in range(count)]
+    before = {label.split(":", 1)[0] for label in labels if ":" in label}
+    subject = next(iter(before)) if len(before) == 1 else None
+    if subject is not None:
+        labels = [label.split(":", 1)[-1] for label in labels]
+    seen: dict[str, int] = {}
+    for i, label in enumerate(labels):
+        seen[label] = seen.get(label, 0) + 1
+        if seen[label] > 1:
+            labels[i] = f"{label}#{seen[label]}"
+    twice = [label for label, times in seen.items() if times > 1]
+    if twice:
+        notes.append(f"names that stand for several points got numbers: {', '.join(twice)}")
+    return labels, subject
+
+
+def _apart(parameters: Any, labels: list[str], values: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Markers, NaN where not seen, and what a model computed."""
+    listed = {label.split(":", 1)[-1] for group in OUTPUTS for label in _texts(parameters, "POINT", group)}
+    markers, outputs = {}, {}
+    for label, value in zip(labels, values, strict=True):
+        if label in listed or OUTPUT_NAME.search(label):
+            outputs[label] = value
+        else:
+            # A point at exactly 0, 0, 0 is how many writers say that it was not seen.
+            markers[label] = np.where((value == 0.0).all(axis=1, keepdims=True), np.nan, value)
+    return markers, outputs
+
+
+def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[str]) -> float:
+    said = next(iter(_texts(parameters, "POINT", "UNITS")), "")
+    if said.lower() in UNITS or not markers:
+        return UNITS.get(said.lower(), 1.0)
+    if said:
+        raise RecordingError(f"{file.name}: the markers are in {said!r}; expected one of {', '.join(UNITS)}; say unit")
+    told, apart = told_unit(markers)
+    if told is None:
+        raise RecordingError(
+            f"{file.name} states no unit of its markers, and that they are {apart:.4g} apart does not tell; say unit"
+        )
+    notes.append(f"the file states no unit of its markers; {told}, for they are {apart:.4g} apart")
+    return UNITS[told]
+
+
+def _up(parameters: Any, markers: dict[str, Any], notes: list[str]) -> str | None:
+    """The file's axis that points up."""
+    said = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
+    said = said if said[:1] in ("+", "-") else f"+{said}"
+    told, why = told_up(markers)
+    if said in UPRIGHT:
+        notes.append(f"{said} points up, says POINT:Y_SCREEN")
+        if told is not None and told != said:
+            notes.append(f"but the markers say {told}: {why}; pass up={told!r} if they are right")
+        return said
+    if told is None:
+        notes.append("which axis points up is not known: the file does not say it and the markers do not tell; say up")
+        return None
+    notes.append(f"{told} points up, for {why}")
+    return told
+
+
+def _analog(raw: Any, notes: list[str]) -> tuple[dict[str, Any], dict[str, str], float]:
+    values = np.asarray(raw["data"]["analogs"], np.float64)[0]
+    if not values.size:
+        return {}, {}, 0.0
+    parameters = raw["parameters"]
+    labels, _ = _labels(_texts(parameters, "ANALOG", "LABELS"), len(values), notes)
+    units = _texts(parameters, "ANALOG", "UNITS")
+    said = {label: units[i] if i < len(units) else "" for i, label in enumerate(labels)}
+    return dict(zip(labels, values, strict=True)), said, float(raw["header"]["analogs"]["frame_rate"])
+
+
+def _events(parameters: Any, file: Path) -> tuple[CaptureEvent, ...]:
+    group = parameters.get("EVENT", {})
+    if "TIMES" not in group:
+        return ()
+    minutes = np.asarray(group["TIMES"]["value"], np.float64)
+    if not minutes.size:
+        return ()
+    if minutes.ndim != 2 or minutes.shape[0] != 2:
+        raise RecordingError(f"{file.name}: EVENT:TIMES must be minutes and seconds, (2, n); it has {minutes.shape}")
+    labels, contexts = _texts(parameters, "EVENT", "LABELS"), _texts(parameters, "EVENT", "CONTEXTS")
+    found = []
+    for i, (minute, second) in enumerate(minutes.T):
+        label = labels[i] if i < len(labels) else ""
+        side = contexts[i].lower() if i < len(contexts) else ""
+        kind = EVENTS.get(label.lower(), label)
+        found.append(CaptureEvent(float(60.0 * minute + second), kind, side if side in ("right", "left") else None))
+    return tuple(sorted(found, key=lambda event: event.time))

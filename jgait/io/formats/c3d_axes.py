@@ -1,0 +1,161 @@
+"""What the markers of a capture tell where the file does not: their unit, which axis points up, where joints are."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.types import SIDES, RecordingError
+
+if TYPE_CHECKING:
+    from jgait.io.formats.c3d import Capture
+    from jgait.replay import JointCentres
+
+UPRIGHT = {
+    "+z": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "+y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "+x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    "-z": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
+    "-y": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
+    "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
+}
+"""The axis of a file that points up → the rotation from the file's axes to those with z up."""
+
+APART = {"m": (0.3, 2.5), "mm": (300.0, 2500.0)}
+"""Unit → how far the markers of a person are apart at most, in it; a person's markers in cm would be 30 to 250."""
+HIGH = re.compile(r"^[LR]?_?(ASIS?|PSIS?|HJC|FEP|SACR|CLAV|C7|T10|STRN|HEAD|[LR]?[FB]HD)$", re.IGNORECASE)
+LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL)$", re.IGNORECASE)
+SURE = 0.8
+"""Share of the way from feet to trunk that must lie along one axis."""
+FLOOR = 0.15
+"""[m] How far above or below 0 the lowest markers on a floor may be."""
+MIDDLE = ("hip", "knee", "ankle")
+NAMES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "hip": (("{}HJC",), ("{}FEP",)),
+    "knee": (("{}KJC",), ("{}FEO",), ("{}KNE", "{}KNM")),
+    "ankle": (("{}AJC",), ("{}TIO",), ("{}ANK", "{}MED")),
+    "heel": (("{}HEE",), ("{}HEEL",)),
+    "toe": (("{}TOE",),),
+    "pelvis_front": (("{}ASI",), ("{}ASIS",)),
+    "pelvis_back": (("{}PSI",), ("{}PSIS",)),
+}
+"""Point → markers of which it is the mean, `{}` L or R, the first that are all there: the Conventional Gait Model's
+joint centres (HJC, …), Plug-in Gait's bones (femur proximal and origin, tibia origin), or markers on both sides."""
+
+
+def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
+    """The unit in which markers are as far apart as those of a person.
+
+    Args:
+        markers: name → (T, 3) in an unknown unit, NaN where not seen.
+
+    Returns:
+        'm', 'mm' or None where neither fits, and the distance that tells: the median over time of the longest side of
+        the box around all markers.
+    """
+    places = np.stack(list(markers.values()))
+    seen = np.isfinite(places).all(axis=(0, 2))
+    if not seen.any():
+        return None, float("nan")
+    box = np.ptp(places[:, seen], axis=0).max(axis=1)
+    apart = float(np.median(box))
+    return next((unit for unit, (least, most) in APART.items() if least <= apart <= most), None), apart
+
+
+def told_up(markers: Mapping[str, np.ndarray]) -> tuple[str | None, str]:
+    """The axis that points up.
+
+    Args:
+        markers: name → (T, 3) [m], NaN where not seen.
+
+    Returns:
+        '+x', …, '-z', or None where the markers do not tell, and why.
+    """
+    trunk, feet = ([_middle(place) for label, place in markers.items() if words.match(label)] for words in (HIGH, LOW))
+    trunk, feet = ([place for place in each if np.isfinite(place).all()] for each in (trunk, feet))
+    if trunk and feet:
+        way = np.mean(trunk, axis=0) - np.mean(feet, axis=0)
+        axis = int(np.argmax(np.abs(way)))
+        if abs(way[axis]) >= SURE * np.linalg.norm(way):
+            return f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}", "the trunk's markers are above the feet's there"
+        return None, ""
+    places = [place[np.isfinite(place).all(axis=1)] for place in markers.values()]
+    every = np.concatenate(places) if places else np.zeros((0, 3))
+    if not len(every):
+        return None, ""
+    low, high = np.percentile(every, [1.0, 99.0], axis=0)
+    fits = []
+    for axis in range(3):
+        for sign, least, most in (("+", low[axis], high[axis]), ("-", -high[axis], -low[axis])):
+            if abs(least) < FLOOR and 2.0 * FLOOR < most < APART["m"][1]:
+                fits.append(f"{sign}{'xyz'[axis]}")
+    return (fits[0], "only there are all markers above a floor at 0") if len(fits) == 1 else (None, "")
+
+
+def _middle(place: np.ndarray) -> np.ndarray:
+    seen = place[np.isfinite(place).all(axis=1)]
+    return np.median(seen, axis=0) if len(seen) else np.full(3, np.nan)
+
+
+def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] | None = None) -> "JointCentres":
+    """Joint centres and foot markers of a capture, as `jgait.replay` takes them.
+
+    Args:
+        capture: with z up.
+        names: 'hip_right', 'knee_left', 'ankle_…', 'heel_…', 'toe_…', 'pelvis_front_…', 'pelvis_back_…' → the marker,
+            or the markers whose mean it is (both sides of a knee); None, and for what is not named: `NAMES`. A marker
+            on one side of a joint is not its centre and never taken for it unless named.
+
+    Returns:
+        The legs of which hip, knee and ankle are there, heel and toe where both are; the pelvis where all four are.
+
+    Raises:
+        RecordingError: if it is not known which axis points up, a named marker is not there, or no leg is.
+    """
+    from jgait.replay import JointCentres, LegCentres, PelvisMarkers
+
+    if capture.up is None:
+        raise RecordingError(f"{capture.name}: which axis points up is not known; say up in read_c3d")
+    said = dict(names or {})
+    points = {f"{point}_{side}" for point in NAMES for side in SIDES}
+    unknown = [point for point in said if point not in points]
+    if unknown:
+        raise RecordingError(f"there is no point {unknown[0]!r}; expected some of {', '.join(sorted(points))}")
+    found = {point: _point(capture, point, said) for point in points}
+    legs: dict[str, Any] = {}
+    for side in SIDES:
+        joints = [found[f"{point}_{side}"] for point in MIDDLE]
+        foot = [found[f"{point}_{side}"] for point in ("heel", "toe")]
+        whole = all(joint is not None for joint in joints)
+        legs[side] = LegCentres(*joints, *(foot if all(f is not None for f in foot) else ())) if whole else None
+    if legs["right"] is None and legs["left"] is None:
+        expected = ", ".join(_called(point) for point in MIDDLE)
+        there = ", ".join(capture.markers) or "no marker"
+        raise RecordingError(f"{capture.name} has no leg: expected markers {expected}, or names; it has {there}")
+    corners = [found[f"pelvis_{end}_{side}"] for end in ("front", "back") for side in SIDES]
+    pelvis = PelvisMarkers(*corners) if all(corner is not None for corner in corners) else None
+    return JointCentres(capture.time, legs["right"], legs["left"], pelvis)
+
+
+def _called(point: str) -> str:
+    return " or ".join(" and ".join(each) for each in NAMES[point]).replace("{}", "R")
+
+
+def _point(capture: "Capture", point: str, said: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
+    """The mean of the markers that make a point; None where they are not there."""
+    if point in said:
+        wanted = [said[point]] if isinstance(said[point], str) else list(said[point])
+        lacking = [str(marker) for marker in wanted if marker not in capture.markers]
+        if lacking or not wanted:
+            raise RecordingError(
+                f"{capture.name} has no marker {', '.join(lacking) or 'at all'} (named for {point}); it has "
+                f"{', '.join(capture.markers) or 'none'}"
+            )
+        return np.mean([capture.markers[str(marker)] for marker in wanted], axis=0)
+    kind, _, side = point.rpartition("_")
+    for each in NAMES[kind]:
+        markers = [template.format(side[0].upper()) for template in each]
+        if all(marker in capture.markers for marker in markers):
+            return np.mean([capture.markers[marker] for marker in markers], axis=0)
+    return None

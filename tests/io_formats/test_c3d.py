@@ -1,0 +1,203 @@
+"""C3D files, written by ezc3d, of a body whose markers are known."""
+
+import ezc3d
+import numpy as np
+import pytest
+
+from jgait import RecordingError, io
+from jgait.io.formats.c3d_axes import UPRIGHT, joint_centres
+from jgait.replay import body_motion
+
+RATE, SAMPLES, FIRST, PER_FRAME = 100.0, 120, 51, 10
+SIDEWAYS = {"R": -0.1, "L": 0.1}
+
+
+def body():
+    """Markers in metres, x forward, y left, z up: somebody walks along x, the legs swing out of phase."""
+    t = np.arange(SAMPLES) / RATE
+    found = {}
+    for letter, y in SIDEWAYS.items():
+        swing = 0.4 * np.sin(2.0 * np.pi * t + (np.pi if letter == "L" else 0.0))
+        hip = np.stack([0.2 + 1.2 * t, np.full_like(t, y), 0.9 + 0.02 * np.cos(4.0 * np.pi * t)], axis=1)
+        bone = 0.42 * np.stack([np.sin(swing), 0.0 * t, -np.cos(swing)], axis=1)
+        knee, ankle = hip + bone, hip + bone + 0.42 * np.array([-0.1, 0.0, -0.995])
+        found |= {f"{letter}HJC": hip, f"{letter}KJC": knee, f"{letter}AJC": ankle}
+        found |= {f"{letter}HEE": ankle + [-0.05, 0.0, -0.03], f"{letter}TOE": ankle + [0.15, 0.0, -0.03]}
+        found |= {f"{letter}ASI": hip + [0.08, 0.3 * y, 0.1], f"{letter}PSI": hip + [-0.1, -0.3 * y, 0.1]}
+    return found
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return body()
+
+
+def write(path, markers, *, units="mm", factor=1e3, screen="+Z", events=True, outputs=None, first=FIRST):
+    file = ezc3d.c3d()
+    every = {name: factor * place for name, place in markers.items()} | (outputs or {})
+    points = np.ones((4, len(every), SAMPLES))
+    for i, place in enumerate(every.values()):
+        points[:3, i] = place.T
+    file["parameters"]["POINT"]["LABELS"]["value"] = list(every)
+    file["parameters"]["POINT"]["RATE"]["value"] = [RATE]
+    file["parameters"]["POINT"]["UNITS"]["value"] = [units] if units else [""]
+    file["header"]["points"]["first_frame"] = first - 1
+    file["data"]["points"] = points
+    file["parameters"]["ANALOG"]["RATE"]["value"] = [PER_FRAME * RATE]
+    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fz1", "Trigger"]
+    file["parameters"]["ANALOG"]["UNITS"]["value"] = ["N", "V"]
+    file["data"]["analogs"] = analog()[None]
+    if screen:
+        file.add_parameter("POINT", "Y_SCREEN", [screen])
+    if outputs:
+        file.add_parameter("POINT", "ANGLES", list(outputs))
+    if events:
+        file.add_parameter("EVENT", "USED", [3])
+        file.add_parameter("EVENT", "TIMES", np.array([[0.0, 0.0, 1.0], [0.9, 0.7, 1.25]]))
+        file.add_parameter("EVENT", "LABELS", ["Foot Off", "Foot Strike", "Clap"])
+        file.add_parameter("EVENT", "CONTEXTS", ["Left", "Right", "General"])
+    file.write(str(path))
+    return path
+
+
+def analog():
+    t = np.arange(PER_FRAME * SAMPLES) / (PER_FRAME * RATE)
+    return np.stack([700.0 + 50.0 * np.sin(9.0 * t), 5.0 * (t > 0.5)])
+
+
+def equals(capture, truth, within=2e-7):
+    """A C3D file holds 32 bits, of which the walk along 1.6 m leaves 1e-7 m."""
+    assert set(capture.markers) == set(truth)
+    for name, place in truth.items():
+        np.testing.assert_allclose(capture.markers[name], place, rtol=0.0, atol=within)
+
+
+def test_markers_analog_signals_and_events_come_back(tmp_path, truth):
+    capture = io.read_c3d(write(tmp_path / "walk.c3d", truth))
+    equals(capture, truth)
+    assert (capture.rate_hz, capture.up, capture.name, capture.subject) == (RATE, "+z", "walk", "subject")
+    np.testing.assert_allclose(capture.time, (FIRST - 1 + np.arange(SAMPLES)) / RATE)
+    assert (capture.analog_rate_hz, capture.analog_units) == (PER_FRAME * RATE, {"Fz1": "N", "Trigger": "V"})
+    np.testing.assert_allclose(np.stack(list(capture.analog.values())), analog(), rtol=1e-6)
+    np.testing.assert_allclose(capture.analog_time, 0.5 + np.arange(1200) / 1000.0)
+    assert [(event.kind, event.side) for event in capture.events] == [
+        ("initial_contact", "right"), ("final_contact", "left"), ("Clap", None),
+    ]  # fmt: skip
+    np.testing.assert_allclose([event.time for event in capture.events], [0.7, 0.9, 61.25], rtol=1e-6)
+    assert "+z points up, says POINT:Y_SCREEN" in capture.notes
+    assert list(capture.force_plates["USED"]) == [0]
+
+
+@pytest.mark.parametrize("up", list(UPRIGHT))
+def test_any_axis_may_point_up(tmp_path, truth, up):
+    """Turned so that z is up, by what the file says, and where it is silent by pelvis and feet."""
+    turn = UPRIGHT[up]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3))
+    np.testing.assert_allclose(np.linalg.det(turn), 1.0)
+    turned = {name: place @ turn for name, place in truth.items()}
+    for screen in (up.upper(), None):
+        capture = io.read_c3d(write(tmp_path / "turned.c3d", turned, screen=screen))
+        assert capture.up == up
+        equals(capture, truth)
+    assert any("trunk's markers are above the feet's" in note for note in capture.notes)
+
+
+def test_markers_that_contradict_the_file_are_noted(tmp_path, truth):
+    capture = io.read_c3d(write(tmp_path / "odd.c3d", truth, screen="+Y"))
+    assert capture.up == "+y"
+    assert any("markers say +z" in note and "pass up='+z'" in note for note in capture.notes)
+    equals(io.read_c3d(tmp_path / "odd.c3d", up="+z"), truth)
+
+
+def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):
+    above = {f"m{i}": place - [1.0, 0.0, 0.0] for i, place in enumerate(truth.values())}
+    capture = io.read_c3d(write(tmp_path / "floor.c3d", above, screen=None))
+    assert capture.up == "+z" and any("above a floor at 0" in note for note in capture.notes)
+    high = {name: place + [0.0, 0.0, 3.0] for name, place in above.items()}
+    capture = io.read_c3d(write(tmp_path / "high.c3d", high, screen=None))
+    assert capture.up is None and any("not known" in note and "say up" in note for note in capture.notes)
+    equals(capture, high, 5e-7)
+    with pytest.raises(RecordingError, match="which axis points up is not known; say up in read_c3d"):
+        joint_centres(capture)
+
+
+@pytest.mark.parametrize("unit, factor", [("mm", 1e3), ("m", 1.0), ("cm", 1e2), ("in", 1.0 / 0.0254)])
+def test_units_are_those_of_the_file(tmp_path, truth, unit, factor):
+    equals(io.read_c3d(write(tmp_path / "unit.c3d", truth, units=unit, factor=factor)), truth)
+
+
+def test_a_file_without_a_unit_is_asked_for_the_size_of_a_person(tmp_path, truth):
+    for unit, factor in (("mm", 1e3), ("m", 1.0)):
+        path = write(tmp_path / "none.c3d", truth, units="", factor=factor)
+        capture = io.read_c3d(path)
+        equals(capture, truth)
+        assert any(f"states no unit of its markers; {unit}" in note for note in capture.notes)
+    path = write(tmp_path / "cm.c3d", truth, units="", factor=100.0)
+    with pytest.raises(RecordingError, match=r"states no unit of its markers, and that they are 95.23 apart"):
+        io.read_c3d(path)
+    equals(io.read_c3d(path, unit="cm"), truth)
+    with pytest.raises(RecordingError, match="markers are in 'ell'; expected one of m, mm"):
+        io.read_c3d(write(tmp_path / "ell.c3d", truth, units="ell"))
+
+
+def test_what_was_not_seen_is_nan_and_outputs_of_a_model_are_kept_apart(tmp_path, truth):
+    lost = {f"Ann:{name}": place.copy() for name, place in truth.items()}
+    lost["Ann:RHEE"][10:20] = np.nan
+    lost["Ann:LTOE"][30] = 0.0
+    angles = {"Ann:RKneeAngles": np.full((SAMPLES, 3), 61.0), "Ann:Scale": np.full((SAMPLES, 3), 2.0)}
+    capture = io.read_c3d(write(tmp_path / "lost.c3d", lost, outputs=angles))
+    assert capture.subject == "Ann" and set(capture.outputs) == {"RKneeAngles", "Scale"}
+    assert (capture.outputs["RKneeAngles"] == 61.0).all()
+    assert list(np.flatnonzero(np.isnan(capture.markers["RHEE"]).all(axis=1))) == list(range(10, 20))
+    assert list(np.flatnonzero(np.isnan(capture.markers["LTOE"]).any(axis=1))) == [30]
+
+
+def test_joint_centres_move_a_body(tmp_path, truth):
+    capture = io.read_c3d(write(tmp_path / "walk.c3d", truth, screen="+Z"))
+    centres = joint_centres(capture)
+    np.testing.assert_array_equal(centres.right.knee, capture.markers["RKJC"])
+    np.testing.assert_array_equal(centres.left.toe, capture.markers["LTOE"])
+    np.testing.assert_array_equal(centres.pelvis.back_left, capture.markers["LPSI"])
+    replayed = body_motion(centres, capture.time[10:-10])
+    np.testing.assert_allclose(replayed.points["knee_right"], truth["RKJC"][10:-10], atol=2e-3)
+    assert np.abs(replayed.yaw).max() < 1e-3
+
+
+def test_joints_by_name_and_from_two_sides(tmp_path, truth):
+    apart = np.array([0.0, 0.05, 0.0])
+    own = {"hip": truth["RHJC"], "outer": truth["RKJC"] - apart, "inner": truth["RKJC"] + apart}
+    own |= {"RANK": truth["RAJC"] - apart, "RMED": truth["RAJC"] + apart}
+    capture = io.read_c3d(write(tmp_path / "own.c3d", own))
+    with pytest.raises(RecordingError, match="has no leg: expected markers RHJC or RFEP, .*it has hip, outer"):
+        joint_centres(capture)
+    centres = joint_centres(capture, {"hip_right": "hip", "knee_right": ("outer", "inner")})
+    np.testing.assert_allclose(centres.right.knee, truth["RKJC"], atol=2e-7)
+    np.testing.assert_allclose(centres.right.ankle, truth["RAJC"], atol=2e-7)
+    assert centres.left is None and centres.right.heel is None and centres.pelvis is None
+    with pytest.raises(RecordingError, match="has no marker nobody .named for hip_right."):
+        joint_centres(capture, {"hip_right": "nobody"})
+    with pytest.raises(RecordingError, match="there is no point 'elbow'"):
+        joint_centres(capture, {"elbow": "hip"})
+
+
+def test_files_that_are_something_else(tmp_path, truth):
+    whole = write(tmp_path / "whole.c3d", truth).read_bytes()
+    cases = {
+        "empty": (b"", "empty.c3d is empty; expected a C3D file"),
+        "text": (b"time,x\n" * 200, "text.c3d is not a C3D file"),
+        "short": (whole[:300], "short.c3d is not a C3D file"),
+        "head": (whole[:512], "head.c3d is truncated: its parameters do not end within 512"),
+        "half": (whole[: len(whole) // 2], r"half\.c3d is truncated: its header says 120 frames, \d\d are there"),
+        "parameters": (whole[:900], r"parameters\.c3d is truncated: its parameters do not end within 900"),
+    }
+    for name, (content, message) in cases.items():
+        path = tmp_path / f"{name}.c3d"
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match=message):
+            io.read_c3d(path)
+    with pytest.raises(FileNotFoundError):
+        io.read_c3d(tmp_path / "nowhere.c3d")
+    with pytest.raises(ValueError, match="up must be one of .z"):
+        io.read_c3d(tmp_path / "whole.c3d", up="z")
+    with pytest.raises(ValueError, match="unit must be one of m, mm"):
+        io.read_c3d(tmp_path / "whole.c3d", unit="ell")
