@@ -22,6 +22,7 @@ from jgait.types import RecordingError
 EXPECTED = "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …"
 ENDINGS = (".csv", ".txt", ".tsv")
 SIGNAL = re.compile(r"^(?P<device>.+?)_(?P<signal>Accel_LN|Accel_WR|Gyro)_(?P<axis>[XYZ])_(?P<kind>CAL|RAW|UNCAL)$")
+ACCELEROMETERS = ("Accel_LN", "Accel_WR")
 STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|Unix|Shimmer|RC)?_?CAL$")
 FULL, OFTEN = 1.9, 1e-3
 """[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
@@ -63,17 +64,18 @@ def measured(path: Path) -> Measured:
 
 
 def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[str]) -> Part:
-    for signal, stored in kinds.items():
-        if "CAL" not in stored and signal in ("Gyro", *(kinds if len(kinds) == 2 else ())):
+    stored = kinds["Gyro"], set[str]().union(*(kinds.get(name, ()) for name in ACCELEROMETERS))
+    for signal, found in zip(("gyroscope", "accelerometer"), stored, strict=True):
+        if found and "CAL" not in found:
             raise RecordingError(
-                f"{rows.name}: {device}_{signal}_X is not calibrated (found {', '.join(sorted(stored))}, expected "
+                f"{rows.name}: the {signal} of {device} is not calibrated (found {', '.join(sorted(found))}, expected "
                 "CAL): export calibrated data"
             )
     time = _time(rows, device)
     told = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
     gyr, gyr_unit = rows.in_units(_columns(device, "Gyro"))
     acc, acc_unit = None, None
-    choice = [name for name in ("Accel_LN", "Accel_WR") if "CAL" in kinds.get(name, ())]
+    choice = [name for name in ACCELEROMETERS if "CAL" in kinds.get(name, ())]
     if choice:
         acc, acc_unit = rows.in_units(_columns(device, choice[0]))
         limit = FULL * STANDARD_GRAVITY[acc_unit or "m/s^2"]

@@ -109,7 +109,8 @@ class Rows(NamedTuple):
 
     def unit(self, column: int) -> str:
         """What the row of units says of a column, plain; "" where it says nothing."""
-        return self.units[column].strip("[]() ") if column < len(self.units) else ""
+        said = self.units[column].strip() if column < len(self.units) else ""
+        return said[1:-1].strip() if said[:1] + said[-1:] in ("[]", "()") else said
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
