@@ -269,6 +269,8 @@ NOTES = (
     ("the accelerometer of foot_left reads +3.2 % of gravity at rest; corrected", "corrected"),
     ("waist: its z axis looks up and its x forward; corrected", "corrected"),
     ("left out 3 ranges in turns", "corrected"),
+    ("5 samples of waist are lost; the filter goes on without them", "check"),
+    ("8 samples of foot_left are lost; strides across them are stated less certain", "check"),
     ("the range's clock is 20 ± 2 ms late; taken off", "corrected"),
     ("sampling rate 50 Hz, from the time stamps", "info"),
 )
@@ -283,6 +285,7 @@ def test_notes_are_explained_each_by_its_meaning():
     grades = [flag.grade for flag in found]
     assert grades == sorted(grades, key=list(flags.GRADES).index)
     assert sum(len(flag.text.splitlines()) for flag in found) == len(NOTES)  # each once
+    assert flags.apart("; ".join(note for note, _ in NOTES)) == [note for note, _ in NOTES]
     assert "3 things" in flags.verdict([flags.Flag("check", "", "")] * 3)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from jgait.commands import cohort as cohorts
-from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, refuse_others, start_of
 from jgait.types import Estimate, Recording
 
@@ -88,6 +88,7 @@ def report(
     if show:
         webbrowser.open(out.resolve().as_uri())
     if failures:
+        console.print(f"{count(len(failures), 'recording', 'recordings')} could not be used", highlight=False)
         raise typer.Exit(1)
 
 

@@ -147,7 +147,7 @@ def _notes(found: "Cohort", made: Made) -> list[Flag]:
 
 def _noted(text: Any) -> list[Flag]:
     """The notes of a recording that are more than information."""
-    return [flag for flag in flags.explained(filter(None, str(text).split("; "))) if flag.grade != "info"]
+    return [flag for flag in flags.explained(flags.apart(str(text))) if flag.grade != "info"]
 
 
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:

@@ -111,6 +111,12 @@ MEANINGS = (
 )  # fmt: skip
 """What notes mean; the first that matches counts."""
 
+GOES_ON = (
+    "corrected", "taken ", "turned round", "bridged", "interpolated", "the filter goes on", "strides across",
+    "strides are told", r"\d+ samples inserted",
+)  # fmt: skip
+"""How the second half of a note begins that has a semicolon inside."""
+
 STRIDES = {
     "turning": "Turns shorten the path of one foot and lengthen the other's; they are not in the means below.",
     "stairs": "Lengths on stairs are horizontal; they are not in the means below.",
@@ -148,6 +154,15 @@ def explained(notes: Iterable[str]) -> list[Flag]:
         grade, meaning = ("info", "Noticed while the recording was read or computed.") if known is None else known[1:]
         found.setdefault((grade, meaning), []).append(_sentence(note))
     return ordered(Flag(grade, "\n".join(lines), meaning) for (grade, meaning), lines in found.items())
+
+
+def apart(text: str) -> list[str]:
+    """Notes that a table keeps as one text, joined by "; ", each for itself; some have one inside.
+
+    Args:
+        text: as in the column `notes` of a cohort's recordings.
+    """
+    return [note for note in re.split(f"; (?!{'|'.join(GOES_ON)})", text) if note]
 
 
 def _sentence(note: str) -> str:
