@@ -11,6 +11,7 @@ from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
 from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
 from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
+from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS
 from jgait.io.formats.registry import read as _read
 from jgait.io.params import read_params, units, write_params
@@ -26,14 +27,17 @@ __all__ = [
     "Capture",
     "CaptureEvent",
     "MobgapTables",
+    "OpenSimMotion",
     "joint_centres",
     "mobilised_trials",
+    "opensim_reference",
     "quality_notes",
     "read",
     "read_all_mobilised",
     "read_c3d",
     "read_csv",
     "read_mobilised",
+    "read_opensim",
     "read_params",
     "recording_from_arrays",
     "recording_from_dataframe",

@@ -1,0 +1,251 @@
+"""OpenSim's motions (`.mot`, `.sto`): joint angles of inverse kinematics, as a reference beside inertial sensors.
+
+*Format*: OpenSim's documentation, "Storage (.sto) Files" and "Motion (.mot) Files": lines `key=value` down to
+`endheader`, then the names of the columns and one row a sample, the first column time [s]. *Units*: metres and seconds;
+angles in degrees or radians as `inDegrees` says; a file without it is asked for the size of its hip and knee angles.
+*Signs*: those of the model. `hip_flexion` counts from the pelvis and is positive in flexion in all common models;
+`knee_angle` is negative in flexion in gait2392 and its kin, positive in Rajagopal's; which one it is tells the range of
+a walk, and it is noted. `pelvis_tilt` turns about the axis to the right, so a pelvis that leans back is positive.
+Files of orientations (a quaternion a cell, from OpenSense) are no angles and are refused.
+"""
+
+import itertools
+import os
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.io.formats.files import check_file, library
+from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
+
+EXPECTED = "an OpenSim motion (.mot, .sto)"
+HEADER_LINES = 200
+"""In how many lines the header must end."""
+NO_ANGLE = re.compile(
+    r"_[tvp]?[0-9]*[xyz]$|force|torque|moment|activation|excitation|fiber|tendon|length|power|reserve|emg",
+    re.IGNORECASE,
+)
+"""Columns that are lengths, forces or states of muscles, whatever `inDegrees` says."""
+TURN = 2.0 * np.pi
+"""An angle of a leg beyond this is not in radians."""
+BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
+"""[rad] A walking knee bends beyond the one, and is not stretched beyond the other."""
+
+
+class OpenSimMotion(NamedTuple):
+    """What a file of OpenSim holds.
+
+    Attributes:
+        time: (T,) [s].
+        columns: name → (T,), angles in radians, lengths in metres, all else as it is; NaN where the file has nan.
+        angles: the columns that are angles.
+        name: of the motion.
+        notes: what was told or is doubtful.
+    """
+
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    angles: tuple[str, ...]
+    name: str
+    notes: tuple[str, ...]
+
+
+def read_opensim(
+    path: str | os.PathLike[str], *, degrees: bool | None = None, name: str | None = None
+) -> OpenSimMotion:
+    """The columns of an OpenSim motion in SI units; `opensim_reference` makes an `Estimate` of them.
+
+    Args:
+        path: the file.
+        degrees: whether angles are in degrees, overrules the file.
+        name: what tables and figures call it; None: the file's name without its ending.
+
+    Returns:
+        The motion.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        RecordingError: if it is no motion of OpenSim's, is truncated, holds orientations, or neither says whether
+            angles are in degrees nor lets it be told.
+    """
+    file = Path(path)
+    check_file(file, EXPECTED)
+    header, skipped, names = _header(file)
+    kind = header.get("datatype", "double").lower()
+    if kind != "double":
+        raise RecordingError(_refusal(file, kind))
+    values = _values(file, skipped, names, header)
+    time = values[:, 0]
+    if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
+        raise RecordingError(f"{file.name}: time must increase from row to row; it does not")
+    columns = dict(zip(names[1:], values[:, 1:].T, strict=True))
+    angles = tuple(column for column in columns if not NO_ANGLE.search(_base(column)) and "/forceset" not in column)
+    notes: list[str] = []
+    said = header.get("indegrees", "").lower()
+    if degrees is None and said in ("yes", "no"):
+        degrees = said == "yes"
+    if degrees is None and angles:
+        degrees = _told_degrees(file, columns, notes)
+    if degrees:
+        columns |= {column: np.deg2rad(columns[column]) for column in angles}
+    return OpenSimMotion(time, columns, angles, file.stem if name is None else name, tuple(notes))
+
+
+def opensim_reference(
+    motion: OpenSimMotion,
+    *,
+    knee_flexion: int | None = None,
+    thigh_length: float | None = None,
+    shank_length: float | None = None,
+    upright_pelvis: bool = False,
+) -> Estimate:
+    """Hip and knee angles of a motion with the signs of jgait.
+
+    hip = pelvis_tilt + hip_flexion,  knee = ± knee_angle,  x = a sin hip + b sin(hip − knee),
+    y = −a cos hip − b cos(hip − knee), with a and b the lengths of thigh and shank. The thigh's angle from the vertical
+    is this sum in the sagittal plane; list, rotation and adduction of some degrees change it by their squares.
+
+    Args:
+        motion: with `hip_flexion_r`, `knee_angle_r` and the same with `_l`, or of one leg; and `pelvis_tilt`.
+        knee_flexion: 1 if `knee_angle` is positive in flexion, −1 if negative; None: told from its range.
+        thigh_length: [m] of the model, for the ankle's place; None: it is NaN.
+        shank_length: [m] likewise.
+        upright_pelvis: take the pelvis as upright where the file has no `pelvis_tilt`.
+
+    Returns:
+        The legs that are there; valid where their angles are known. `diagnostics["source"]` says file and sign.
+
+    Raises:
+        ValueError: for another sign, or one length without the other.
+        RecordingError: if no leg is there, the pelvis' tilt is not, or the knee's sign cannot be told.
+    """
+    if knee_flexion not in (None, 1, -1):
+        raise ValueError(f"knee_flexion must be 1, -1 or None; got {knee_flexion!r}")
+    if (thigh_length is None) != (shank_length is None):
+        raise ValueError("thigh_length and shank_length must be given together, or neither")
+    found = {_base(column): values for column, values in motion.columns.items() if not column.endswith("/speed")}
+    there = [side for side in SIDES if {f"hip_flexion_{side[0]}", f"knee_angle_{side[0]}"} <= found.keys()]
+    if not there:
+        raise RecordingError(
+            f"{motion.name} has no leg: expected hip_flexion_r and knee_angle_r, or with _l; it has {', '.join(found)}"
+        )
+    if "pelvis_tilt" not in found and not upright_pelvis:
+        raise RecordingError(
+            f"{motion.name} has no pelvis_tilt, from which hip_flexion counts; jgait's hip angle counts from the "
+            "vertical: say upright_pelvis=True to take the pelvis as upright"
+        )
+    tilt = found.get("pelvis_tilt", np.zeros_like(motion.time))
+    sign = knee_flexion or _told_sign(motion.name, [found[f"knee_angle_{side[0]}"] for side in there])
+    a, b = (float("nan") if length is None else length for length in (thigh_length, shank_length))
+    legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
+    valid = np.ones(len(motion.time), bool)
+    for side in there:
+        hip, knee = tilt + found[f"hip_flexion_{side[0]}"], sign * found[f"knee_angle_{side[0]}"]
+        x, y = a * np.sin(hip) + b * np.sin(hip - knee), -a * np.cos(hip) - b * np.cos(hip - knee)
+        legs[side] = LegTrajectory(hip, knee, x, y)
+        valid &= np.isfinite(hip) & np.isfinite(knee)
+    how = "said" if knee_flexion is not None else "told from its range"
+    word = "positive" if sign > 0 else "negative"
+    source = {"source": f"OpenSim: {motion.name}; knee_angle is {word} in flexion, {how}"}
+    return Estimate(motion.time, Legs(**legs), None, None, valid, source)
+
+
+def _base(column: str) -> str:
+    """The coordinate's name, of which newer files give the whole path: /jointset/hip_r/hip_flexion_r/value."""
+    parts = [part for part in column.split("/") if part]
+    return next((part for part in reversed(parts) if part not in ("value", "speed")), column)
+
+
+def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
+    """Its keys in small letters, how many lines before the table's rows, and the names of its columns."""
+    try:
+        with file.open(encoding="utf-8-sig") as stream:
+            lines = list(itertools.islice(stream, HEADER_LINES))
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{file.name} is not {EXPECTED}, but no text: {error}") from error
+    end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None:
+        raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines says endheader")
+    pairs = (line.partition("=") for line in lines[:end])
+    found = {key.strip().lower(): value.strip() for key, equal, value in pairs if equal}
+    at = next((number for number in range(end + 1, len(lines)) if lines[number].strip()), len(lines))
+    names = lines[at].split("\t" if "\t" in lines[at] else None) if at < len(lines) else []
+    names = [name.strip() for name in names if name.strip()]
+    if not names or names[0].lower() != "time":
+        raise RecordingError(
+            f"{file.name}: the first column must be time; the columns are {', '.join(names) or 'none'}"
+        )
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(f"{file.name}: columns must have names of their own; twice there are {', '.join(twice)}")
+    return found, at + 1, names
+
+
+def _refusal(file: Path, kind: str) -> str:
+    if kind == "quaternion":
+        return (
+            f"{file.name} holds orientations of sensors (a quaternion w,x,y,z a cell), expected coordinates: run "
+            "OpenSense's inverse kinematics on it, and read the motion that it writes"
+        )
+    return f"{file.name} holds cells of type {kind}, expected one number a cell"
+
+
+def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) -> np.ndarray:
+    """(T, columns), after names and rows were found to be as many as the header says."""
+    pandas = library("pandas", EXPECTED)
+    try:
+        table = pandas.read_csv(
+            file, sep=r"\s+", skiprows=skipped, header=None, encoding="utf-8-sig", skip_blank_lines=True
+        )
+    except (pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
+        raise RecordingError(f"{file.name} has no rows, or not all of one length: {error}") from error
+    if not all(column.dtype.kind in "fiu" for _, column in table.items()):
+        cells = [str(cell) for cell in table.iloc[0]]
+        if any(cell.count(",") == 3 for cell in cells):
+            raise RecordingError(_refusal(file, "quaternion"))
+        first = next(name for name, kind in zip(table.columns, table.dtypes, strict=True) if kind.kind not in "fiu")
+        wrong = table[first][pandas.to_numeric(table[first], errors="coerce").isna()]
+        raise RecordingError(f"{file.name}: column {first} holds {wrong.iloc[0]!r} in row {wrong.index[0]}, no number")
+    for key, there, what in (("nrows", len(table), "rows"), ("ncolumns", table.shape[1], "columns")):
+        said = header.get(key, header.get(key.replace("n", "data", 1), ""))
+        if said.isdigit() and int(said) != there:
+            raise RecordingError(f"{file.name} is truncated: its header says {said} {what}, {there} are there")
+    if table.shape[1] != len(names):
+        raise RecordingError(f"{file.name} names {len(names)} columns, and its rows have {table.shape[1]}")
+    values = np.asarray(table.to_numpy(np.float64), np.float64)
+    if np.isnan(values[-1, -1]) and not np.isnan(values[:-1, -1]).any():
+        raise RecordingError(f"{file.name} is truncated: its last row has {int(np.isfinite(values[-1]).sum())} values")
+    return values
+
+
+def _told_degrees(file: Path, columns: dict[str, Any], notes: list[str]) -> bool:
+    """Whether angles are in degrees, by the size of those of the legs."""
+    legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
+    largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)
+    if largest > TURN:
+        notes.append(f"the file does not say inDegrees; degrees, for an angle of the legs reaches {largest:.4g}")
+        return True
+    if BENT < largest < np.pi:
+        notes.append(f"the file does not say inDegrees; radians, for no angle of the legs exceeds {largest:.4g}")
+        return False
+    raise RecordingError(
+        f"{file.name} does not say inDegrees, and the largest angle of the legs, {largest:.4g}, does not tell; "
+        "say degrees"
+    )
+
+
+def _told_sign(name: str, knees: list[np.ndarray]) -> int:
+    """1 where a knee's angle is positive in flexion, −1 where it is negative."""
+    every = np.concatenate(knees)
+    every = every[np.isfinite(every)]
+    least, most = np.percentile(every, [1.0, 99.0]) if len(every) else (0.0, 0.0)
+    if most > BENT and least > -STRAIGHT:
+        return 1
+    if least < -BENT and most < STRAIGHT:
+        return -1
+    raise RecordingError(
+        f"{name}: knee_angle goes from {np.rad2deg(least):.0f} to {np.rad2deg(most):.0f}°, which does not tell the "
+        "sign of flexion; say knee_flexion=1 or -1"
+    )
