@@ -496,9 +496,9 @@ addEventListener("load", () => setTimeout(() => {
   const table = document.querySelector("table.sortable");
   const heading = [...table.tHead.rows[0].cells].findIndex((one) => one.textContent.startsWith("stride length"));
   const column = () => [...table.tBodies[0].rows].map((row) => Number(row.cells[heading].dataset.value));
-  const button = table.tHead.rows[0].cells[heading].querySelector("button");
+  const button = table.tHead.rows[0].cells[heading].querySelector("[role=button]");
   button.click(); seen.up = column(); seen.sorted = table.tHead.rows[0].cells[heading].getAttribute("aria-sort");
-  button.click(); seen.down = column();
+  button.dispatchEvent(new KeyboardEvent("keydown", {key: "Enter"})); seen.down = column();
   document.body.dataset.seen = JSON.stringify(seen);
 }, 100));
 </script>"""
@@ -520,7 +520,7 @@ def test_a_browser_shows_every_picture_sorts_and_asks_nobody(ankles, tmp_path):
     page = ankles.save(tmp_path / "page.html")
     dom, said = browse(page, tmp_path)
     assert said == []
-    assert "<button" in dom  # the page's own script ran under its own policy
+    assert 'role="button"' in dom  # the page's own script ran under its own policy
     watched = tmp_path / "watched.html"
     policy = re.sub(r"script-src '[^']*'", "script-src 'unsafe-inline'", ankles.html)
     assert policy != ankles.html
@@ -542,7 +542,7 @@ def test_a_browser_decodes_every_picture_of_the_other_pages(legs, feet, cohort, 
     images = [image for page in pages for image in re.findall(r"<img [^>]*>", page.html)]
     assert any("image/png" in image for image in images) and any("image/svg" in image for image in images)
     together = tmp_path / "all.html"
-    body = "".join(images) + '<table class="sortable"><thead><tr><th>stride length<button></button></th></tr></thead>'
+    body = "".join(images) + '<table class="sortable"><thead><tr><th>stride length<span role="button"></span></th></tr></thead>'
     together.write_text(f"<!DOCTYPE html><body>{body}<tbody></tbody></table>{WATCH}</body>", encoding="utf-8")
     dom, said = browse(together, tmp_path)
     seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))
