@@ -25,7 +25,7 @@ BELT_LEVEL = 0.05
 """Where 0.10 is reached without the gyroscope, a level that has to be paid for."""
 
 BELT_S = 42.0
-THRESHOLDS = (0.08, 0.11, 0.14, 0.17, 0.2, 0.22, 0.24, 0.26, 0.28, 0.3, 0.4)
+THRESHOLDS = (0.05, 0.08, 0.11, 0.13, 0.15, 0.17, 0.185, 0.2, 0.22, 0.24, 0.28)
 PERIODS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Periods of the fixed schedules, in strides: a walk of five metres is over after some four."""
 
@@ -34,23 +34,26 @@ DUTIES = (1, 2, 4, 6, 8, 10, 12, 14, 16, 17, 18, 19)  # in twentieths
 
 
 class Curve(NamedTuple):
-    """Energy and error of a group of legs as one number of a policy or schedule varies.
+    """Energy and error of a group of legs as one number of a policy or schedule varies; begun at some places each.
 
     Attributes:
-        energy: (n,) part of the energy of always on [1].
-        error: (n,) root mean square of the legs' relative errors [1].
-        median: (n,) their median [1].
+        energy: (n, legs, places) part of the energy of always on [1].
+        square: (n, legs, places) squares of the relative errors [1].
     """
 
     energy: np.ndarray
-    error: np.ndarray
-    median: np.ndarray
+    square: np.ndarray
+
+    def mean(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n,) mean energies, root mean square errors and median errors."""
+        flat = self.square.reshape(len(self.square), -1)
+        return self.energy.mean(axis=(1, 2)), np.sqrt(flat.mean(axis=1)), np.median(np.sqrt(flat), axis=1)
 
     def at(self, level: float, *, median: bool = False) -> float:
         """The least energy at which the error reaches a level, between neighbours on the curve; NaN if it does not."""
-        error = self.median if median else self.error
-        order = np.argsort(self.energy)
-        energy, error = self.energy[order], error[order]
+        energy, error = self.mean()[0], self.mean()[2 if median else 1]
+        order = np.argsort(energy)
+        energy, error = energy[order], error[order]
         reached = np.flatnonzero(error <= level)
         if not len(reached):
             return float("nan")
@@ -59,6 +62,16 @@ class Curve(NamedTuple):
             return float(energy[0])
         share = (error[k - 1] - level) / (error[k - 1] - error[k])
         return float(energy[k - 1] + share * (energy[k] - energy[k - 1]))
+
+    def leg(self, number: int) -> "Curve":
+        """Of one leg."""
+        return Curve(*(part[:, number : number + 1] for part in self))
+
+    def worst(self, level: float) -> float:
+        """The largest error of a leg where the group's error is the highest that is not over the level."""
+        error = self.mean()[1]
+        at = int(np.argmax(np.where(error <= level, error, -1.0)))
+        return float(np.sqrt(self.square[at].mean(axis=1).max()))
 
 
 class Group(NamedTuple):
@@ -82,29 +95,27 @@ def _energy(used: power.Masks, judged: int) -> float:
     return float(power.mask_energy(part, RATE_HZ) * RATE_HZ / (power.GYROSCOPE.on * len(part.powered)))
 
 
-def scheduled(group: Group, period: float, phases: int) -> Curve:
+def scheduled(group: Group, period: float, places: int, name: str = "neighbours") -> Curve:
     """Fixed schedules of one period [strides], over the duties that the sensor can follow in every leg."""
-    filler = gap_filling.fillers()["neighbours"]
-    points = [(1.0, 0.0, 0.0)]
+    filler = gap_filling.fillers()[name]
+    shape = (len(group.legs), places)
+    points = [(np.ones(shape), np.zeros(shape))]
     for on in DUTIES:
         units = [period * stride / RATE_HZ / 20 for stride in group.strides]
         if min(min(on, 20 - on) * unit for unit in units) < power.GYROSCOPE.wake_up:
             continue
-        energies: list[float] = []
-        errors: list[float] = []
-        for phase in range(phases):
-            cases = []
-            for leg, judged, unit in zip(group.legs, group.judged, units, strict=True):
-                schedule = power.Schedule(on, 20 - on, unit)
-                late = round(phase / phases * schedule.period * RATE_HZ)
+        cases = []
+        for leg, judged, unit in zip(group.legs, group.judged, units, strict=True):
+            schedule = power.Schedule(on, 20 - on, unit)
+            for place in range(places):
+                late = round(place / places * schedule.period * RATE_HZ)
                 count = len(leg.rate) - judged
                 found = power.masks(schedule, late + count, RATE_HZ)
                 used = power.Masks(*(np.concatenate([np.ones(judged, bool), m[late:]]) for m in found))
                 cases.append(Case(leg, used.usable, judged, 1.0 - _energy(used, judged)))
-            errors += relative_errors(filler, cases, least_strides=1.0, thigh=group.legs[0].thigh is not None)
-            energies += [1.0 - case.saving for case in cases]
-        points.append((float(np.mean(energies)), float(np.sqrt(np.mean(np.square(errors)))), float(np.median(errors))))
-    return Curve(*np.array(points).T)
+        errors = relative_errors(filler, cases, least_strides=1.0, thigh=group.legs[0].thigh is not None)
+        points.append((np.reshape([1.0 - case.saving for case in cases], shape), np.reshape(errors, shape) ** 2))
+    return Curve(*(np.stack(part) for part in zip(*points, strict=True)))
 
 
 @functools.cache
@@ -130,40 +141,72 @@ def woken(group: Group, thresholds: tuple[float, ...]) -> Curve:
     must = jnp.stack([jnp.arange(longest) < judged for judged in group.judged])
     signals = (stacked([leg.rate for leg in group.legs]), stacked([leg.acc for leg in group.legs]))
     rates, used = _compiled(bool(thighs))(*signals, stacked(thighs) if thighs else None, must, jnp.asarray(thresholds))
-    points = []
+    energy, square = (
+        np.ones((len(thresholds) + 1, len(group.legs), 1)),
+        np.zeros((len(thresholds) + 1, len(group.legs), 1)),
+    )
     for k in range(len(thresholds)):
-        errors, energies = [], []
         for number, (leg, judged) in enumerate(zip(group.legs, group.judged, strict=True)):
             true, filled = leg.rate[judged:], np.asarray(rates[k, number])[judged : len(leg.rate)]
-            errors.append(float(np.sqrt(np.mean((filled - true) ** 2) / np.mean(true**2))))
+            square[k + 1, number] = np.mean((filled - true) ** 2) / np.mean(true**2)
             own = power.Masks(*(np.asarray(m[k, number])[: len(leg.rate)] for m in used))
-            energies.append(_energy(own, judged))
-        points.append((float(np.mean(energies)), float(np.sqrt(np.mean(np.square(errors)))), float(np.median(errors))))
-    return Curve(*np.array(points).T)
+            energy[k + 1, number] = _energy(own, judged)
+    return Curve(energy, square)
+
+
+def _saved(names: tuple[str, str], best: float, own: float, count: int, split: str) -> list[Row]:
+    """The saving and what it is of, each by a name's two parts; nothing where a curve does not reach the level."""
+    if not (np.isfinite(best) and np.isfinite(own) and best > 0.0):
+        return []
+    values = {"saving": 1.0 - own / best, "fixed": best, "policy": own}
+    before, after = names
+    return [
+        Row(f"{before}_energy_{what}_pct{after}", 100.0 * value, "%", None, count, split)
+        for what, value in values.items()
+    ]
+
+
+def _by_leg(name: str, policy: Curve, fixed: list[Curve], level: float, split: str) -> list[Row]:
+    """Each leg for itself, with the schedule that was best for it: how many are better off, median and worst."""
+    count = policy.energy.shape[1]
+    best = np.array([min(curve.leg(k).at(level) for curve in fixed) for k in range(count)])
+    own = np.array([policy.leg(k).at(level) for k in range(count)])
+    kept = best > 0.0  # the others need no gyroscope
+    saving = 100.0 * (1.0 - own[kept] / best[kept])
+    words = f"{split}; every leg with its own threshold and its own best schedule"
+    return [
+        Row(f"{name}_legs_saving", float((saving > 0.0).sum()), "legs", None, len(saving), words),
+        Row(f"{name}_leg_saving_pct_median", float(np.median(saving)), "%", None, len(saving), words),
+        Row(f"{name}_leg_saving_pct_worst", float(saving.min()), "%", None, len(saving), words),
+    ]
 
 
 def _compared(name: str, group: Group, level: float, periods: tuple[float, ...], quick: bool, what: str) -> list[Row]:
-    """Rows of one group; the saving is left out where a curve does not reach the level."""
-    fixed = {period: scheduled(group, period, 1 if quick else 4) for period in periods}
+    """Rows of one group."""
+    places, count, end = 1 if quick else 4, len(group.legs), "; quick" if quick else ""
+    fixed = {period: scheduled(group, period, places) for period in periods}
     policy = woken(group, THRESHOLDS)
-    lines = [[f"policy, threshold {t:g}", *map(float, p)] for t, *p in zip(THRESHOLDS, *policy, strict=True)]
-    lines += [
-        [f"schedule of {c:g} strides", *map(float, p)] for c, curve in fixed.items() for p in zip(*curve, strict=True)
+    lines: list[list[Any]] = [
+        [f"policy, threshold {t:g}", *map(float, p)] for t, *p in zip((0.0, *THRESHOLDS), *policy.mean(), strict=True)
     ]
+    for period, curve in fixed.items():
+        lines += [[f"schedule of {period:g} strides", *map(float, p)] for p in zip(*curve.mean(), strict=True)]
     columns = ["", "energy over always on", "error, root mean square", "error, median"]
     show(f"{what}: policy and fixed schedules from two strides on", columns, lines)
-    rows: list[Row] = []
-    for end, median in (("", False), ("_of_median", True)):
-        best = min(curve.at(level, median=median) for curve in fixed.values())
-        own = policy.at(level, median=median)
-        split = f"{what}; at {'median' if median else 'rms'} error {level:g}" + ("; quick" if quick else "")
-        if np.isfinite(best) and np.isfinite(own) and best > 0.0:
-            rows += [
-                Row(f"{name}_energy_saving_pct{end}", 100.0 * (1.0 - own / best), "%", None, len(group.legs), split),
-                Row(f"{name}_energy_fixed_pct{end}", 100.0 * best, "%", None, len(group.legs), split),
-                Row(f"{name}_energy_policy_pct{end}", 100.0 * own, "%", None, len(group.legs), split),
-            ]
-    return rows
+
+    split = f"{what}; at rms error {level:g}{end}"
+    every = {period: curve.at(level) for period, curve in fixed.items()}
+    rows = _saved((name, ""), min(every.values()), policy.at(level), count, split)
+    middle = min(curve.at(level, median=True) for curve in fixed.values())
+    words = f"{what}; at median error {level:g}{end}"
+    rows += _saved((name, "_of_median"), middle, policy.at(level, median=True), count, words)
+    rows += _by_leg(name, policy, list(fixed.values()), level, split)
+    best = fixed[min(every, key=lambda period: every[period])]
+    return [
+        *rows,
+        Row(f"{name}_worst_err_policy", policy.worst(level), "ratio", None, count, split),
+        Row(f"{name}_worst_err_fixed", best.worst(level), "ratio", None, count, split),
+    ]
 
 
 def triggered(quick: bool) -> list[Row]:

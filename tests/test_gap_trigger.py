@@ -1,5 +1,6 @@
-"""The policy that wakes the gyroscope is causal, waits for the wake-up, and keeps to its thresholds and its budget."""
+"""The policy that wakes the gyroscope is causal, waits for the wake-up, plans best, and keeps to its budget."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import jax
@@ -9,7 +10,7 @@ import pytest
 
 from jgait import power
 from jgait.gap_filling import FILLED, MEASURED
-from jgait.gap_trigger import TRANSFORMS, TRIGGER, triggered
+from jgait.gap_trigger import TRANSFORMS, TRIGGER, _planned, triggered
 from jgait.params import check_params
 from jgait.power import GYROSCOPE
 
@@ -20,6 +21,7 @@ WARM = 2 * STRIDE
 CHANGED = 300  # from here on the future differs
 LEAD = power.wake_samples(GYROSCOPE, RATE_HZ)
 BUDGET, BUCKET = 5e-3, 0.03  # [W], [J]
+WAKE = 0.13
 NAMES = ("usual", "other_future", "never", "always", "budget")
 
 
@@ -39,7 +41,7 @@ def told():
     after = np.arange(COUNT) >= CHANGED
     rates = jnp.asarray(np.stack([rate, rate + 3.0 * after, rate, rate, rate]))
     accs = jnp.asarray(np.stack([acc, acc + 2.0 * after[:, None], acc, acc, acc]))
-    wake = jnp.asarray([0.15, 0.15, np.inf, 0.0, 0.0])
+    wake = jnp.asarray([WAKE, WAKE, np.inf, 0.0, 0.0])
     budget = jnp.asarray([np.inf, np.inf, np.inf, np.inf, BUDGET])
     must = jnp.arange(COUNT) < WARM
 
@@ -81,18 +83,62 @@ def test_the_wake_up_is_waited_for(told, name):
     np.testing.assert_array_equal(t.usable, np.asarray(power.usable_of(t.powered, RATE_HZ)))
 
 
-def test_once_on_it_stays_on_for_the_least_time(told):
+def test_once_woken_it_measures(told):
     t = told["usual"]
     edges = np.diff(np.concatenate([[0], t.powered.astype(int), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     whole = ends < COUNT
     assert whole.sum() >= 2
-    assert ((ends - starts)[whole][1:] >= TRIGGER.on_s * RATE_HZ + LEAD).all()
+    assert ((ends - starts)[whole][1:] > LEAD).all()
+
+
+def least_cost(errors, price, lead, first):
+    """Over all ways to be powered; `first`: whether the first sample is, and it was on (awake) or off before."""
+    best = {True: np.inf, False: np.inf}
+    for powered in product((True, False), repeat=len(errors)):
+        age, cost = lead if first else 0, 0.0
+        waking = False
+        for on, error in zip(powered, errors, strict=True):
+            if waking and not on and age <= lead:
+                cost = np.inf  # a wake-up is not broken off
+            age = age + 1 if on else 0
+            waking = on
+            cost += price * on + error * (age <= lead)
+        best[powered[0]] = min(best[powered[0]], cost)
+    return best
+
+
+@pytest.mark.parametrize("lead", [0, 2])
+def test_the_plan_is_the_best_of_all(lead):
+    rng = np.random.default_rng(5)
+    prices = jnp.asarray([GYROSCOPE.on, GYROSCOPE.waking, GYROSCOPE.off])
+    plan = jax.jit(_planned, static_argnums=2)
+    found = set()
+    for _ in range(20):
+        errors, price = rng.exponential(size=8) ** 2, rng.uniform(0.2, 1.0)
+        off, wake = (bool(x) for x in plan(jnp.asarray(errors), jnp.asarray(price), lead, prices))
+        awake, asleep = least_cost(errors, price, lead, True), least_cost(errors, price, lead, False)
+        assert off == (awake[False] < awake[True])
+        assert wake == (asleep[True] < asleep[False])
+        found.add((off, wake))
+    assert len(found) >= 2
+
+
+def test_the_predicted_error_has_gradients():
+    rate, acc = (jnp.asarray(x[:WARM], jnp.float32) for x in walk())
+    must = jnp.ones(WARM, bool)
+
+    def loss(p):
+        return triggered(rate, acc, RATE_HZ, p, must=must).predicted.mean()
+
+    found = jax.jit(jax.grad(loss))(jax.tree.map(jnp.float32, TRIGGER))
+    for name in ("risk", "own", "trust", "doubt", "doubt_s", "shadow", "calibrate_s"):
+        leaves = np.asarray(jax.tree.leaves(getattr(found, name)))
+        assert np.isfinite(leaves).all() and (leaves != 0.0).all(), name
 
 
 def test_an_infinite_threshold_never_wakes_it_again(told):
     t = told["never"]
-    # Warm-up, and what must pass quietly before it is switched off, which ran on in the warm-up already.
     assert t.powered[:WARM].all() and not t.powered[WARM:].any()
 
 
@@ -121,7 +167,7 @@ def test_it_sees_nothing_of_the_gaps(told):
     t = told["usual"]
     rate, acc = walk()
     hidden = jnp.asarray(np.where(t.usable, rate, 1e3))
-    p = TRIGGER._replace(wake=0.15, bucket=BUCKET)
+    p = TRIGGER._replace(wake=WAKE, bucket=BUCKET)
     again = triggered(hidden, jnp.asarray(acc), RATE_HZ, p, must=jnp.arange(COUNT) < WARM)
     np.testing.assert_array_equal(np.asarray(again.used.powered), t.powered)
     np.testing.assert_allclose(np.asarray(again.filled.rate), t.rate, rtol=1e-9, atol=1e-9)
@@ -133,6 +179,8 @@ def test_refusals_and_parameters():
     with pytest.raises(ValueError, match="accelerometer"):
         triggered(rate, None, RATE_HZ, must=must)
     with pytest.raises(ValueError, match="ahead_s"):
-        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, ahead_s=0.0)
+        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, ahead_s=0.2)
+    with pytest.raises(ValueError, match="save something"):
+        triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must, sensor=GYROSCOPE._replace(off=GYROSCOPE.on))
     with pytest.raises(ValueError, match="usable must be"):
         triggered(rate, jnp.zeros((100, 3)), RATE_HZ, must=must[:-1])
