@@ -1,5 +1,7 @@
 """APDM Opal's `.h5`, written by this test in both of its layouts."""
 
+import sys
+
 import h5py
 import numpy as np
 import pytest
@@ -135,3 +137,12 @@ def test_files_that_are_something_else(tmp_path):
         apdm.measured(tmp_path)
     with pytest.raises(FileNotFoundError):
         io.read(tmp_path / "nowhere.h5")
+
+
+def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
+    path = write_new(tmp_path / "walk.h5")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(
+        ImportError, match=r"reading an APDM Opal HDF5 file needs the extra io: pip install 'jgait\[io\]'"
+    ):
+        apdm.measured(path)

@@ -9,6 +9,7 @@ from made_known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
 
 from jgait import RecordingError, io
 from jgait.io.formats import bids, registry
+from jgait.io.formats.parts import placement_of
 
 POINTS = {"lower_back": "lowerBack", "foot_right": "rightFoot", "foot_left": "leftFoot"}
 STEM = "sub-pp002_task-walk_tracksys-imu"
@@ -177,3 +178,12 @@ def test_malformed_files_are_named_with_what_was_expected(tmp_path):
         bids.measured(cut)
     with pytest.raises(FileNotFoundError):
         io.read(tmp_path / "nowhere_motion.tsv")
+
+
+def test_tracked_points_of_a_published_data_set_are_placed():
+    """Those of `motion_systemvalidation` among the examples of BIDS (Noraxon, 16 sensors)."""
+    placed = {
+        "head": "head", "sternum": "sternum", "pelvis": "pelvis", "leftThigh": "thigh_left", "rightShank": "shank_right",
+        "leftFoot": "foot_left", "rightAnkle": "ankle_right", "leftUpperArm": None, "rightForeArm": None, "pocket": None,
+    }  # fmt: skip
+    assert {point: placement_of(point) for point in placed} == placed

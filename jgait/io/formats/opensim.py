@@ -77,12 +77,17 @@ def read_opensim(
     if kind != "double":
         raise RecordingError(_refusal(file, kind))
     values = _values(file, skipped, names, header)
+    notes: list[str] = []
+    names = _numbered(names, notes)
     time = values[:, 0]
     if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
         raise RecordingError(f"{file.name}: time must increase from row to row; it does not")
     columns = dict(zip(names[1:], values[:, 1:].T, strict=True))
-    angles = tuple(column for column in columns if not NO_ANGLE.search(_base(column)) and "/forceset" not in column)
-    notes: list[str] = []
+    angles = tuple(
+        column
+        for column in columns
+        if not NO_ANGLE.search(_base(column).partition("#")[0]) and "/forceset" not in column
+    )
     said = header.get("indegrees", "").lower()
     if degrees is None and said in ("yes", "no"):
         degrees = said == "yes"
@@ -177,10 +182,16 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
         raise RecordingError(
             f"{file.name}: the first column must be time; the columns are {', '.join(names) or 'none'}"
         )
+    return found, at + 1, names
+
+
+def _numbered(names: list[str], notes: list[str]) -> list[str]:
+    """Names of their own: old files call the forces of both feet the same."""
+    found = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise RecordingError(f"{file.name}: columns must have names of their own; twice there are {', '.join(twice)}")
-    return found, at + 1, names
+        notes.append(f"columns of the same name got numbers: {', '.join(twice)}")
+    return found
 
 
 def _refusal(file: Path, kind: str) -> str:
