@@ -63,6 +63,14 @@ def test_rates_too_large_for_rad_per_s_are_questioned(tmp_path):
     made_files.check(io.read(path, placement="foot_right", gyr_unit="deg/s"))
 
 
+def test_where_one_sensor_s_unit_is_in_doubt_all_are(tmp_path):
+    made_files.mtw(tmp_path / "MT_1_00B40C48.txt", scale=180.0 / np.pi)
+    made_files.mtw(tmp_path / "MT_1_00B40C44.txt", scale=0.02 * 180.0 / np.pi)
+    recording = io.read(tmp_path, placements={"00B40C48": "foot_right", "00B40C44": "lower_back"})
+    made_files.check(recording)
+    np.testing.assert_allclose(recording.sensors["lower_back"].gyr, 0.02 * made_files.walk()[1], atol=1e-9)
+
+
 def test_what_is_not_stated_must_be_said(tmp_path):
     path = made_files.mtw(tmp_path / "MT_1.txt", rate="unknown")
     with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate"):

@@ -48,7 +48,11 @@ def measured(path: Path) -> Measured:
     """
     if not path.is_dir():
         return _one(path)
-    return joined([_one(file) for file in files_in(path, ENDINGS, recognises)], path.name)
+    whole = joined([_one(file) for file in files_in(path, ENDINGS, recognises)], path.name)
+    if all(part.gyr_unit for part in whole.parts):
+        return whole
+    # One export, one unit: where one sensor's is in doubt, all are.
+    return whole._replace(parts=[part._replace(gyr_unit=None) for part in whole.parts])
 
 
 def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:

@@ -239,31 +239,28 @@ def _unit(part: Part, where: str, name: str, notes: list[str]) -> str:
 def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: list[str]) -> dict[str, str]:
     """Placement → the gyroscope's unit: said, stated, or told by its size, which tells only when somebody walks.
 
-    A sensor that turns too little to tell has the unit that the others of its file were told to have.
+    One system writes one unit: that of the sensor that turns fastest is that of all for which none is stated.
     """
-    units: dict[str, str] = {}
-    fastest: dict[str, float] = {}
+    units = {where: said or part.gyr_unit for where, part in placed.items()}
+    reached = {}
     for where, part in placed.items():
-        unit = said or part.gyr_unit
-        if unit is None:
+        if units[where] is None:
             size = np.linalg.norm(np.asarray(part.gyr, np.float64), axis=1)
             size = size[np.isfinite(size)]
-            reached = fastest[where] = float(np.percentile(size, 99.0)) if len(size) else float("nan")
-            unit = "deg/s" if reached > FAST else "rad/s" if 1.0 < reached < SLOW else None
-        if unit is not None:
-            units[where] = unit
-    told = {units[where] for where in fastest if where in units}
-    for where, reached in fastest.items():
-        if len(told) > 1 or not told:
-            raise RecordingError(
-                f"{name}: the file states no unit of angular rate, and the size of {where} does not tell (99th "
-                f"percentile {reached:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
-                f"{FASTEST:g} rad/s occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
-            )
-        why = "as the other sensors" if where not in units else f"for the 99th percentile is {reached:.4g}"
-        units.setdefault(where, next(iter(told)))
-        notes.append(f"{where}: the file states no unit of angular rate; {units[where]}, {why}")
-    return {where: units[where] for where in placed}
+            reached[where] = float(np.percentile(size, 99.0)) if len(size) else 0.0
+    fastest = max(reached, key=lambda where: reached[where], default="")
+    most = reached.get(fastest, 0.0)
+    unit = "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
+    if reached and unit is None:
+        raise RecordingError(
+            f"{name}: the file states no unit of angular rate, and the size of {fastest} does not tell (99th "
+            f"percentile {most:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
+            f"{FASTEST:g} rad/s occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
+        )
+    for where in reached:
+        why = f"for the 99th percentile is {most:.4g}" if where == fastest else f"as {fastest}"
+        notes.append(f"{where}: the file states no unit of angular rate; {unit}, {why}")
+    return {where: known or str(unit) for where, known in units.items()}
 
 
 def _range_unit(values: Any, name: str, notes: list[str]) -> str:
