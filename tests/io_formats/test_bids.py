@@ -183,7 +183,8 @@ def test_malformed_files_are_named_with_what_was_expected(tmp_path):
 def test_tracked_points_of_a_published_data_set_are_placed():
     """Those of `motion_systemvalidation` among the examples of BIDS (Noraxon, 16 sensors)."""
     placed = {
-        "head": "head", "sternum": "sternum", "pelvis": "pelvis", "leftThigh": "thigh_left", "rightShank": "shank_right",
-        "leftFoot": "foot_left", "rightAnkle": "ankle_right", "leftUpperArm": None, "rightForeArm": None, "pocket": None,
+        "head": "head", "sternum": "sternum", "pelvis": "pelvis", "leftThigh": "thigh_left", "leftFoot": "foot_left",
+        "rightShank": "shank_right", "rightAnkle": "ankle_right", "leftUpperArm": None, "rightForeArm": None,
+        "pocket": None,
     }  # fmt: skip
     assert {point: placement_of(point) for point in placed} == placed
