@@ -1,16 +1,18 @@
-"""Rate and accelerometer of shanks at 50 Hz, and schedules of when their gyroscope is measured: two public sets.
+"""Rate and accelerometer of shanks at 50 Hz, and when their gyroscope is on: three public sets, simulated people.
 
 Axes, the sensor's true place and its gyroscope's bias are told from the whole recording, as a calibration would tell
 them. Recordings above 100 Hz are low-passed causally at 20 Hz first. Forward swing is positive here.
 """
 
+import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from _ankle_legs import rested
 
-from jgait import butterworth, datasets, power, shank_axes
+from jgait import butterworth, datasets, power, protocols, shank_axes
 from jgait.types import SIDES, Imu, Recording, as_float
 
 RATE_HZ = 50.0
@@ -63,36 +65,62 @@ class Case(NamedTuple):
 
 
 def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:
-    """Every leg of a data set, while it walks: `tripod` on the belt at its speed, `walking5m` first stride to last.
+    """Every leg of a data set, while it walks: `tripod` on the belt at its speed, the others first stride to last.
 
     Args:
-        name: "tripod" or "walking5m".
+        name: "tripod", "walking5m" or "neura_sparse" (its sensors on mid shank and ankle, each as a leg).
         only: names of recordings; None: all.
 
     Raises:
         DatasetUnavailable: if the set is not there.
     """
+    return [leg for walk in only or datasets.names(name) for leg in _of_walk(name, walk)]
+
+
+@functools.cache
+def _of_walk(name: str, walk: str) -> tuple[Leg, ...]:
+    """The legs of one recording; read and turned once, though several parts of the experiment ask for them."""
+    found: list[Leg] = []
+    for one in datasets.load(name, (walk,)):
+        window = (one.info.get("windows") or {}).get("steady" if name == "tripod" else "whole")
+        for side in SIDES if window is not None else ():
+            tuned = walk.endswith("/PWS") or walk.startswith("Young/")
+            found += _of_side(one.recording, side, window, tuned, ankle=name == "neura_sparse")
+    return tuple(found)
+
+
+def _of_side(recording: Recording, side: str, window: tuple[int, int], tuned: bool, *, ankle: bool) -> list[Leg]:
+    """The shank's sensor, and that at the ankle if it is asked for."""
+    if f"shank_{side}" not in recording.sensors:
+        return []
+    place, _ = shank_axes.worn_on_shank(recording, side)
+    other = f"thigh_{side}" if place == f"shank_{side}" else f"shank_{side}"
+    thigh = sagittal(recording, other) if other in recording.sensors else None
+    first, last = (int(edge / recording.sampling_rate_hz * RATE_HZ) for edge in window)
     found = []
-    for walk in datasets.load(name, only):
-        recording = walk.recording
-        window = (walk.info.get("windows") or {}).get("steady" if name == "tripod" else "whole")
-        for side in SIDES:
-            if window is None or f"shank_{side}" not in recording.sensors:
-                continue
-            place, _ = shank_axes.worn_on_shank(recording, side)
-            signals = _sagittal(recording, place)
-            if signals is None:
-                continue
-            other = f"thigh_{side}" if place == f"shank_{side}" else f"shank_{side}"
-            thigh = _sagittal(recording, other) if other in recording.sensors else None
-            tuned = recording.name.endswith("/PWS") or recording.name.startswith("Young/")
-            first, last = (int(edge / recording.sampling_rate_hz * RATE_HZ) for edge in window)
+    for where in (place, f"ankle_{side}") if ankle else (place,):
+        signals = sagittal(recording, where) if where in recording.sensors else None
+        if signals is not None:
             whole = Leg(recording.name, side, tuned, signals[:, 0], signals[:, 1:], thigh)
             found.append(whole.part(first, last - first))
     return found
 
 
-def _sagittal(recording: Recording, place: str) -> np.ndarray | None:
+@functools.cache
+def simulated(people: int) -> tuple[Leg, ...]:
+    """Right legs of simulated people after the paper's protocol, from their first swing on."""
+    found = []
+    for walk in protocols.udaya_shankar(jax.random.key(9), people):
+        signals = sagittal(walk.recording, "shank_right")
+        thigh = sagittal(walk.recording, "thigh_right")
+        if signals is not None:
+            first = int(np.argmax(np.abs(signals[:, 0]) > SWINGING))
+            whole = Leg(walk.recording.name, "right", False, signals[:, 0], signals[:, 1:], thigh)
+            found.append(whole.part(first, round(14.0 * RATE_HZ)))
+    return tuple(found)
+
+
+def sagittal(recording: Recording, place: str) -> np.ndarray | None:
     """(T, 4) rate and specific force in the segment's axes at `RATE_HZ`; None if the leg does not walk."""
     rate_hz = recording.sampling_rate_hz
     imu: Imu = rested(recording.sensors[place], rate_hz)
@@ -101,7 +129,9 @@ def _sagittal(recording: Recording, place: str) -> np.ndarray | None:
         return None
     told: Any = np.column_stack([-(as_float(imu.gyr) @ axes.rows[1]), as_float(imu.acc) @ axes.rows.T])
     if rate_hz > 2.01 * RATE_HZ:
-        told = np.asarray(butterworth.low_pass(jnp.asarray(told), CUTOFF_HZ, rate_hz))
+        # Padded to one of few lengths, for each of which it is compiled; what is causal does not feel it.
+        longer = np.pad(told, ((0, -len(told) % 2048), (0, 0)), "edge")
+        told = np.asarray(butterworth.low_pass(jnp.asarray(longer), CUTOFF_HZ, rate_hz))[: len(told)]
     time = np.arange(len(told)) / rate_hz
     samples = np.arange(0.0, time[-1], 1.0 / RATE_HZ)
     return np.stack([np.interp(samples, time, column) for column in told.T], axis=1)

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from _duty_legs import RATE_HZ, Case, Leg, legs, overground_case, papers_case, warm_case
+from _duty_legs import RATE_HZ, Case, Leg, legs, overground_case, papers_case, simulated, warm_case
 from common import Row, show
 
 from jgait import datasets, gap_filling, power
@@ -27,6 +27,9 @@ ERRORS = {90: 0.1259, 80: 0.1871, 70: 0.2195, 60: 0.2266, 50: 0.2509, 40: 0.2667
 QUICK_DUTIES = (50, 40, 10)
 QUICK_FILLERS = ("replicate", "neighbours", "blend")
 WITH_THIGH = ("ridge", "ridge_later", "blend", "neighbours")
+PAPERS = ("tripod", "simulation")
+"""What follows the paper's protocol."""
+
 HEADLINES = {
     "tripod": ("neighbours", (40, 10)),
     "tripod_warm": ("neighbours", (40, 10)),
@@ -37,6 +40,9 @@ TITLES = {
     "tripod_warm": "tripod, 84 s (quick: 28 s) in units of a stride, 5 s of warm-up",
     "walking5m": "walking5m, after two strides, units of half a stride, with the thigh",
     "walking5m_alone": "walking5m, after two strides, units of half a stride, shank alone",
+    "neura_sparse": "neura_sparse, sensors at shanks and ankles, after two strides, with the thigh",
+    "neura_sparse_alone": "neura_sparse, the same without the thigh",
+    "simulation": "simulated people, first 14 s in units of 1.4 s",
 }
 
 
@@ -98,7 +104,8 @@ def relative_errors(filler: Filler, cases: list[Case], *, least_strides: float, 
 def protocols(quick: bool) -> dict[str, tuple[list[Leg], Callable[[Leg, int], Case]]]:
     """Protocol → legs, and how each is scheduled; of the sets that are here."""
     found: dict[str, tuple[list[Leg], Callable[[Leg, int], Case]]] = {}
-    for name in ("tripod", "walking5m"):
+    people = simulated(2 if quick else 4)
+    for name in ("tripod", "walking5m", "neura_sparse"):
         if not datasets.available(name):
             print(datasets.unavailable_reason(name))
             continue
@@ -110,13 +117,13 @@ def protocols(quick: bool) -> dict[str, tuple[list[Leg], Callable[[Leg, int], Ca
             found |= {"tripod": (here, papers_case), "tripod_warm": (here, warm)}
         else:
             here = [leg for leg in here if leg.thigh is not None]
-            found |= {"walking5m": (here, overground_case), "walking5m_alone": (here, overground_case)}
-    return found
+            found |= {name: (here, overground_case), f"{name}_alone": (here, overground_case)}
+    return found | {"simulation": (list(people), papers_case)}
 
 
 def split_of(protocol: str, quick: bool = False) -> str:
     """What was judged, and what the tuning saw, in words."""
-    seen = "tuned on PWS of it" if protocol.startswith("tripod") else "tuned on Young of it"
+    seen = {"tripod": "tuned on PWS of it", "walking5m": "tuned on Young of it"}.get(protocol.split("_")[0], "untuned")
     return f"every leg, {seen}" + ("; a small part, quick" if quick else "")
 
 
@@ -150,22 +157,23 @@ def fillings(quick: bool) -> list[Row]:
         of = {duty: [schedule(leg, duty) for leg in here] for duty in duties}
         saved = {duty: float(np.mean([100.0 * case.saving for case in of[duty]])) for duty in duties}
         lines: list[list[Any]] = [["energy saved [%]", *(saved[d] for d in duties)]]
-        if protocol in ("tripod_warm", "walking5m"):
+        if protocol in ("tripod_warm", "walking5m", "neura_sparse"):
             words = "power model; the units of these walks, in their scheduled part"
             rows += [Row(f"{protocol}_energy_saving_duty{d}", saved[d], "%", None, len(here), words) for d in duties]
-        if protocol == "tripod":
+        if protocol in PAPERS:
             lines.append(["paper", *(ERRORS[d] for d in duties)])
         for name, filler in used.items():
-            if protocol == "walking5m_alone" and name not in WITH_THIGH:
+            if protocol.endswith("_alone") and name not in WITH_THIGH:
                 continue  # the others see no thigh anyway
             line: list[Any] = [name]
             spread: list[Any] = ["  ±"]
             for duty in duties:
                 # At a duty of 10 % the paper has measured one unit, a stride, before the first gap.
                 errors = relative_errors(
-                    filler, of[duty], least_strides=1.0 if protocol == "tripod" else 2.0, thigh=protocol == "walking5m"
-                )
-                paper = ERRORS[duty] if protocol == "tripod" else None
+                    filler, of[duty], least_strides=1.0 if protocol in PAPERS else 2.0,
+                    thigh=protocol in ("walking5m", "neura_sparse"),
+                )  # fmt: skip
+                paper = ERRORS[duty] if protocol in PAPERS else None
                 value = float(np.median(errors))
                 line.append(value)
                 spread.append(float(np.std(errors)))
