@@ -183,7 +183,7 @@ def write_table(
 def _put(table: "pd.DataFrame", target: Path, *, parquet: bool) -> None:
     """Write beside the file, then take its place."""
     if parquet:
-        library("pyarrow", "Parquet files")
+        library("pyarrow", "or writing Parquet files")
     with replaced(target) as part:
         if parquet:
             table.to_parquet(part, engine="pyarrow", index=False)

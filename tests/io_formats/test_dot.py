@@ -41,6 +41,20 @@ def test_a_folder_of_sensors_on_one_clock(tmp_path):
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr, gyr[:-5], atol=1e-9)
 
 
+def test_sensors_with_the_same_tag_are_called_by_their_files(tmp_path):
+    for name in ("one.csv", "two.csv"):
+        made_files.dot(tmp_path / name, tag="Xsens DOT")
+    made_files.check(io.read(tmp_path, placements={"one": "foot_right", "two": "foot_left"}))
+    with pytest.raises(RecordingError, match=r"its sensors are \['one', 'two'\]"):
+        io.read(tmp_path)
+
+
+def test_a_file_in_windows_own_code(tmp_path):
+    path = made_files.dot(tmp_path / "a.csv")
+    path.write_bytes(path.read_text(encoding="utf-8").encode("cp1252"))
+    made_files.check(io.read(path))
+
+
 def test_clocks_that_were_not_synchronised_are_not_joined(tmp_path):
     made_files.dot(tmp_path / "1.csv")
     made_files.dot(tmp_path / "2.csv", tag="Left foot", synced="Unsynced")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.io.clock import LONGEST_STEP_S, TIME_UNITS
-from jgait.io.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
+from jgait.io.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.files import check_file, library
 from jgait.io.formats.parts import Measured, Part, joined, placement_of
 from jgait.io.formats.text import check_lengths
@@ -59,7 +59,8 @@ def measured(path: Path) -> Measured:
     check_file(path, EXPECTED)
     table = _table(path)
     if table.columns.nlevels == 2:
-        parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, "sensor", path.name)
+        frame = "body" if set(BODY_GAITMAP) <= set(table.columns.unique(1)) else "sensor"
+        parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, frame, path.name)
         return Measured(parts, path.stem, notes=("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them",))
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
@@ -95,7 +96,7 @@ def _table(path: Path) -> "pd.DataFrame":
     import pandas as pd
 
     if path.suffix.lower() in PARQUET:
-        library("pyarrow", "Parquet files")
+        library("pyarrow", "or writing Parquet files")
         try:
             return pd.read_parquet(path)
         except (ValueError, OSError) as error:
@@ -105,10 +106,10 @@ def _table(path: Path) -> "pd.DataFrame":
     rows = [row for row, line in enumerate(lines) if line.strip()]
     separator = max((",", ";", "\t"), key=lines[rows[0]].count)
     second = [cell.strip().lower() for cell in lines[rows[1]].split(separator)]
-    if {"gyr_x", "gyr_y", "gyr_z"} <= set(second):
+    if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
         decimal = "," if separator != "," and "," in lines[rows[-1]] else "."
         # gaitmap's own files begin a row with its number, below the names of the levels.
-        numbered = None if second[0] in CHANNELS else 0
+        numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
         table = pd.read_csv(
             path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered, encoding="utf-8-sig"
         )

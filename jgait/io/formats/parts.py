@@ -73,14 +73,19 @@ class Measured(NamedTuple):
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
-    """Files of one walk as one, each note once.
+    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
 
     Args:
         every: what each file says, at least one.
         name: of the recording; None: the first file's.
     """
     notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
-    parts = [part for one in every for part in one.parts]
+    labels = [part.label for one in every for part in one.parts]
+    parts = [
+        part._replace(label=one.name) if len(one.parts) == 1 and labels.count(part.label) > 1 else part
+        for one in every
+        for part in one.parts
+    ]
     return Measured(parts, name or every[0].name, every[0].subject, notes)
 
 

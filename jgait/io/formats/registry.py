@@ -39,11 +39,18 @@ FORMATS: dict[str, Format] = {
     "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
     "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
     "shimmer": Format(
-        "shimmer", "Shimmer Consensys CSV", "*.csv", "units, time; placement perhaps as the device's name"
+        "shimmer", "Shimmer Consensys CSV", "*.csv, or a folder", "units, time; placement perhaps as the device's name"
     ),
     "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
-    "physilog": Format("physilog", "Gait Up Physilog CSV", "*.csv", "units, time; no placement"),
-    "csv": Format("columns", "table with columns named as here", "*.csv, *.parquet", "placements; units are told"),
+    "physilog": Format(
+        "physilog", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder", "units, time; no placement"
+    ),
+    "csv": Format(
+        "columns",
+        "a table with jgait's, gaitmap's or mobgap's columns",
+        "*.csv, *.parquet, or a folder",
+        "placements; gaitmap's and mobgap's units, else they are told",
+    ),
 }
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
 

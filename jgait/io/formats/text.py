@@ -145,10 +145,7 @@ def read_rows(
     import pandas as pd
 
     check_file(path, expected)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path.name} is no text file in UTF-8 ({error}); expected {expected}") from error
+    lines = _lines(path, expected)
     found = _header(lines, is_header)
     if found is None:
         begins = next((line for line in lines if line.strip()), "").strip()[:80]
@@ -174,6 +171,17 @@ def read_rows(
         skipinitialspace=True, skip_blank_lines=False, low_memory=False,
     )  # fmt: skip
     return Rows(path.name, tuple(lines[:row]), header, first + 1, units, cells)
+
+
+def _lines(path: Path, expected: str) -> list[str]:
+    """Lines of a text in UTF-8, or else in Windows' Western code, in which some systems write a degree or a ©."""
+    raw = path.read_bytes()
+    if b"\0" in raw:
+        raise RecordingError(f"{path.name} is no text file (it holds bytes 0); expected {expected}")
+    try:
+        return raw.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace").splitlines()
 
 
 def _header(lines: Sequence[str], is_header: Callable[[tuple[str, ...]], bool]) -> tuple[int, str] | None:
