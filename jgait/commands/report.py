@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from jgait.commands import cohort as cohorts
+from jgait.commands.cohort import LENGTHS
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, refuse_others, start_of
 from jgait.types import Estimate, Recording
@@ -142,8 +143,7 @@ def _of_one(
             walked, reference = found[0].recording, found[0].reference
             known = cohorts.body(found[0], measures_of(pipeline))
         else:
-            assert_file = Path(str(file))
-            walked = io.read_csv(assert_file, sampling_rate_hz=files.pop("rate"), **files)
+            walked = io.read_csv(Path(str(file)), sampling_rate_hz=files.pop("rate"), **files)
     except (datasets.DatasetUnavailable, ValueError, OSError) as error:
         stop(f"{file or dataset}: {error}")
     p, missing = own_params(pipeline, start, {**known, **body_of(estimator, measures)}, measures, params is not None)
@@ -165,8 +165,10 @@ def _of_one(
 
 def body_of(estimator: str, given: dict[str, Any]) -> dict[str, Any]:
     """A person's measures by the names that the estimator knows, of options that were given."""
+    legs = {"thigh_length": "--thigh", "shank_length": "--shank"}
     names = {
-        "leg_ekf": {"thigh_length": "--thigh", "shank_length": "--shank"},
+        "leg_ekf": legs,
+        "duty_cycled_gyro": legs,
         "foot_ins": {"pivot_height": "--pivot"},
         "stride_width_ekf": {"range_offset": "--range-offset"},
         "ankle_stride": {"lever_ankle": "--lever", "lever_shank": "--lever"},
@@ -198,7 +200,7 @@ def own_params(
     if told:
         return p, []
     asked = {
-        "leg_ekf": ("thigh_length", "shank_length"), "stride_width_ekf": ("range_offset",),
+        "leg_ekf": LENGTHS, "duty_cycled_gyro": LENGTHS, "stride_width_ekf": ("range_offset",),
         "ankle_stride": ("lever_ankle",), "waist_ofdri": ("height", "sensor_height"),
     }  # fmt: skip
     lacking = [name for name in asked.get(pipeline.name, ()) if name not in body]

@@ -17,6 +17,7 @@ ABOUT = {
     "stride_width_ekf": "Paths, strides and stride widths from sensors on both shoes",
     "two_feet": "Paths, strides and stride widths from sensors on both shoes",
     "ankle_stride": "Strides from a sensor at the ankle or on the shank",
+    "duty_cycled_gyro": "Hip and knee angles from sensors whose gyroscopes sleep part of the time",
     "waist_ofdri": "Contacts, strides and distance from one sensor at the waist",
 }
 """Estimator → what it gives, in words."""
@@ -59,7 +60,8 @@ def of_estimate(
     ]  # fmt: skip
     raised = flags.ordered(raised)
     total = distance_of(estimate)
-    sections = [*_strides(of, rows), Section("Figures", "", pictures(estimate, reference)), *_all_strides(of)]
+    drawn = pictures(estimate, reference)
+    sections = [*_strides(of, rows), *([Section("Figures", "", drawn)] if drawn else []), *_all_strides(of)]
     if reference is not None:
         sections.insert(1, _against(estimate, recording, reference))
     sections.append(_details(estimate, recording, made))
