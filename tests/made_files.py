@@ -74,7 +74,8 @@ def shimmer(path, *, devices=("Shimmer_8665",), kind="CAL", units=True, wide=Non
         stated += ["mV", *["deg/s"] * 3]
         columns += [np.full(len(time), 4000.0), *np.rad2deg(gyr).T]
     head = [f'"sep={separator}"'.replace("\t", "\\t"), separator.join(names)]
-    return put(path, [*head, *([separator.join(stated)] if units else []), *lines_of(separator, *columns)])
+    rows = [*head[1:], *([separator.join(stated)] if units else []), *lines_of(separator, *columns)]
+    return put(path, [head[0], *(row + separator for row in rows)])
 
 
 XIO = [*(f"Gyroscope {a} (deg/s)" for a in "XYZ"), *(f"Accelerometer {a} (g)" for a in "XYZ")]
