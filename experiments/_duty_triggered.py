@@ -3,8 +3,9 @@
 Both fill with `neighbours`. Two strides are measured first; energy, as a part of always on, and errors count from
 then on. A group's error is the root mean square of its legs' relative errors, its energy their mean. A fixed schedule
 knows nothing of the gait's phase, so each is begun at several places of its period. The best of them is found on the
-very legs that are judged, which favours it; the policy's parameters but the threshold are the settings that were best
-on average over some hundreds of random draws, on Young of `walking5m`. Both curves are interpolated at one error.
+very legs that are judged, which favours it; the policy's parameters but the threshold were found by some hundreds of
+random steps that lowered its energy at errors about the judged one, on Young of `walking5m`. Both curves are
+interpolated at one error.
 """
 
 import functools
@@ -25,7 +26,7 @@ BELT_LEVEL = 0.05
 """Where 0.10 is reached without the gyroscope, a level that has to be paid for."""
 
 BELT_S = 42.0
-THRESHOLDS = (0.05, 0.08, 0.11, 0.13, 0.15, 0.17, 0.185, 0.2, 0.22, 0.24, 0.28)
+THRESHOLDS = (0.07, 0.09, 0.11, 0.13, 0.15, 0.16, 0.17, 0.175, 0.18, 0.19, 0.21)
 PERIODS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 """Periods of the fixed schedules, in strides: a walk of five metres is over after some four."""
 
