@@ -15,9 +15,10 @@ from _duty_legs import RATE_HZ, SWINGING, sagittal, stride_samples
 from common import Row, show
 
 from jgait import datasets, power, protocols, shank_axes
-from jgait.estimators import duty_cycled_gyro, leg_ekf
-from jgait.estimators.duty_gyro_params import DutyCycledOptions
-from jgait.estimators.duty_params import LITERAL
+from jgait.estimators import duty_cycled_gyro, duty_model, duty_params, leg_ekf
+from jgait.estimators.duty_gyro_params import filter_params, one_side
+from jgait.estimators.duty_params import LITERAL, DutyInputs, PlanarSegment
+from jgait.gap_filling import Thigh, fillers
 from jgait.gap_recording import fill_recording
 from jgait.power_tradeoff import Plan, Shank, masks_of
 from jgait.types import SIDES, Estimate, Recording, as_float, leg_of
@@ -111,11 +112,6 @@ def _rms_deg(values: Any) -> float:
     return float(np.degrees(_rms(values)))
 
 
-def _angle(found: Estimate, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """The shank's angle [rad] and its filtered rate [rad/s]."""
-    return tuple(as_float(found.diagnostics[f"{name}_shank_{side}"]) for name in ("angle", "rate"))  # type: ignore
-
-
 def _true_angle(one: Walked, side: str) -> np.ndarray:
     """The shank's angle from the vertical at the recording's samples, relative to standing [rad]."""
     leg = leg_of(one.truth.legs, side)
@@ -124,11 +120,47 @@ def _true_angle(one: Walked, side: str) -> np.ndarray:
     return np.interp(time, as_float(one.truth.time), angle - angle[slice(*one.standing)].mean())
 
 
-def _estimates(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarray] | None) -> Estimate:
-    """The filters over measured and filled rates alike; one program for all ways of filling."""
-    options = DutyCycledOptions(filters=LITERAL) if literal else DutyCycledOptions()
-    told = one.recording if on is None else fill_recording(one.recording, gyro_on=on, filler=filler)
-    return duty_cycled_gyro.estimate(duty_cycled_gyro.params_of(options), told, options)
+_RUN = jax.jit(duty_model.run, static_argnames="options")
+
+
+class _Shin(NamedTuple):
+    """Angle [rad] and rate [rad/s] of the shank behind the filters, each (T,), and the standing samples."""
+
+    angle: np.ndarray
+    rate: np.ndarray
+    standing: tuple[int, int]
+
+
+def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarray] | None) -> dict[str, _Shin]:
+    """Side → the shin behind the filters; filled rates with their own noise, as `duty_cycled_gyro` has it."""
+    usual = duty_cycled_gyro.DutyCycledParams()
+    prepared = duty_cycled_gyro.prepared(one.recording)
+    inputs, rate_hz = prepared.inputs, one.recording.sampling_rate_hz
+    found = {}
+    for number, side in enumerate(SIDES):
+        leg = getattr(inputs, side)
+        if leg is None:
+            continue
+        thigh, shank = leg
+        zero, always = np.zeros_like(inputs.time), np.ones(len(inputs.time), bool)
+        rate, excess = shank.gyr - shank.bias, zero
+        if on is not None:
+            usable = shank.on & on[f"shank_{side}"]
+            above = Thigh(thigh.gyr - thigh.bias, thigh.acc)
+            way = fillers()[filler]
+            told = way.fill(np.where(usable, rate, 0.0), usable, shank.acc, rate_hz, way.params, thigh=above)
+            rate, excess = np.asarray(told.rate), np.where(usable, 0.0, usual.filled_noise**2 * rate_hz)
+        segments = [
+            PlanarSegment(values, part.acc[:, 0], part.acc[:, 1], always, always, more, part.bias, part.variance)
+            for part, values, more in ((thigh, thigh.gyr, zero), (shank, rate + shank.bias, excess))
+        ]
+        told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
+        padded = duty_params.pad(told, 1024 * (1 + len(inputs.time) // 1024))
+        p = filter_params(one_side(usual, number))
+        got = _RUN(p, padded, options=LITERAL if literal else duty_params.DEFAULT).shank
+        part = slice(0, len(inputs.time))
+        found[side] = _Shin(np.asarray(got.angle)[part], np.asarray(got.rate)[part], prepared.standing)
+    return found
 
 
 class _Errors(NamedTuple):
@@ -139,15 +171,13 @@ class _Errors(NamedTuple):
     truth: float
 
 
-def _errors(one: Walked, found: Estimate, always: Estimate) -> list[_Errors]:
+def _errors(one: Walked, found: dict[str, _Shin], always: dict[str, _Shin]) -> list[_Errors]:
     rows = []
     for side, begin in one.begin.items():
-        part = slice(begin, one.end)
-        (angle, rate), (usual, usual_rate) = _angle(found, side), _angle(always, side)
-        start = slice(*found.diagnostics["standing"])
-        away = (angle - angle[start].mean() - _true_angle(one, side))[part]
-        rate_error = _rms((rate - usual_rate)[part]) / _rms(usual_rate[part])
-        rows.append(_Errors(_rms_deg((angle - usual)[part]), rate_error, _rms_deg(away)))
+        part, own, usual = slice(begin, one.end), found[side], always[side]
+        away = (own.angle - own.angle[slice(*own.standing)].mean() - _true_angle(one, side))[part]
+        rate_error = _rms((own.rate - usual.rate)[part]) / _rms(usual.rate[part])
+        rows.append(_Errors(_rms_deg((own.angle - usual.angle)[part]), rate_error, _rms_deg(away)))
     return rows
 
 
@@ -158,8 +188,8 @@ def behind(quick: bool) -> list[Row]:
     if datasets.available("neura_sparse") and not quick:
         sets["neura_sparse"] = tuple(neura())
     for name, walks in sets.items():
-        always = [_estimates(one, "neighbours", False, None) for one in walks]
-        literal = [_estimates(one, "neighbours", True, None) for one in walks]
+        always = [_filtered(one, "neighbours", False, None) for one in walks]
+        literal = [_filtered(one, "neighbours", True, None) for one in walks]
         cases: list[tuple[str, str, int | None, bool]] = [("always_on", "neighbours", None, False)]
         used, duties = (QUICK_FILLERS, DUTIES[:1]) if quick else (FILLERS, DUTIES)
         cases += [(f"{filler}_duty{duty}", filler, duty, False) for filler in used for duty in duties]
@@ -170,7 +200,7 @@ def behind(quick: bool) -> list[Row]:
             for one, usual, own in zip(walks, always, literal, strict=True):
                 told = own if printed else usual
                 if duty is not None:
-                    told = _estimates(one, filler, printed, one.on(duty))
+                    told = _filtered(one, filler, printed, one.on(duty))
                 found += _errors(one, told, usual)
             middle = [float(np.median(column)) for column in zip(*found, strict=True)]
             lines.append([label, *middle])

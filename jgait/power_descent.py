@@ -179,7 +179,12 @@ def descents(
         Plan(bounds, bounds), fixed._replace(**{name: getattr(gap_neighbours.TRANSFORMS, name) for name in fit})
     )
     base = Free(Plan(jnp.ones_like(prices[0]), jnp.ones_like(prices[0])), neighbours)
-    optimiser = optax.adam(optax.cosine_decay_schedule(settings.rate, settings.steps))
+
+    def pace(number: Any) -> Array:
+        share = jnp.asarray(number).astype(prices.dtype) / settings.steps
+        return 0.5 * settings.rate * (1.0 + jnp.cos(jnp.pi * share))
+
+    optimiser = optax.adam(pace)
     looked = min(settings.batch, count)
 
     def natural(free: Any) -> Free:
@@ -198,7 +203,8 @@ def descents(
             softness = SHARPNESS[0] * (SHARPNESS[1] / SHARPNESS[0]) ** (number / settings.steps)
             slope = jax.grad(lambda f: _objective(natural(f), price, some, phases, softness, dt, settings, sensor))(now)
             slope = jax.tree.map(lambda g: jnp.where(jnp.isfinite(g), g, 0.0), slope)
-            change, state = optimiser.update(slope, state, now)
+            with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
+                change, state = optimiser.update(slope, state, now)
             return (optax.apply_updates(now, change), state), None
 
         steps = (jnp.arange(settings.steps, dtype=prices.dtype), jax.random.split(key, settings.steps))

@@ -54,7 +54,7 @@ def test_the_gradient_of_the_soft_error_is_that_of_differences():
     stack = power_tradeoff._stacked([one])
     far = power_descent.distances(stack.apart[0], NEIGHBOURS, 1.0 / RATE_HZ)
     rows = jnp.arange(0, COUNT, 3)
-    time = (jnp.arange(COUNT) - BEGIN) / RATE_HZ
+    time = jnp.asarray((np.arange(COUNT) - BEGIN) / RATE_HZ)
 
     @jax.jit
     def error(duty, period):
