@@ -73,9 +73,8 @@ def _once(name: str, labelled: set[str]) -> str | None:
 def _shade(axis: Any, time: np.ndarray, asleep: np.ndarray, labelled: set[str]) -> None:
     """Grey ground from the first sample of each sleep to the first after it."""
     for start, end in true_runs(asleep):
-        axis.axvspan(
-            time[start], time[min(end, time.size - 1)], label=_once("gyroscope asleep, or sample lost", labelled), **ASLEEP
-        )  # fmt: skip
+        label = _once("gyroscope asleep, or sample lost", labelled)
+        axis.axvspan(time[start], time[min(end, time.size - 1)], label=label, **ASLEEP)
 
 
 def _rates(axis: Any, estimate: Estimate, name: str, part: slice, labelled: set[str]) -> None:

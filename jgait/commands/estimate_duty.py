@@ -62,8 +62,8 @@ def gyroscopes(params: Any, options: Any, thigh: float | None, shank: float | No
     angles = tuple(f"{joint} {side}\n[°]" for side in SIDES for joint in ("hip", "knee"))
     columns = ("recording", "measured\n[%]", "held\n[%]", "saved\n[%]", "life\n[×]", *angles)
     caption = (
-        f"gaps filled by {options.filler}; held: too little was measured before to fill from; saved: of the energy of the "
-        "gyroscopes; life: of a battery that feeds all sensors, over always on; angles: smallest … largest flexion"
+        f"gaps filled by {options.filler}; held: too little was measured before to fill from; saved: of the energy of "
+        "the gyroscopes; life: of a battery that feeds all sensors, over always on; angles: smallest … largest flexion"
     )
     return Show(run, _write, _rows, table_of("duty_cycled_gyro", columns), caption, totals)
 

@@ -195,7 +195,7 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
                 f"how_{name}": seen.filled.how,
                 f"log_likelihood_{name}": jnp.sum(one.log_likelihood),
                 f"nis_{name}": jnp.sum(one.nis) / jnp.maximum(jnp.sum(one.count), 1.0),
-                "latency": seen.filled.latency / options.sampling_rate_hz,
+                "latency": seen.filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
             }
             valid = valid & one.valid
     legs = Legs(*(None if leg is None else leg.trajectory for leg in results))

@@ -1,0 +1,342 @@
+"""Leg angles while gyroscopes sleep: the truth, what is hidden, flags, energies, bad input, and what every one owes."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import estimators, power, protocols, simulate
+from jgait.estimators import duty_cycled_gyro, leg_ekf
+from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, TRANSFORMS, DutyCycledOptions, DutyCycledParams
+from jgait.estimators.duty_gyro_params import pad
+from jgait.gap_filling import FILLED, HELD, MEASURED
+from jgait.gap_recording import fill_recording, gyroscope_masks
+from jgait.params import names
+from jgait.power import Schedule
+from jgait.sensors import IDEAL
+from jgait.types import SIDES, RecordingError
+
+RATE = 50.0
+WARM = 6.0  # [s] some three of the five seconds of walking
+SLEEPY = DutyCycledOptions(schedule=Schedule(2, 2, 0.25), warm_up=WARM)
+P = DutyCycledParams()
+STOPS = 9.1
+"""[s] From then on the last step closes up, as nothing that was measured before does."""
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """Five seconds of walking with ideal sensors on both legs; as in test_duty_model, compiled once for both."""
+    walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDEAL)
+    return walked.recording, walked.truth.estimate
+
+
+@pytest.fixture(scope="module")
+def always(walk):
+    """One sample is hidden, so that the program is that of the others."""
+    hidden = np.arange(walk[0].sensors["shank_left"].time.size) != 5
+    return duty_cycled_gyro.estimate(P, walk[0], gyro_on={"shank_left": hidden})
+
+
+@pytest.fixture(scope="module")
+def sleepy(walk):
+    return duty_cycled_gyro.estimate(P, walk[0], SLEEPY)
+
+
+def rms_deg(ours, theirs, field, side, rows=slice(None)):
+    a, b = (np.asarray(getattr(getattr(e.legs, side), field)) for e in (ours, theirs))
+    b = np.interp(ours.time, theirs.time, b)
+    return float(np.degrees(np.sqrt(np.mean(((a - a[:50].mean()) - (b - b[:50].mean()))[rows] ** 2))))
+
+
+def test_clean_signals_give_the_true_angles(walk, always):
+    truth = walk[1]
+    for side in SIDES:
+        # The simulated leg stands with bent joints, which is 0 to the sensors, and its pelvis lists a little.
+        assert rms_deg(always, truth, "hip_angle", side) < 1.5
+        assert rms_deg(always, truth, "knee_angle", side) < 1.5
+    assert np.all(always.valid) and always.distance is None
+    assert always.diagnostics["gyro_energy_saved"] == 0.0 or always.diagnostics["gyro_energy_saved"] < 1e-3
+
+
+def test_gaps_are_filled_flagged_and_paid_for(walk, always, sleepy):
+    told = sleepy.diagnostics
+    used = gyroscope_masks(walk[0], ["shank_right", "thigh_right"], schedule=SLEEPY.schedule, warm_up=WARM)
+    on = used["shank_right"].usable
+    how = np.asarray(told["how_shank_right"])
+    np.testing.assert_array_equal(how == MEASURED, on)
+    assert np.all(how[~on] == FILLED) and np.all(told["how_thigh_right"] == MEASURED)
+    rate, true = (np.asarray(e.diagnostics["gyro_shank_right"]) for e in (sleepy, always))
+    # The axis is told by what was on, and differs a little from that of all samples.
+    np.testing.assert_allclose(rate[on], true[on], rtol=5e-3, atol=1e-5)
+    off = ~on & (np.abs(true) > 0.05)
+    assert np.sqrt(np.mean((rate - true)[off] ** 2) / np.mean(true[off] ** 2)) < 0.5
+    for side in SIDES:
+        assert rms_deg(sleepy, always, "hip_angle", side) < 0.1  # the thigh never slept
+        walking = sleepy.time < STOPS
+        # What a filled rate errs stays in the angle, of which its deviation tells.
+        assert rms_deg(sleepy, always, "knee_angle", side, walking) < 8.0
+        error = np.asarray(getattr(sleepy.legs, side).knee_angle) - np.asarray(getattr(always.legs, side).knee_angle)
+        late = walking & (sleepy.time > WARM)
+        stated = np.asarray(getattr(sleepy.stddev, side).knee_angle)
+        assert np.sqrt(np.mean((error[late] / stated[late]) ** 2)) < 2.5
+        wider = np.asarray(getattr(sleepy.stddev, side).knee_angle) / np.asarray(
+            getattr(always.stddev, side).knee_angle
+        )
+        assert wider[off].mean() > 1.1
+    # By hand: both shanks' gyroscopes slept, of four.
+    powered, seconds = used["shank_right"].powered, on.size / RATE
+    saved = 2.0 * (~powered).sum() / RATE / (4.0 * seconds)
+    assert told["gyro_energy_saved"] == pytest.approx(saved)
+    assert told["mean_power"] == pytest.approx(4.0 * (30e-3 * (1.0 - saved) + 2.7e-3))
+    assert told["battery_life"] == pytest.approx(3600.0 / told["mean_power"])
+    assert told["battery_life"] > told["battery_life_always_on"] == pytest.approx(3600.0 / (4.0 * 32.7e-3))
+    assert told["schedule_saving"] == pytest.approx(power.saving(SLEEPY.schedule))
+    assert told["latency"] == 0.0
+
+
+def test_what_a_schedule_hides_is_looked_at_nowhere(walk, sleepy):
+    recording, sensors = walk[0], {}
+    used = gyroscope_masks(recording, list(recording.sensors), schedule=SLEEPY.schedule, warm_up=WARM)
+    for name, imu in recording.sensors.items():
+        sensors[name] = imu._replace(gyr=np.where(used[name].usable[:, None], imu.gyr, 7.0))
+    spoilt = recording._replace(sensors=sensors)
+    again = duty_cycled_gyro.estimate(P, spoilt, SLEEPY)
+    jax.tree.map(np.testing.assert_array_equal, again.legs, sleepy.legs)
+    one, other = (fill_recording(r, schedule=SLEEPY.schedule, warm_up=WARM) for r in (recording, spoilt))
+    for name in sensors:
+        np.testing.assert_array_equal(one.sensors[name].gyr, other.sensors[name].gyr)
+
+
+def test_lost_samples_are_inert(walk):
+    recording, told = walk[0], []
+    imu = recording.sensors["shank_right"]
+    mask = np.ones(imu.time.size, bool)
+    mask[300:306] = False
+    for value in (0.0, 30.0):
+        lost = imu._replace(
+            gyr=np.where(mask[:, None], imu.gyr, value), acc=np.where(mask[:, None], imu.acc, value), mask=mask
+        )
+        changed = recording._replace(sensors={**recording.sensors, "shank_right": lost})
+        told.append(duty_cycled_gyro.estimate(P, changed))
+    jax.tree.map(np.testing.assert_array_equal, told[0].legs, told[1].legs)
+    assert np.all(told[0].diagnostics["how_shank_right"][300:306] != MEASURED)
+
+
+def test_before_two_strides_rates_are_held_and_flagged(walk, always):
+    early = duty_cycled_gyro.estimate(P, walk[0], SLEEPY._replace(warm_up=3.8))
+    how, rate = (np.asarray(early.diagnostics[f"{what}_shank_right"]) for what in ("how", "gyro"))
+    held = np.flatnonzero(how == HELD)
+    assert held.size and held[0] == np.flatnonzero(how != MEASURED)[0]
+    first = held[np.r_[True, np.diff(held) > 1]]
+    for start in first:
+        assert rate[start] == rate[start - 1]
+    assert any(
+        note.startswith("shank_right: fewer strides were measured before 3.80 s") for note in early.diagnostics["notes"]
+    )
+    # A leg does not turn over for it.
+    assert max(np.max(np.abs(leg.knee_angle)) for leg in early.legs) < 2.0
+    assert not any(note.startswith("shank_right: fewer") for note in always.diagnostics["notes"])
+
+
+def shank_only(recording):
+    return recording._replace(sensors={"shank_right": recording.sensors["shank_right"]})
+
+
+SAMPLES = 640
+MOVED = ("shank_place", "angle_noise", "velocity_closure", "swing_noise", "filled_noise")
+OF_FILLER = ("bandwidth", "history_s")
+TOLD = ("angle", "angle_stddev", "gyro")
+
+
+def with_values(values):
+    """The usual parameters with some of them changed."""
+    changed = {name: values[name] for name in MOVED}
+    return P._replace(filler=P.filler._replace(**{name: values[name] for name in OF_FILLER}), **changed)
+
+
+def usual():
+    own = {name: jnp.asarray(getattr(P, name), float) for name in MOVED}
+    return own | {name: jnp.asarray(getattr(P.filler, name), float) for name in OF_FILLER}
+
+
+class Alone:
+    """A shank alone, as arrays of one length, and programs over it that tests share."""
+
+    def __init__(self, recording):
+        made = duty_cycled_gyro.prepared(shank_only(recording), SLEEPY)
+        self.count, self.options = made.inputs.time.size, made.options
+        self.inputs = jax.tree.map(jnp.asarray, pad(made.inputs, SAMPLES))
+        self.mapped = jax.jit(jax.vmap(lambda inputs: duty_cycled_gyro.run(P, inputs, self.options)))
+        self.along = jax.jit(lambda at, way: jax.jvp(self.told, (at,), (way,)))
+
+    def told(self, values):
+        found = duty_cycled_gyro.run(with_values(values), self.inputs, self.options).diagnostics
+        size = found["angle_shank_right"] ** 2 + found["rate_shank_right"] ** 2
+        return jnp.mean(jnp.where(self.inputs.valid, size, 0.0)), {n: found[f"{n}_shank_right"] for n in TOLD}
+
+
+@pytest.fixture(scope="module")
+def alone(walk):
+    return Alone(walk[0])
+
+
+def test_a_shank_alone_mapped_and_padded_has_an_angle_and_no_joints(always, alone):
+    inputs, count = alone.inputs, alone.count
+    behind, leg = jnp.arange(SAMPLES) >= count, inputs.right.shank
+    spoilt = leg._replace(gyr=jnp.where(behind, 9.0, leg.gyr), acc=jnp.where(behind[:, None], -50.0, leg.acc))
+    other = inputs._replace(right=inputs.right._replace(shank=spoilt))
+    found = alone.mapped(jax.tree.map(lambda *v: jnp.stack(v), inputs, other))
+    assert found.legs.right is None and found.legs.left is None and found.stddev is None
+    assert not np.any(found.valid[:, count:]) and np.all(found.valid[:, :count])
+    angle = np.asarray(found.diagnostics["angle_shank_right"])[0, :count]
+    walking = always.time < STOPS
+    error = (angle - always.diagnostics["angle_shank_right"])[walking]
+    assert np.degrees(np.sqrt(np.mean(error**2))) < 8.0
+    plain = alone.along(usual(), jax.tree.map(jnp.zeros_like, usual()))[0][1]
+    for name in TOLD:
+        for row in np.asarray(found.diagnostics[f"{name}_shank_right"])[:, :count]:
+            np.testing.assert_allclose(row, plain[name][:count], rtol=1e-9, atol=1e-9)
+
+
+def test_single_precision_is_close(alone):
+    def single(tree):
+        arrays = jax.tree.map(jnp.asarray, tree)
+        return jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, arrays)
+
+    coarse = alone.mapped(jax.tree.map(lambda v: v[None], single(alone.inputs))).diagnostics["angle_shank_right"][0]
+    assert coarse.dtype == jnp.float32
+    fine = alone.along(usual(), jax.tree.map(jnp.zeros_like, usual()))[0][1]["angle"]
+    gap = np.asarray(coarse, np.float64) - np.asarray(fine)
+    # Neighbours that are as near as each other may weigh otherwise after rounding.
+    assert np.degrees(np.max(np.abs(gap[: alone.count]))) < 0.5
+
+
+def test_slopes_are_those_of_differences(alone):
+    at = usual()
+    for name in at:
+        way = {n: here if n == name else 0.0 * here for n, here in at.items()}
+        slope, h = float(alone.along(at, way)[1][0]), 1e-5
+        ends = [float(alone.along({n: at[n] + s * h * way[n] for n in at}, way)[0][0]) for s in (1.0, -1.0)]
+        # Differences of a sum over hundreds of filter steps keep about seven digits.
+        assert slope == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=1e-4, abs=1e-7)
+        assert np.isfinite(slope) and (abs(slope) > 0.0 or name == "swing_noise")  # nothing was held
+
+
+def test_what_the_filters_are_told_has_the_same_slope_backwards(alone):
+    """Of the filling and its variance; the reverse mode through the Kalman filter takes the compiler a minute."""
+    one = alone.inputs.right.shank
+
+    def told(values):
+        p = with_values(values)
+        filled = duty_cycled_gyro._fill(p, one, None, alone.options)
+        seen = duty_cycled_gyro._planar(p, one, filled, alone.inputs.dt)
+        return jnp.mean(jnp.where(alone.inputs.valid, (seen.gyr - 0.3) ** 2 + seen.excess, 0.0))
+
+    at = usual()
+    way = {name: here * (1.0 + 0.1 * k) for k, (name, here) in enumerate(sorted(at.items()))}
+    backwards = jax.jit(jax.grad(told))(at)
+    forwards = jax.jit(lambda a, w: jax.jvp(told, (a,), (w,))[1])(at, way)
+    assert float(forwards) == pytest.approx(sum(float(backwards[n] * way[n]) for n in at), rel=1e-9)
+    assert all(abs(float(backwards[name])) > 0.0 for name in (*OF_FILLER, "filled_noise"))
+
+
+def test_parameters_have_units_ranges_and_a_persons_own_lengths():
+    for name in DutyCycledParams._fields[:-1]:
+        (line,) = re.findall(rf"^        {name}: (.*(?:\n            .*)*)", DutyCycledParams.__doc__, re.M)
+        assert re.search(r"\[[^\]]+\]", line), name
+    assert {name.split(".")[0] for name in names(TRANSFORMS)} == set(DutyCycledParams._fields)
+    found = estimators.get("duty_cycled_gyro", DEFAULT._replace(filler="ridge"))
+    assert found.name == "duty_cycled_gyro" and found.params.filler._fields == found.transforms.filler._fields
+    own = found.own(found.params, {"thigh_length": (0.4, 0.41), "shank_length": 0.45})
+    assert own.thigh_length == (0.4, 0.41) and own.shank_length == (0.45, 0.45)
+
+
+def test_a_filled_recording_is_taken_by_others(walk):
+    recording = walk[0]
+    used = gyroscope_masks(recording, list(recording.sensors), schedule=SLEEPY.schedule, warm_up=WARM)
+    found = fill_recording(recording, schedule=SLEEPY.schedule, warm_up=WARM, filler="neighbours")
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turned = fill_recording(
+        recording._replace(
+            sensors={n: i._replace(gyr=i.gyr @ turn.T, acc=i.acc @ turn.T) for n, i in recording.sensors.items()}
+        ),
+        schedule=SLEEPY.schedule, warm_up=WARM,
+    )  # fmt: skip
+    for name, imu in found.sensors.items():
+        true, on = np.asarray(recording.sensors[name].gyr), used[name].usable
+        np.testing.assert_allclose(imu.gyr[on], true[on], atol=1e-12)
+        assert imu.mask.all() and np.all(np.isfinite(imu.gyr))
+        np.testing.assert_allclose(turned.sensors[name].gyr, imu.gyr @ turn.T, atol=1e-9)
+        if name.startswith("shank"):
+            off = imu.gyr[~on] - true[~on]
+            assert np.sqrt(np.mean(off**2) / np.mean(true[~on] ** 2)) < 0.5
+    assert any(note.startswith("shank_right: of the gyroscope's samples") for note in found.notes)
+    inputs = leg_ekf.prepared(found).inputs
+    assert inputs.right.shank.measured.all() and inputs.left.shank.measured.all()
+    early = fill_recording(recording, schedule=SLEEPY.schedule, warm_up=1.0)
+    assert not early.sensors["shank_right"].mask.all() and early.sensors["thigh_right"].mask.all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"schedule": 0.0}, r"duty must lie in \(0, 1\].*got 0.0"),
+        ({"schedule": 40.0}, r"duty must lie in \(0, 1\].*got 40.0; 40 % is 0.4"),
+        ({"schedule": float("nan")}, "duty must lie"),
+        ({"schedule": Schedule(1, 9, 0.1)}, "takes 0.2 s to wake up, longer than its on-time of 0.1 s"),
+        ({"warm_up": -1.0, "schedule": 0.5}, "warm_up must be a number of seconds, not negative; got -1.0"),
+        ({"filler": "guess"}, "filler must be one of hold, replicate.*got 'guess'"),
+        ({"asleep": ("foot",)}, "asleep names segments of .*got 'foot'"),
+    ],
+)
+def test_what_no_gyroscope_can_follow_is_refused(walk, options, message):
+    with pytest.raises(ValueError, match=message):
+        duty_cycled_gyro.prepared(walk[0], DutyCycledOptions(**options))
+
+
+def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
+    recording = walk[0]
+    with pytest.raises(
+        RecordingError, match=r"needs 'thigh_right' or 'shank_right', .*; the recording has \['waist'\]"
+    ):
+        duty_cycled_gyro.prepared(recording._replace(sensors={"waist": recording.sensors["thigh_right"]}))
+    bare = shank_only(recording)
+    bare = bare._replace(sensors={n: i._replace(acc=None) for n, i in bare.sensors.items()})
+    with pytest.raises(RecordingError, match="'neighbours' is told from the accelerometer; 'shank_right' has only"):
+        duty_cycled_gyro.prepared(bare, SLEEPY)
+    with pytest.raises(RecordingError, match="'neighbours' is told from the accelerometer"):
+        fill_recording(bare, schedule=0.5)
+    assert "drift" in " ".join(duty_cycled_gyro.prepared(bare).notes)
+    with pytest.raises(ValueError, match="gyro_on has a mask of 'foot_left'"):
+        duty_cycled_gyro.prepared(recording, gyro_on={"foot_left": np.ones(3, bool)})
+    with pytest.raises(ValueError, match=r"gyro_on of 'shank_left' must be \(\d+,\) bool; got \(3,\) bool"):
+        duty_cycled_gyro.prepared(recording, gyro_on={"shank_left": np.ones(3, bool)})
+    with pytest.raises(RecordingError, match="duty_cycled_gyro needs 0.5 s of quiet standing.*on together for 0.0 s"):
+        duty_cycled_gyro.prepared(
+            recording, gyro_on={"shank_left": np.zeros(recording.sensors["shank_left"].time.size, bool)}
+        )
+    with pytest.raises(ValueError, match="the filler 'ridge' takes parameters of type Ridge.*got Neighbours"):
+        duty_cycled_gyro.estimate(P, recording, DEFAULT._replace(filler="ridge"))
+    with pytest.raises(ValueError, match="parameter 'filled_noise' must lie in"):
+        duty_cycled_gyro.estimate(P._replace(filled_noise=-1.0), recording)
+
+
+def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
+    made = duty_cycled_gyro.prepared(shank_only(walk[0]), PAPER._replace(schedule=0.5))
+    assert made.options.filler == "replicate"
+    given = {}
+
+    def spy(p, inputs, options):
+        given.update(options=options, inputs=inputs)
+        raise StopIteration
+
+    # What the printed matrices come to is in test_duty_model; here, that they are what runs.
+    monkeypatch.setattr(duty_cycled_gyro.duty_model, "run", spy)
+    with pytest.raises(StopIteration):
+        duty_cycled_gyro.run(duty_cycled_gyro.params_of(PAPER), made.inputs, made.options)
+    assert given["options"].literal and given["inputs"].thigh is None
+    how = np.asarray(given["inputs"].shank.gyro_on)
+    assert how.sum() > 0 and not np.asarray(given["inputs"].shank.excess)[made.inputs.right.shank.on].any()
