@@ -1,9 +1,12 @@
 """What the experiment of the sleeping gyroscope says: the energy column, its schedules, and errors by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from jgait.gap_filling import HOLD_FILLER, fillers
+from jgait.types import Imu, Recording
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +99,47 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data, pa
     told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
+
+
+def test_the_shin_sleeps_from_where_it_is_told_by_half_strides(load_experiment):
+    joint = load_experiment("_duty_joint")
+    time = np.arange(700) / 100.0
+    worn = Imu(time, np.zeros((700, 3)), None, np.ones(700, bool))
+    recording = Recording({"shank_right": worn}, 100.0)
+    one = joint.Walked(recording, None, (0, 1), {"right": 200}, {"right": 1.0}, 700)
+    on = one.on(20)["shank_right"]
+    assert on[:200].all()
+    # One of five units of half a second.
+    np.testing.assert_array_equal(on[200:], np.arange(500) % 250 < 50)
+    late = one.on(20, 0.5)["shank_right"]
+    np.testing.assert_array_equal(late[200:], (np.arange(500) + 125) % 250 < 50)
+
+
+def test_figures_show_what_the_rows_say(load_experiment, monkeypatch, tmp_path):
+    draw, front, row = (
+        load_experiment("_duty_figures"),
+        load_experiment("_duty_tradeoff"),
+        load_experiment("common").Row,
+    )
+    told = {"tripod_hold_duty50": 0.9, "tripod_hold_duty10": 1.1, "tripod_neighbours_duty50": 0.05}
+    told |= {"triggered_tripod_energy_policy_pct": 40.0}
+    point = SimpleNamespace(saving=0.7, error=0.06)
+    shown = {}
+    monkeypatch.setattr(draw.plot, "save", lambda figure, path: shown.setdefault(path.stem, figure))
+    rows = [row(name, value, "ratio") for name, value in told.items()]
+    draw.figures(rows, {"tripod": front.Front([point], [(0.4, 0.08), (0.8, 0.1)])}, tmp_path)
+    lines = {line.get_label().split("\n")[0]: line for line in shown["duty_pareto"].axes[0].get_lines()}
+    assert list(lines) == [
+        "paper (Table 2)",
+        "hold",
+        "neighbours",
+        "fixed schedules",
+        "found by gradient",
+        "woken by doubt",
+    ]
+    np.testing.assert_allclose(lines["hold"].get_xydata(), [[42.86, 0.9], [88.57, 1.1]])
+    np.testing.assert_allclose(lines["found by gradient"].get_xydata(), [[70.0, 0.06]])
+    np.testing.assert_allclose(lines["woken by doubt"].get_xydata(), [[60.0, 0.05]])
+    duty = {line.get_label(): line for line in shown["duty_error"].axes[0].get_lines()}
+    np.testing.assert_allclose(duty["hold"].get_xydata(), [[10.0, 1.1], [50.0, 0.9]])
+    assert len(duty["paper (Table 2)"].get_xydata()) == 9
