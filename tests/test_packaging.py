@@ -183,7 +183,7 @@ print(json.dumps([names, failed]))
 """
     names, failed = loaded(installed, code, tmp_path)
     assert len(names) > 100
-    assert {"jgait.io.read", "jgait.plot", "jgait.evaluate.cohort", "jgait.datasets.tripod"} <= set(names)
+    assert {"jgait.io.tables", "jgait.plot", "jgait.evaluate.cohort", "jgait.datasets.tripod"} <= set(names)
     assert [name for name in failed if not name.startswith(COMMANDS)] == []
     assert "jgait.cli" in failed
 

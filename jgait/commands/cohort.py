@@ -13,6 +13,7 @@ import typer
 
 from jgait.commands.console import stop
 from jgait.commands.pipeline import MEASURES
+from jgait.commands.recordings import recording_of
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 File = Annotated[
@@ -26,8 +27,6 @@ File = Annotated[
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
 Simulated = Annotated[int | None, typer.Option(min=1, help="So many simulated people on walks of 3 to 4 m instead.")]
 Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds.")]
-GyrUnit = Annotated[str, typer.Option(help="Of the files: deg/s or rad/s.")]
-AccUnit = Annotated[str, typer.Option(help="Of the files: m/s^2 or g.")]
 EstimatorName = Annotated[
     str,
     typer.Option(
@@ -98,8 +97,8 @@ def body(walk: Walk, measures: Sequence[str] = LENGTHS) -> dict[str, Any]:
 
 
 def source(
-    table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str, acc_unit: str,
-    measures: Sequence[str] = LENGTHS,
+    table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
+    acc_unit: str | None, measures: Sequence[str] = LENGTHS,
 ) -> Source:  # fmt: skip
     """The cohort that was asked for; leaves with 2 where there is none.
 
@@ -162,22 +161,22 @@ def _of_dataset(name: str) -> Source:
 class _Files:
     """Reads the rows of a table; prints its units alone, for which rows there are is kept with the results."""
 
-    def __init__(self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str, acc_unit: str) -> None:
+    def __init__(
+        self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str | None, acc_unit: str | None
+    ) -> None:
         self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
 
     def __repr__(self) -> str:
-        return f"files in {self.gyr_unit} and {self.acc_unit}"
+        return f"files in {self.gyr_unit or 'their own units'} and {self.acc_unit or 'their own units'}"
 
     def __call__(self, file: str) -> Walk:
-        from jgait import io
-
         row = self.rows[file]
         numbers = {name: _number(row, name) for name in NUMBERS}
         path = self.folder / file
-        if not path.is_file():
+        if not path.exists():
             raise FileNotFoundError(f"there is no such file: {path}")
-        recording = io.read_csv(
-            path, sampling_rate_hz=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
+        recording = recording_of(
+            path, rate=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
             gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
         )  # fmt: skip
         lengths = {name: numbers[f"{name}_m"] for name in MEASURES}
@@ -208,7 +207,7 @@ def _walked(recording: Recording, way: float) -> Estimate:
     return Estimate(time, Legs(None, None), None, distance, (start | end) & (start != end), {})
 
 
-def _of_table(path: Path, gyr_unit: str, acc_unit: str, measures: Sequence[str]) -> Source:
+def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: Sequence[str]) -> Source:
     """Rows of a table, by file.
 
     Raises:
@@ -216,8 +215,9 @@ def _of_table(path: Path, gyr_unit: str, acc_unit: str, measures: Sequence[str])
     """
     from jgait.io.arrays import ACC_UNITS, GYR_UNITS, unit_scale
 
-    unit_scale(gyr_unit, GYR_UNITS, "--gyr-unit")
-    unit_scale(acc_unit, ACC_UNITS, "--acc-unit")
+    for unit, units, option in ((gyr_unit, GYR_UNITS, "--gyr-unit"), (acc_unit, ACC_UNITS, "--acc-unit")):
+        if unit is not None:
+            unit_scale(unit, units, option)
     if not path.is_file():
         raise ValueError(f"there is no such file: {path}")
     try:
@@ -268,7 +268,7 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
 
 def _mark(file: Path, row: dict[str, str]) -> str:
     """A row, and which version of its file."""
-    found = file.stat() if file.is_file() else None
+    found = file.stat() if file.exists() else None
     stamp = "missing" if found is None else f"{found.st_size} bytes of {found.st_mtime_ns}"
     cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
     return f"{cells} ({stamp})"

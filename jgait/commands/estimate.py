@@ -1,22 +1,32 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from jgait.commands import estimate_duty, estimate_feet, estimate_legs, estimate_strides, estimate_waist
-from jgait.commands.console import console, errors, note, stop
+from jgait.commands import (
+    estimate_duty,
+    estimate_feet,
+    estimate_legs,
+    estimate_strides,
+    estimate_waist,
+    recordings,
+)
+from jgait.commands.console import Bar, console, errors, in_options, note, progress, stop, write_json
 from jgait.commands.estimate_legs import Show
 from jgait.commands.pipeline import pipeline_of, refuse_others, start_of
 from jgait.types import Estimate, Recording
 
 
 def estimate(
-    files: Annotated[list[Path], typer.Argument(help="CSV files, one recording each.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="One recording each: CSV, Parquet, or as a measuring system writes it, also a folder."),
+    ],
     estimator: Annotated[
         str,
         typer.Option(
@@ -26,9 +36,12 @@ def estimate(
         ),
     ] = "leg_ekf",
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")] = None,
-    gyr_unit: Annotated[str, typer.Option(help="deg/s or rad/s.")] = "deg/s",
-    acc_unit: Annotated[str, typer.Option(help="m/s^2 or g.")] = "m/s^2",
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
     range_unit: Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")] = "m",
+    format: recordings.Format = None,
+    place: recordings.Place = None,
+    trial: recordings.Trial = None,
     thigh: Annotated[
         float | None,
         typer.Option(min=0.2, max=0.7, help="leg_ekf, duty_cycled_gyro: thigh length, hip to knee [m]; 0.43."),
@@ -105,8 +118,6 @@ def estimate(
     waist_ofdri waist_gyr_x … waist_acc_z (or lower_back, or pelvis); both mounted in any way. The person should stand
     still for a second or more somewhere in the recording.
     """
-    from jgait import io
-
     pipeline, settings = pipeline_of(estimator, paper), None
     refuse_others(estimator, {
         "--thigh": thigh, "--shank": shank, "--scale": scale, "--pivot": pivot, "--level": level,
@@ -134,15 +145,16 @@ def estimate(
             f"for {estimator} use jgait evaluate"
         )
 
-    def read(file: Path) -> Recording:
-        return io.read_csv(file, sampling_rate_hz=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit)
-
+    placement, placements = recordings.places_of(place)
+    read = partial(
+        recordings.recording_of, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit, format=format,
+        placement=placement, placements=placements, trial=trial,
+    )  # fmt: skip
     numbers, failures = _each(files, read, show, out)
     if show.table.rows:
         console.print(show.table)
         console.print(show.caption, style="dim")
-    if json_file is not None:
-        _write_json(json_file, {"estimator": estimator, "recordings": numbers, "failures": failures})
+    write_json(json_file, {"estimator": estimator, "recordings": numbers, "failures": failures})
     if failures:
         errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
         raise typer.Exit(1 if len(failures) < len(files) else 2)
@@ -156,10 +168,13 @@ def _each(
     failures: dict[str, str] = {}
     for file in files:
         try:
-            result = show.run(read(file))
+            with progress() as bars:
+                Bar(bars)(f"{file.name}: reading and computing; the first recording takes longest", 0, None)
+                result = show.run(read(file))
         except (ValueError, OSError) as error:
-            errors.print(f"[bold red]{escape(str(file))}:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
-            failures[str(file)] = str(error)
+            reason = in_options(str(error))
+            errors.print(f"[bold red]{escape(str(file))}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
+            failures[str(file)] = reason
             continue
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -173,15 +188,6 @@ def _each(
         numbers[str(file)] = {**_numbers(result, written), **({} if show.numbers is None else show.numbers(result))}
         console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
     return numbers, failures
-
-
-def _write_json(file: Path, content: dict[str, Any]) -> None:
-    """The numbers as JSON; leaves with 2 where they cannot be written."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        stop(f"{file} could not be written: {error}")
 
 
 def _numbers(result: Estimate, written: list[Path]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
+from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, write_json
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 
@@ -29,8 +30,8 @@ def evaluate(
     estimator: cohorts.EstimatorName = "leg_ekf",
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
-    gyr_unit: cohorts.GyrUnit = "deg/s",
-    acc_unit: cohorts.AccUnit = "m/s^2",
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
     batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures; a run that was killed goes on there.")] = (

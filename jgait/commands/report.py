@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from jgait.commands import cohort as cohorts
+from jgait.commands import recordings
 from jgait.commands.cohort import LENGTHS
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, in_options, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, refuse_others, start_of
 from jgait.types import Estimate, Recording
 
@@ -52,9 +53,12 @@ def report(
         float | None, typer.Option(min=0.4, max=1.6, help="waist_ofdri: of the sensor above the ground [m]; 0.97.")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")] = None,
-    gyr_unit: cohorts.GyrUnit = "deg/s",
-    acc_unit: cohorts.AccUnit = "m/s^2",
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
     range_unit: Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")] = "m",
+    format: recordings.Format = None,
+    place: recordings.Place = None,
+    trial: recordings.Trial = None,
     seed: cohorts.Seed = 0,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("report.html"),
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
@@ -71,7 +75,9 @@ def report(
         "--thigh": thigh, "--shank": shank, "--scale": scale, "--pivot": pivot, "--range-offset": range_offset,
         "--lever": lever, "--height": height, "--sensor-height": sensor_height,
     }  # fmt: skip
-    files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit}
+    placement, placements = recordings.places_of(place)
+    files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
+             "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
     command = command_of(sys.argv if Path(sys.argv[0]).stem == "jgait" else ["jgait", "report"])
     failures: list[tuple[str, str]] = []
     if recording is not None and dataset is None:
@@ -125,7 +131,7 @@ def _of_one(
     measures: dict[str, Any], files: dict[str, Any], command: str,
 ) -> Any:  # fmt: skip
     """The page of one recording, of a file or of a data set; leaves with 2 where it cannot be used."""
-    from jgait import datasets, io
+    from jgait import datasets
     from jgait import report as reports
     from jgait.params import check_params
 
@@ -143,9 +149,9 @@ def _of_one(
             walked, reference = found[0].recording, found[0].reference
             known = cohorts.body(found[0], measures_of(pipeline))
         else:
-            walked = io.read_csv(Path(str(file)), sampling_rate_hz=files.pop("rate"), **files)
+            walked = recordings.recording_of(Path(str(file)), **files)
     except (datasets.DatasetUnavailable, ValueError, OSError) as error:
-        stop(f"{file or dataset}: {error}")
+        stop(f"{file or dataset}: {in_options(str(error))}")
     p, missing = own_params(pipeline, start, {**known, **body_of(estimator, measures)}, measures, params is not None)
     for line in missing:
         note(line)

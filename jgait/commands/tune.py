@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from jgait.commands import cohort as cohorts
-from jgait.commands import tune_report
+from jgait.commands import recordings, tune_report
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 
@@ -78,8 +78,8 @@ def tune(
     estimator: cohorts.EstimatorName = "leg_ekf",
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
-    gyr_unit: cohorts.GyrUnit = "deg/s",
-    acc_unit: cohorts.AccUnit = "m/s^2",
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
     out: Annotated[Path, typer.Option(help="Folder for results; a run that was killed goes on there.")] = (
         Path("jgait-tuning")

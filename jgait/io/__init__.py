@@ -12,15 +12,11 @@ from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
 from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
-from jgait.io.formats.registry import FORMATS
-from jgait.io.formats.registry import read as _read
+from jgait.io.formats.registry import FORMATS, format_of, read
 from jgait.io.params import read_params, units, write_params
-from jgait.io.read import read_csv, recording_from_dataframe
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
+from jgait.io.tables import read_csv, recording_from_dataframe
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv, write_table
-
-# The module `jgait.io.read`, imported above, took the name.
-read = _read
 
 __all__ = [
     "FORMATS",
@@ -28,6 +24,7 @@ __all__ = [
     "CaptureEvent",
     "MobgapTables",
     "OpenSimMotion",
+    "format_of",
     "joint_centres",
     "mobilised_trials",
     "opensim_reference",

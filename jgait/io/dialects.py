@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.formats.parts import Measured, Part, placement_of, settle
-from jgait.io.read import CHANNELS
+from jgait.io.tables import CHANNELS
 from jgait.types import Recording, RecordingError
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from jgait.io.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_p
 from jgait.io.formats.files import check_file, library
 from jgait.io.formats.parts import Measured, Part, joined, placement_of
 from jgait.io.formats.text import check_lengths
-from jgait.io.read import CHANNELS, Columns, columns_of, left_out, read_table
+from jgait.io.tables import CHANNELS, Columns, columns_of, left_out, read_table
 from jgait.io.write import PARQUET
 from jgait.types import RecordingError
 

@@ -55,6 +55,14 @@ FORMATS: dict[str, Format] = {
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
 
 
+OTHERS = {
+    ".c3d": "jgait.io.read_c3d, for markers and analog signals",
+    ".mot": "jgait.io.read_opensim, for angles",
+    ".sto": "jgait.io.read_opensim, for angles",
+}
+"""Endings of files that are references, and what reads them."""
+
+
 def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
     module = importlib.import_module(f"jgait.io.formats.{FORMATS[name].module}")
     return module.recognises, module.measured
@@ -141,6 +149,10 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     if format is not None and format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}")
     told = format_of(file) if format is None else format
+    if told is None and file.suffix.lower() in OTHERS:
+        raise RecordingError(
+            f"{file.name} holds no inertial sensors that jgait reads; see {OTHERS[file.suffix.lower()]}"
+        )
     if told is None:
         raise RecordingError(
             f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which in format"

@@ -1,0 +1,102 @@
+"""Reading a user's file for a command: its format, its units, and where its sensors sat."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jgait.commands.console import stop
+from jgait.types import Recording
+
+GyrUnit = Annotated[
+    str | None, typer.Option(help="deg/s or rad/s; default deg/s for tables, for other files what they state.")
+]
+AccUnit = Annotated[
+    str | None, typer.Option(help="m/s^2, g or mg; default m/s^2 for tables, for other files what they state.")
+]
+Format = Annotated[
+    str | None,
+    typer.Option("--format", help="Of the files, if it is not told right by themselves; a wrong one lists them."),
+]
+Place = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--place",
+        help="Where a sensor sat: SENSOR=shank_right with the file's own name of it, once for each; or shank_right "
+        "alone for files of one sensor.",
+    ),
+]
+Trial = Annotated[
+    str | None, typer.Option(help="Of a Mobilise-D file with several trials, such as TimeMeasure1/Test5/Trial1.")
+]
+
+
+def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
+    """The one placement for files of one sensor, and sensor → placement; leaves with 2 for what is neither."""
+    from jgait.types import PLACEMENTS
+
+    alone: str | None = None
+    places: dict[str, str] = {}
+    for one in given or ():
+        sensor, equals, where = one.rpartition("=")
+        if where not in PLACEMENTS:
+            stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
+        if equals:
+            places[sensor] = where
+        elif alone is None:
+            alone = where
+        else:
+            stop(f"--place: without the sensor's name there can be one placement; got {alone} and {where}")
+    if alone is not None and places:
+        stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
+    return alone, places
+
+
+def recording_of(
+    file: Path,
+    *,
+    rate: float | None = None,
+    gyr_unit: str | None = None,
+    acc_unit: str | None = None,
+    range_unit: str = "m",
+    format: str | None = None,
+    placement: str | None = None,
+    placements: Mapping[str, str] | None = None,
+    trial: str | None = None,
+    **called: Any,
+) -> Recording:
+    """A recording from a user's file or folder of any format.
+
+    Args:
+        file: what to read.
+        rate: samples a second [Hz], for files that do not say it.
+        gyr_unit: as said by the user; None for what the file states, or deg/s for tables of jgait's own columns.
+        acc_unit: the same; m/s^2 for tables.
+        range_unit: of the column feet_range.
+        format: one of `jgait.io.FORMATS`; None to be told by the file.
+        placement: of files of one sensor.
+        placements: the file's name of a sensor → where it sat.
+        trial: of a Mobilise-D file with several.
+        called: `name` and `subject`.
+
+    Raises:
+        OSError: if there is no such file, or it may not be read.
+        ValueError: for unknown units or formats, and, as `RecordingError`, for what is no usable recording.
+    """
+    from jgait import io
+
+    told = format or (io.format_of(file) if file.exists() else "csv")
+    if trial is not None:
+        if told != "mobilised":
+            raise ValueError(f"{file.name} is no Mobilise-D file, so there is no trial {trial!r} in it")
+        return io.read_mobilised(file, trial=trial, **called)
+    if told == "csv" and not file.is_dir() and not placements and file.suffix.lower() in (".csv", ".tsv", ".txt"):
+        return io.read_csv(
+            file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
+            range_unit=range_unit, placement=placement, **called,
+        )  # fmt: skip
+    return io.read(
+        file, format=told, placement=placement, placements=placements or None, sampling_rate_hz=rate,
+        gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
+    )  # fmt: skip

@@ -1,0 +1,231 @@
+"""Files as users have them, end to end: other systems' formats, and what is said of files that cannot be used."""
+
+import os
+import resource
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jgait import io, protocols
+from jgait.cli import app
+from jgait.commands.console import in_options
+from jgait.io import atomic
+
+RUNNER = CliRunner(env={"COLUMNS": "300"})
+
+
+def run(*words):
+    result = RUNNER.invoke(app, [str(word) for word in words])
+    if not isinstance(result.exception, SystemExit | None):
+        raise result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def recording():
+    import jax
+
+    return protocols.bennett(jax.random.key(4), placements=("thigh_right", "shank_right"))[0].recording
+
+
+@pytest.fixture
+def walk(recording, tmp_path):
+    return io.write_csv(recording, tmp_path / "walk.csv")
+
+
+def lines_of(path: Path) -> list[str]:
+    return path.read_text().splitlines(keepends=True)
+
+
+def in_g(path):
+    import pandas as pd
+
+    table = pd.read_csv(path)
+    acc = [name for name in table.columns if "_acc_" in name]
+    table[acc] /= 9.81
+    table.to_csv(path, index=False)
+
+
+def misspelt(path):
+    path.write_text(path.read_text().replace("thigh_right_gyr_x", "tigh_right_gyr_x", 1))
+
+
+def no_shank(path):
+    path.write_text(path.read_text().replace("shank_right", "wrist_right"))
+
+
+def empty(path):
+    path.write_text("")
+
+
+def header_alone(path):
+    path.write_text(lines_of(path)[0])
+
+
+def torn(path):
+    lines = lines_of(path)
+    path.write_text("".join(lines[:5]) + lines[5].strip() + ",1,2,3\n")
+
+
+def cut_off(path):
+    path.write_text("".join(lines_of(path)[:8])[:-40])
+
+
+def binary(path):
+    path.write_bytes(bytes(range(256)) * 8)
+
+
+def a_folder(path):
+    path.unlink()
+    path.mkdir()
+
+
+def gone(path):
+    path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (in_g, "it seems to be in g; pass --acc-unit 'g'"),
+        (misspelt, "did you mean 'tigh_right_gyr_x' for 'thigh_right_gyr_x'"),
+        (no_shank, "leg_ekf needs 'shank_right'; the recording has"),
+        (empty, "walk.csv is empty"),
+        (header_alone, "has a header and no rows"),
+        (torn, "Expected 13 fields in line 6, saw 16"),
+        (cut_off, "7 samples; at least 10 are needed"),
+        (binary, "walk.csv is in no format that jgait knows"),
+        (a_folder, "walk.csv is in no format that jgait knows"),
+        (gone, "No such file"),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil, words):
+    spoil(walk)
+    code, said = run("estimate", walk, "--out", tmp_path / "results")
+    assert code == 2
+    assert words in said
+    assert "walk.csv" in said
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):
+    """Root may read everything, so there the command runs as nobody."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(shutil.copy(walk, folder))
+        os.chmod(folder, 0o755)
+        file.chmod(0)
+        user = os.geteuid()
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            code, said = run("estimate", file, "--out", tmp_path / "results")
+        finally:
+            os.seteuid(user)
+    assert code == 2
+    assert "Permission denied" in said
+
+
+@pytest.mark.parametrize("command", ["estimate", "report"])
+def test_a_full_disk_leaves_nothing_half_written(walk, tmp_path, command, monkeypatch):
+    out = tmp_path / "results" if command == "estimate" else tmp_path / "report.html"
+    limits, begin = resource.getrlimit(resource.RLIMIT_FSIZE), atomic.secrets.token_hex
+
+    def begin_on_a_full_disk(*arguments, **options):  # from the first file that a command begins to write
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, limits[1]))
+        return begin(*arguments, **options)
+
+    monkeypatch.setattr(atomic.secrets, "token_hex", begin_on_a_full_disk)
+    try:
+        code, said = run(command, walk, "--out", out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert code == 2, said
+    assert "File too large" in said
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["walk.csv"]
+
+
+def test_a_json_file_that_cannot_be_written_is_said(walk, tmp_path):
+    (tmp_path / "numbers").write_text("a file")
+    code, said = run("estimate", walk, "--out", tmp_path / "results", "--json", tmp_path / "numbers" / "x.json")
+    assert code == 2
+    assert "could not be written" in said
+
+
+def shimmer(recording, path):
+    """As Consensys exports two devices that are called after their places."""
+    names, units, columns = [], [], []
+    for label, place in (("Right_Thigh", "thigh_right"), ("Right_Shank", "shank_right")):
+        imu = recording.sensors[place]
+        names += [f"Shimmer_{label}_Timestamp_Unix_CAL"]
+        units, columns = [*units, "ms"], [*columns, 1.7e12 + 1000 * imu.time]
+        for kind, unit, values in (("Accel_LN", "m/(s^2)", imu.acc), ("Gyro", "deg/s", np.rad2deg(imu.gyr))):
+            names += [f"Shimmer_{label}_{kind}_{axis}_CAL" for axis in "XYZ"]
+            units, columns = [*units, *[unit] * 3], [*columns, *np.asarray(values).T]
+    rows = [
+        "\t".join(names),
+        "\t".join(units),
+        *("\t".join(f"{v:.16g}" for v in row) for row in zip(*columns, strict=True)),
+    ]
+    path.write_text('"sep=\t"\n' + "\n".join(rows) + "\n")
+
+
+def test_a_measuring_systems_file_gives_what_the_same_table_gives(recording, walk, tmp_path):
+    import pandas as pd
+
+    theirs = tmp_path / "session.csv"
+    shimmer(recording, theirs)
+    code, said = run("estimate", walk, theirs, "--out", tmp_path / "results")
+    assert code == 0, said
+    assert "Shimmer" in said
+    ours, other = (pd.read_csv(tmp_path / "results" / f"{name}_legs.csv") for name in ("walk", "session"))
+    there = np.asarray(recording.sensors["thigh_right"].mask & recording.sensors["shank_right"].mask)
+    assert there.mean() > 0.9
+    # Lost samples are masked in the one and interpolated in the other.
+    np.testing.assert_allclose(ours["knee_angle_right_deg"], other["knee_angle_right_deg"], atol=2.0)
+
+
+def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
+    imu = recording.sensors["shank_right"]
+    table = io.recording_to_dataframe(recording._replace(sensors={"shank_right": imu}))
+    bare = tmp_path / "sensor.csv"
+    table.rename(columns=lambda name: name.replace("shank_right_", "")).to_csv(bare, index=False)
+    code, said = run("estimate", bare, "--estimator", "ankle_stride", "--out", tmp_path / "results")
+    assert code == 2
+    assert "for one sensor with bare names pass --place" in said
+    code, said = run(
+        "estimate", bare, "--estimator", "foot_ins", "--place", "shank_right", "--out", tmp_path / "results"
+    )
+    assert "needs" in said
+    assert "shank_right" in said
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        (["knee"], "there is no placement 'knee'"),
+        (["a=shank_right", "thigh_right"], "got both"),
+        (["shank_right", "thigh_right"], "there can be one placement"),
+    ],
+)
+def test_places_that_cannot_be_are_refused(walk, places, words):
+    code, said = run("estimate", walk, *(word for place in places for word in ("--place", place)))
+    assert code == 2
+    assert words in said
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("pass gyr_unit='rad/s'", "pass --gyr-unit 'rad/s'"),
+        ("so sampling_rate_hz is needed", "so --rate is needed"),
+        ("pass placements={'MT_1': 'shank_right', …}; its", "pass --place 'MT_1=shank_right'; its"),
+        ("say gyr_unit, one of", "say --gyr-unit, one of"),
+    ],
+)
+def test_messages_name_options(said, told):
+    assert in_options(said) == told
