@@ -44,14 +44,16 @@ def figures(rows: list[Row], fronts: dict[str, Front], folder: Path) -> None:
         lines = _lines(name, told, saving=True)
         if name in fronts:
             points, fixed = fronts[name]
-            lines["fixed schedules\n(legs not tuned on)"] = Series(*zip(*fixed, strict=True))
-            lines["found by gradient\n(legs not found on)"] = Series(
+            lines["fixed schedules\n(two strides first, unseen legs)"] = Series(*zip(*fixed, strict=True))
+            lines["found by gradient\n(two strides first, unseen legs)"] = Series(
                 [p.saving for p in points], [p.error for p in points], "found"
             )
         prefix, level = ("triggered_tripod", 0.05) if name == "tripod" else ("triggered", 0.10)
         energy = told.get(f"{prefix}_energy_policy_pct")
         if energy is not None:
-            lines["woken by doubt\n(legs not tuned on)"] = Series([1.0 - energy / 100.0], [level], "policy")
+            lines["woken by doubt\n(two strides first, unseen legs)"] = Series(
+                [1.0 - energy / 100.0], [level], "policy"
+            )
         over_saving[seen[name]] = lines
     drawn["duty_pareto"] = plot.error_over_saving(
         over_saving, power=power.GYROSCOPE.on, title="Error against energy saved"

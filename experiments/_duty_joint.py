@@ -245,6 +245,8 @@ def joint(quick: bool) -> list[Row]:
     always = leg_ekf.estimate(p, one.recording)
     late = one._replace(begin=dict.fromkeys(SIDES, walk.info["windows"]["straight_2"][0]))
     starts = {"": (one, "from two strides on, U-turn included"), "_straight": (late, "from the U-turn's end on")}
+    if quick:
+        del starts["_straight"]
     rows: list[Row] = []
     lines: list[list[Any]] = []
     phases = (0.0,) if quick else (0.0, 0.5)
