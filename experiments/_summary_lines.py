@@ -103,10 +103,11 @@ LEG = (
     ),
     Line(
         "gyroscopes alone, noise and standing pose tuned on other people, against untuned: error of angles and path "
-        "[°² + cm²], median",
+        "[°² + cm²], median (worst)",
         "tuning",
         "{loso_error_after_median.n} people",
-        simulated="{loso_error_after_median:.1f}, against {loso_error_before_median:.1f}",
+        simulated="{loso_error_after_median:.1f} ({loso_error_after_worst:.1f}), against {loso_error_before_median:.1f} "
+        "({loso_error_before_worst:.1f})",
     ),
     Line(
         "noise scales by likelihood, from data drawn from the model: largest error [%]",

@@ -212,6 +212,8 @@ def leave_one_out(quick: bool) -> list[Row]:
         Row("loso_speedup_over_compiled_loop", warm / seconds, "ratio", n=1, split="a step compiled once for all"),
         Row("loso_error_before_median", float(table["error_before"].median()), "deg² + cm²", n=people, split=split),
         Row("loso_error_after_median", float(table["error_after"].median()), "deg² + cm²", n=people, split=split),
+        Row("loso_error_before_worst", float(table["error_before"].max()), "deg² + cm²", n=people, split=split),
+        Row("loso_error_after_worst", float(table["error_after"].max()), "deg² + cm²", n=people, split=split),
     ]
 
 
