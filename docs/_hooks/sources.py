@@ -1,0 +1,101 @@
+"""Pieces of the checkout that pages show without copying them: sections of the README, tables, what programs print."""
+
+import json
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+_PRINT = """
+import json, typer
+from jgait import cli
+from jgait.io.formats import registry
+
+def told(command, name, parent=None):
+    context = command.make_context(name, [], parent=parent, resilient_parsing=True)
+    context.terminal_width = context.max_content_width = 100
+    found = [(context.command_path, command.get_help(context))]
+    for one in getattr(command, "commands", {}):
+        found += told(command.commands[one], one, context)
+    return found
+
+formats = [(one.title, one.files, one.states, one.module) for one in registry.FORMATS.values()]
+others = list(getattr(registry, "OTHERS", {}).items())
+print(json.dumps([told(typer.main.get_command(cli.app), "jgait"), formats, others]))
+"""
+
+
+def local_links_as_text(markdown: str) -> str:
+    """Links to files of the checkout, which the site does not have, as their words alone."""
+    return re.sub(r"\[([^\]]+)\]\((?!https?:|#)[^)]*\)", r"\1", markdown)
+
+
+def readme(heading: str) -> str:
+    """What stands under a heading of the README.
+
+    Raises:
+        ValueError: if it has no such heading.
+    """
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
+    if found is None:
+        raise ValueError(f"README.md has no heading {heading!r}, which a page of the documentation shows")
+    return local_links_as_text(found[1].strip())
+
+
+def rows() -> tuple[list[str], list[list[str]]]:
+    """The table of all experiments: its two head lines, and the cells of every row."""
+    text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
+    found = re.search(r"^(\|[^\n]*\| command \|)\n(\|[ |:-]+\|)\n((?:\|.*\n)+)", text, re.MULTILINE)
+    if found is None:
+        raise ValueError("experiments/README.md has no table whose last column is 'command'")
+    return [found[1], found[2]], [re.split(r"(?<!\\)\|", line)[1:-1] for line in found[3].splitlines()]
+
+
+def accuracy(script: str, wanted: str = "") -> str:
+    """The rows of the table that a script makes; with `wanted`, a pattern of their first cell.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    head, every = rows()
+    own = [row for row in every if f"experiments/{script}" in row[-1] and re.search(wanted, row[0])]
+    if not own:
+        raise ValueError(f"the table of experiments/README.md has no row of {script} with {wanted!r}")
+    return "\n".join([*head, *("|" + "|".join(row) + "|" for row in own)])
+
+
+def experiments() -> str:
+    """The page of the experiments without its title, and what the README says to know before trusting them."""
+    text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
+    about = [block for block in readme("What it reaches").split("\n\n") if not block.startswith("|")]
+    return local_links_as_text(text.strip()) + "\n\n## What the rows say, and what to know\n\n" + "\n\n".join(about)
+
+
+@cache
+def _printed() -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
+    done = subprocess.run([sys.executable, "-c", _PRINT], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"the command line's help cannot be read:\n{done.stderr}")
+    helps, formats, others = json.loads(done.stdout)
+    return helps, formats, others
+
+
+def command_line() -> str:
+    """What `--help` of every command says."""
+    return "\n\n".join(f"## `{path}`\n\n```text\n{text.rstrip()}\n```" for path, text in _printed()[0])
+
+
+def formats() -> str:
+    """A table of the formats that are read, and of files that other functions read."""
+    _, every, others = _printed()
+    lines = ["| format | files | what file or format states | reader |", "|---|---|---|---|"]
+    for title, files, states, module in every:
+        lines.append(f"| {title} | `{files}` | {states} | [`{module}`][jgait.io.formats.{module}] |")
+    if others:
+        lines += ["", "Other files have functions of their own:", ""]
+        lines += [f"- `*{ending}`: {told}" for ending, told in others]
+    return "\n".join(lines)
