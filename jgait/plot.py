@@ -1,37 +1,72 @@
 """Figures of estimates beside their reference, readable in grey, with units.
 
-Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it.
+Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it. All of the
+library's figures are called from here; `docs/figures.md` says which is the counterpart of which figure in the papers.
 """
 
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jgait.plot_apart import feet_apart
+from jgait.plot_contacts import trunk_contacts
 from jgait.plot_duty import sleeping_gyroscopes
 from jgait.plot_feet import foot_height, foot_paths, stride_series
 from jgait.plot_power import error_over_duty, error_over_saving
+from jgait.plot_speed import forward_speed
+from jgait.plot_states import stride_integration, swing_states
 from jgait.plot_strides import leg_strides
 from jgait.plot_walk import blank, stick_figure, stride_signals
 from jgait.plot_widths import two_feet
 from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
+if TYPE_CHECKING:
+    from jgait.plot_cohort import before_after, bland_altman, per_subject
+    from jgait.plot_tuning import correlation, profile, training
+
 __all__ = [
+    "before_after",
+    "bland_altman",
+    "correlation",
     "distance",
     "error_over_duty",
     "error_over_saving",
+    "feet_apart",
+    "foot_displacement",
     "foot_height",
     "foot_path",
     "foot_paths",
+    "forward_speed",
     "joint_angles",
     "leg_strides",
+    "per_subject",
+    "profile",
     "save",
     "sleeping_gyroscopes",
     "stick_figure",
+    "stride_integration",
     "stride_series",
     "stride_signals",
+    "swing_states",
+    "training",
+    "trunk_contacts",
     "two_feet",
 ]
+
+_ELSEWHERE = {
+    **dict.fromkeys(("before_after", "bland_altman", "per_subject"), "jgait.plot_cohort"),
+    **dict.fromkeys(("correlation", "profile", "training"), "jgait.plot_tuning"),
+}
+"""Figures whose modules draw in this one's colours: imported when they are first asked for."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ELSEWHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_ELSEWHERE[name]), name)
+
 
 ESTIMATE = {"color": "#c0392b", "linewidth": 1.4}
 REFERENCE = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -94,21 +129,58 @@ def joint_angles(
     Returns:
         A matplotlib figure.
     """
+    return _over_time(estimate, reference, FIELDS[:2], seconds, title, (label, reference_label))
+
+
+def foot_displacement(
+    estimate: Estimate,
+    reference: Estimate | None = None,
+    *,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+    label: str = "jgait",
+    reference_label: str = "reference",
+) -> Any:
+    """Where each ankle is relative to its hip over time, with a band of two standard deviations, over the reference.
+
+    Args:
+        estimate: what to draw.
+        reference: motion capture or simulated truth, dashed.
+        seconds: from and to [s]; None draws everything.
+        title: above the figure.
+        label: name of the estimate.
+        reference_label: name of the reference.
+
+    Returns:
+        A matplotlib figure.
+    """
+    return _over_time(estimate, reference, FIELDS[2:], seconds, title, (label, reference_label))
+
+
+def _over_time(
+    estimate: Estimate,
+    reference: Estimate | None,
+    fields: tuple[tuple[str, str, float], ...],
+    seconds: tuple[float, float] | None,
+    title: str,
+    labels: tuple[str, str],
+) -> Any:
+    """A row for each field of the legs' trajectories, a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
-    figure, axes = blank(2, len(worn), 5.2 * len(worn) + 0.6, 5.6)
+    figure, axes = blank(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
     part = _window(estimate, seconds)
     time = np.asarray(estimate.time)[part]
     for column, (side, leg, spread) in enumerate(worn):
-        for row, (field, unit, scale) in enumerate(FIELDS[:2]):
+        for row, (field, unit, scale) in enumerate(fields):
             axis = axes[row, column]
             value = scale * np.asarray(getattr(leg, field))[part]
             if spread is not None:
                 band = 2.0 * scale * np.asarray(getattr(spread, field))[part]
                 axis.fill_between(time, value - band, value + band, color="#f0b7b0", linewidth=0, label="±2σ")
             if reference is not None and getattr(reference.legs, side) is not None:
-                _reference(axis, reference, side, field, scale, seconds, reference_label)
-            axis.plot(time, value, label=label, **ESTIMATE)
+                _reference(axis, reference, side, field, scale, seconds, labels[1])
+            axis.plot(time, value, label=labels[0], **ESTIMATE)
             axis.set_ylabel(unit)
             axis.grid(alpha=0.3)
             if row == 0:
