@@ -105,11 +105,18 @@ def check_filler(name: str) -> Filler:
     return every[name]
 
 
-def acc_of(imu: Imu) -> np.ndarray | None:
-    """(T, 3) what the accelerometer felt [m/s²]; where a sample was lost, the one before it."""
+def acc_of(imu: Imu, gyro_on: Any = None) -> np.ndarray | None:
+    """(T, 3) what the accelerometer felt [m/s²]; where a sample was lost, the one before it.
+
+    Args:
+        imu: the sensor.
+        gyro_on: (T,) bool, when its gyroscope was on: where it was off, the accelerometer was there all the same.
+    """
     if imu.acc is None:
         return None
     kept = np.asarray(imu.mask, bool)
+    if gyro_on is not None:
+        kept = kept | ~np.asarray(gyro_on, bool)
     last = np.maximum.accumulate(np.where(kept, np.arange(kept.size), -1))
     return as_float(imu.acc)[np.where(last < 0, int(np.argmax(kept)), last)]
 
@@ -139,10 +146,10 @@ class _Turned(NamedTuple):
     usable: np.ndarray
 
 
-def _turned(imu: Imu, usable: np.ndarray) -> _Turned:
+def _turned(imu: Imu, usable: np.ndarray, gyro_on: Any) -> _Turned:
     gyr = np.where(usable[:, None], as_float(imu.gyr), 0.0)
     rows = np.linalg.eigh(gyr.T @ gyr)[1][:, ::-1].T
-    return _Turned(gyr @ rows.T, rows, acc_of(imu), usable)
+    return _Turned(gyr @ rows.T, rows, acc_of(imu, gyro_on), usable)
 
 
 def _filled(one: _Turned, thigh: Thigh | None, filler: Filler, params: Any, rate_hz: float) -> tuple[Any, Any]:
@@ -167,7 +174,8 @@ def fill_recording(
     well, though less, and zeros in their place would say that the leg keeps its plane. What the sagittal rate tells of
     strides decides for all three. Where fewer strides than the filler asks for were measured nothing is made up: such
     samples are masked as lost, accelerometer included, for a held rate would turn the leg over. Where the sensor's own
-    mask hides a sample its accelerometer is lost too, and it stays masked.
+    mask hides a sample its accelerometer is lost too, and it stays masked; unless `gyro_on` says that the gyroscope
+    alone slept there, as in a file whose gyroscope's columns are empty at times: {name: recording.sensors[name].mask}.
 
     Args:
         recording: with thigh or shank sensors; others pass through.
@@ -201,7 +209,8 @@ def fill_recording(
     sensors, notes, above = dict(recording.sensors), list(recording.notes), dict[str, Thigh]()
     for name in names:
         imu, side = recording.sensors[name], name.split("_")[1]
-        one = _turned(imu, used[name].usable)
+        slept = (gyro_on or {}).get(name)
+        one = _turned(imu, used[name].usable, slept)
         gyr, how = one.gyr, np.full(len(one.gyr), MEASURED)
         if not one.usable.all():
             if way.needs_acc and one.acc is None:
@@ -216,6 +225,7 @@ def fill_recording(
             )
         if name.startswith("thigh") and one.acc is not None:
             above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(one.acc))
-        kept = np.asarray(imu.mask, bool) & (how != HELD)
+        there = np.asarray(imu.mask, bool) | (np.zeros(len(how), bool) if slept is None else ~np.asarray(slept))
+        kept = there & (how != HELD)
         sensors[name] = imu._replace(gyr=np.where(kept[:, None], gyr @ one.rows, 0.0), mask=kept)
     return recording._replace(sensors=sensors, notes=tuple(notes))

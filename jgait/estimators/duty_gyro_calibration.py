@@ -17,9 +17,13 @@ from jgait.gap_filling import RATES
 from jgait.gap_recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.kinematics import GRAVITY
 from jgait.power import Masks
+from jgait.signal import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 NAME = "duty_cycled_gyro"
+
+LOST = 0.1
+"""[s] Fewer samples that are missing in a row are not taken for moving."""
 
 MOVES = 10.0
 """[rad/s] Stands in for a rate that nobody measured, where it must not be taken for standing."""
@@ -86,10 +90,15 @@ def find_standing(
         RecordingError: if the person never stands still with all gyroscopes on.
     """
     some = np.any([m.usable for m in used.values()], axis=0)
+    most = LOST / float(np.median(np.diff(time)))
 
     def instead(name: str, unknown: np.ndarray) -> Imu:
-        on, imu = used[name].usable[:, None], sensors[name]
-        return imu._replace(gyr=np.where(on, as_float(imu.gyr), unknown[:, None]))
+        on, gyr = used[name].usable, as_float(sensors[name].gyr)
+        for start, stop in true_runs(~on):
+            if start > 0 and stop - start < most:
+                on, gyr = on.copy(), gyr.copy()
+                on[start:stop], gyr[start:stop] = True, gyr[start - 1]
+        return sensors[name]._replace(gyr=np.where(on[:, None], gyr, unknown[:, None]))
 
     try:
         strict = {name: instead(name, np.full(time.size, MOVES)) for name in sensors}
@@ -108,7 +117,12 @@ def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
 
 
 def _leg(
-    recording: Recording, side: str, used: Mapping[str, Masks], still: np.ndarray, standing: slice
+    recording: Recording,
+    side: str,
+    used: Mapping[str, Masks],
+    still: np.ndarray,
+    standing: slice,
+    gyro_on: Mapping[str, Any],
 ) -> tuple[GapLeg, list[str]]:
     """One leg's signals in segment axes; a segment worn alone is told from its own swing, the faster one forward."""
     own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
@@ -118,7 +132,9 @@ def _leg(
         imu, on = recording.sensors[name], used[name].usable
         gyr = as_float(imu.gyr)
         # Where it is off it turns as at rest, so that it adds nothing to any sum of what it turns.
-        return imu._replace(gyr=np.where(on[:, None], gyr, gyr[standing].mean(axis=0)), mask=on, acc=acc_of(imu))
+        return imu._replace(
+            gyr=np.where(on[:, None], gyr, gyr[standing].mean(axis=0)), mask=on, acc=acc_of(imu, gyro_on.get(name))
+        )
 
     # Alone, it takes both places, of which the shank's knows its sign by itself.
     alone = next(iter(own.values())) if len(own) == 1 else None
@@ -174,7 +190,7 @@ def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[s
     legs = dict[str, GapLeg]()
     for side in SIDES:
         if any(name.endswith(side) for name in names):
-            legs[side], more = _leg(recording, side, used, still, slice(start, stop))
+            legs[side], more = _leg(recording, side, used, still, slice(start, stop), gyro_on or {})
             notes += more
     if bare:
         notes.append("no accelerometer on every segment: angles come from the gyroscopes alone and drift")

@@ -41,8 +41,8 @@ def recording_from_arrays(
 ) -> Recording:
     """A recording from arrays, all sensors on one clock.
 
-    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is
-    interpolated. Gaps in time are filled with masked samples.
+    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is interpolated
+    where it is what is missing. Gaps in time are filled with masked samples.
 
     Args:
         sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
@@ -127,7 +127,11 @@ def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: Clock) 
     finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
     mask = (clock.rows >= 0) & finite[clock.rows]
     gyr = np.where(mask[:, None], rate[clock.rows], 0.0)
-    acc = None if force is None else _interpolated(clock.time, force[clock.rows], mask)
+    if force is None:
+        return Imu(clock.time, gyr, None, mask)
+    # A gyroscope that sleeps takes nothing from the accelerometer beside it.
+    felt = (clock.rows >= 0) & np.isfinite(force).all(axis=1)[clock.rows]
+    acc = _interpolated(clock.time, force[clock.rows], felt)
     return Imu(clock.time, gyr, acc, mask)
 
 

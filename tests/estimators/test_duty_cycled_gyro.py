@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import estimators, power, protocols, simulate
+from jgait import estimators, io, power, protocols, simulate
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, TRANSFORMS, DutyCycledOptions, DutyCycledParams
 from jgait.estimators.duty_gyro_params import pad
@@ -340,3 +340,33 @@ def test_the_papers_pipeline_is_an_option(walk, monkeypatch):
     assert given["options"].literal and given["inputs"].thigh is None
     how = np.asarray(given["inputs"].shank.gyro_on)
     assert how.sum() > 0 and not np.asarray(given["inputs"].shank.excess)[made.inputs.right.shank.on].any()
+
+
+def test_a_file_whose_gyroscope_slept_keeps_its_accelerometer(walk, tmp_path):
+    """Columns that are empty while the gyroscope slept, read and filled, are what a mask of the whole walk gives."""
+    recording = walk[0]
+    imu = recording.sensors["shank_right"]
+    on = gyroscope_masks(recording, ["shank_right"], schedule=SLEEPY.schedule, warm_up=WARM)["shank_right"].usable
+    table = io.recording_to_dataframe(recording)
+    table.loc[~on, [f"shank_right_gyr_{axis}" for axis in "xyz"]] = np.nan
+    table.to_csv(tmp_path / "slept.csv", index=False)
+    slept = io.read_csv(tmp_path / "slept.csv")
+    there = slept.sensors["shank_right"].mask
+    np.testing.assert_array_equal(there, on)
+    np.testing.assert_allclose(slept.sensors["shank_right"].acc, imu.acc, atol=1e-6)
+    ours, other = (
+        fill_recording(one, gyro_on={"shank_right": on}).sensors["shank_right"] for one in (slept, recording)
+    )
+    np.testing.assert_array_equal(ours.mask, other.mask)
+    np.testing.assert_allclose(ours.gyr, other.gyr, atol=1e-4)  # the file has nine digits
+    assert np.abs(ours.gyr[~on & ours.mask]).max() > 1.0
+
+
+def test_a_lost_sample_is_no_movement(walk):
+    """Every fiftieth sample is lost: standing is found all the same, in the same place."""
+    recording = walk[0]
+    imu = recording.sensors["shank_left"]
+    mask = np.arange(len(imu.time)) % 50 != 7
+    lossy = {**recording.sensors, "shank_left": imu._replace(mask=mask, gyr=np.where(mask[:, None], imu.gyr, 0.0))}
+    found = duty_cycled_gyro.prepared(recording._replace(sensors=lossy))
+    assert found.standing == duty_cycled_gyro.prepared(recording).standing
