@@ -34,7 +34,9 @@ endif
 EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
 BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
 
-.PHONY: help setup demo test lint types experiments summary bench peers lock clean
+NOTEBOOKS ?= $(wildcard notebooks/*.ipynb)
+
+.PHONY: help setup demo test lint types docs experiments summary bench peers lock clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -68,6 +70,16 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick"
 
 summary: $(STAMP) ## write the table of all experiments, from results/, into experiments/README.md and README.md
 	@$(BIN)/python experiments/_summary.py $(ARGS)
+
+# Notebooks are run beside their sources, for what they write, and again only when they or the library have changed.
+build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find jgait -name '*.py') | $(STAMP)
+	@mkdir -p $(@D)
+	@cp $< $@
+	@$(BIN)/python -m nbconvert --to notebook --execute --inplace --ExecutePreprocessor.timeout=1200 $@
+
+docs: $(STAMP) $(NOTEBOOKS:%=build/%) ## run the notebooks, write the documentation: build/site; NOTEBOOKS= runs none
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet $(ARGS)
+	@echo "build/site/index.html"
 
 $(BENCH_STAMP): pyproject.toml .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup bench

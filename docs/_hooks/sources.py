@@ -43,7 +43,7 @@ def readme(heading: str) -> str:
     found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
     if found is None:
         raise ValueError(f"README.md has no heading {heading!r}, which a page of the documentation shows")
-    return local_links_as_text(found[1].strip())
+    return local_links_as_text(found[1].strip("\n"))
 
 
 def rows() -> tuple[list[str], list[list[str]]]:
@@ -56,7 +56,7 @@ def rows() -> tuple[list[str], list[list[str]]]:
 
 
 def accuracy(script: str, wanted: str = "") -> str:
-    """The rows of the table that a script makes; with `wanted`, a pattern of their first cell.
+    """The rows of the table that a script makes, and its name; with `wanted`, a pattern of their first cell.
 
     Raises:
         ValueError: if there is none.
@@ -65,7 +65,9 @@ def accuracy(script: str, wanted: str = "") -> str:
     own = [row for row in every if f"experiments/{script}" in row[-1] and re.search(wanted, row[0])]
     if not own:
         raise ValueError(f"the table of experiments/README.md has no row of {script} with {wanted!r}")
-    return "\n".join([*head, *("|" + "|".join(row) + "|" for row in own)])
+    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in head] + own
+    table = "\n".join("|" + "|".join(row[:-1]) + "|" for row in cells)
+    return f"{table}\n\nMade by `experiments/{script}`."
 
 
 def experiments() -> str:
@@ -94,7 +96,8 @@ def formats() -> str:
     _, every, others = _printed()
     lines = ["| format | files | what file or format states | reader |", "|---|---|---|---|"]
     for title, files, states, module in every:
-        lines.append(f"| {title} | `{files}` | {states} | [`{module}`][jgait.io.formats.{module}] |")
+        files = re.sub(r"[\w*]*\.\w+", r"`\g<0>`", files)
+        lines.append(f"| {title} | {files} | {states} | [`{module}`][jgait.io.formats.{module}] |")
     if others:
         lines += ["", "Other files have functions of their own:", ""]
         lines += [f"- `*{ending}`: {told}" for ending, told in others]
