@@ -123,15 +123,14 @@ def trunk_contacts(
     from jgait.estimators import waist_ofdri
 
     contacts = contacts_of(estimate)
+    first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
+    check_overlap(estimate, (first, last))
     rule = PaperRule() if rule is None else rule
     p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
-    first, last = _window(trunk.time, np.concatenate(list(contacts.values())), seconds)
     at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz, rule)
     peaks = _peaks(trunk, recording.sampling_rate_hz)
     kept, fine = ((t >= first) & (t <= last) for t in (trunk.time, at))
-    if not kept.any():
-        raise ValueError(f"seconds must overlap the recording, {trunk.time[0]:g} to {trunk.time[-1]:g}; got {seconds}")
     figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
     for axis, (field, unit) in zip(axes[:, 0], ROWS, strict=True):
         for peak in peaks if field == "forward" else ():
@@ -166,6 +165,17 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     if not there.any():
         raise ValueError("there is no initial contact to draw")
     return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
+
+
+def check_overlap(estimate: Estimate, seconds: tuple[float, float]) -> None:
+    """Refuse times at which nothing was estimated.
+
+    Raises:
+        ValueError: naming the times that there are, and those asked for.
+    """
+    time = as_float(estimate.time)
+    if not np.any((time >= seconds[0]) & (time <= seconds[1])):
+        raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
 
 
 def legend_once(figure: Any, axes: Any, title: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.plot_contacts import Trunk, contacts_of, legend_once, moves
+from jgait.plot_contacts import Trunk, check_overlap, contacts_of, legend_once, moves
 from jgait.plot_walk import blank
 from jgait.types import Estimate, Recording, as_float
 
@@ -66,13 +66,12 @@ def forward_speed(
     contacts = np.sort(np.concatenate(list(contacts_of(estimate).values())))
     if estimate.distance is None:
         raise ValueError("the estimate tells of no distance; it should be one of waist_ofdri")
+    first, last = (float(estimate.time[0]), float(estimate.time[-1])) if seconds is None else seconds
+    check_overlap(estimate, (first, last))
     p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=options.smooth)
     covered = _covered(trunk, p)
-    first, last = (float(trunk.time[0]), float(trunk.time[-1])) if seconds is None else seconds
     kept = (trunk.time >= first) & (trunk.time <= last)
-    if not kept.any():
-        raise ValueError(f"seconds must overlap the recording, {trunk.time[0]:g} to {trunk.time[-1]:g}; got {seconds}")
     figure, axes = blank(3, 1, 8.8, 7.6, sharex=True, height_ratios=(1.0, 1.5, 1.3))
     above, speed, way = axes[:, 0]
     above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)

@@ -34,8 +34,21 @@ def walks(params: Any, height: float | None, sensor_height: float | None, paper:
         )
     options = waist_ofdri.PAPER if paper else waist_ofdri.DEFAULT
 
+    latest: list[Recording] = []
+
     def run(recording: Recording) -> Estimate:
+        latest[:] = [recording]
         return waist_ofdri.estimate(p, recording, options)
+
+    def write(result: Estimate, out: Path, name: str) -> list[Path]:
+        from jgait import plot
+
+        files = _write(result, out, name)
+        if np.size(result.diagnostics["initial_contact"]):
+            # an estimate does not tell the accelerations over which contacts are drawn
+            drawn = plot.trunk_contacts(latest[0], result, p=p, options=options, title=name)
+            files.append(plot.save(drawn, out / f"{name}_contacts.png"))
+        return files
 
     columns = (
         "recording",
@@ -48,7 +61,7 @@ def walks(params: Any, height: float | None, sensor_height: float | None, paper:
         "steps\n[1/min]",
     )
     caption = "distance with its standard deviation; length and speed: medians over strides; whole tables in the files"
-    return Show(run, _write, _rows, table_of("waist_ofdri", columns), caption, _numbers)
+    return Show(run, write, _rows, table_of("waist_ofdri", columns), caption, _numbers)
 
 
 def contact_table(result: Estimate) -> Any:

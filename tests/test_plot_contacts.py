@@ -1,0 +1,120 @@
+"""Pictures of a trunk show its accelerations, contacts by side, and speeds by every way; the command line writes them.
+
+Accelerations are sines, so that they are known; the estimate is made by hand: contacts at the forward maxima.
+"""
+
+import numpy as np
+import pytest
+
+from jgait import plot
+from jgait.commands import estimate_waist
+from jgait.estimators import waist_ofdri
+from jgait.plot_contacts import CONTACT, KNOWN, RAW, REBUILT
+from jgait.plot_feet import HOLD
+from jgait.plot_speed import OURS, TRUE, WAYS
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, Strides
+
+HZ, SECONDS, STAND = 50.0, 10.0, 2.5
+STEPS_HZ, SURGE, HEAVE = 1.8, 1.5, 2.5
+SPEED = 1.2
+
+
+@pytest.fixture(scope="module")
+def recording():
+    time = np.arange(round(SECONDS * HZ)) / HZ
+    walks = np.clip((time - STAND) * 2.0, 0.0, 1.0)
+    phase = 2.0 * np.pi * STEPS_HZ * (time - STAND)
+    acc = np.stack([SURGE * np.sin(phase), 0.8 * np.sin(0.5 * phase), -HEAVE * np.cos(phase)], axis=1)
+    acc = walks[:, None] * acc + np.array([0.0, 0.0, 9.80665])
+    yaw = 0.5 * walks * np.cos(0.5 * phase)
+    gyr = np.stack([np.zeros_like(yaw), np.zeros_like(yaw), yaw], axis=1)
+    return Recording({"waist": Imu(time, gyr, acc, np.ones(time.size, bool))}, HZ, "sines")
+
+
+@pytest.fixture(scope="module")
+def estimate(recording):
+    time = recording.sensors["waist"].time
+    contact = STAND + (0.25 + np.arange(2, 12)) / STEPS_HZ
+    side = np.arange(contact.size) % 2
+    told = {"initial_contact": contact, "initial_contact_side": side, "notes": ()}
+    way = SPEED * np.clip(time - contact[0], 0.0, None)
+    n = contact.size - 2
+    nothing = np.full(n, np.nan)
+    strides = Strides(side[2:], contact[:-2], nothing, contact[2:], np.full(n, 1.3), nothing, nothing, np.ones(n, bool))
+    told |= {"distance_stddev": 0.02 * way, "turning": np.zeros(n, bool), "unsure": np.zeros(n, bool)}
+    return Estimate(time, Legs(None, None), None, way, np.ones(time.size, bool), told, strides)
+
+
+def lines_of(axis, style):
+    return [line for line in axis.lines if line.get_color() == style["color"] and line.get_marker() == "None"]
+
+
+def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
+    figure = plot.trunk_contacts(recording, estimate, reference=estimate, title="sines", seconds=(4.0, 8.0))
+    assert [axis.get_ylabel() for axis in figure.axes] == ["forward [m/s²]", "upward [m/s²]", "to the left [m/s²]"]
+    when, side = (estimate.diagnostics[name] for name in ("initial_contact", "initial_contact_side"))
+    seen = (when >= 4.0) & (when <= 8.0)
+    for axis, height in zip(figure.axes, (SURGE, HEAVE, 0.8), strict=True):
+        (raw,) = lines_of(axis, RAW)
+        assert raw.get_ydata().max() == pytest.approx(height, rel=0.15)
+        rebuilt = max((len(line.get_xdata()), line) for line in lines_of(axis, REBUILT))[1]
+        assert np.abs(rebuilt.get_ydata()).max() < 0.3 * height  # a slow sine has little in its finest details
+        for number, name in enumerate(SIDES):
+            own = when[seen & (side == number)]
+            (marks,) = [m for m in axis.lines if m.get_marker() == HOLD[name]["marker"]]
+            np.testing.assert_allclose(marks.get_xdata(), own)
+            upright = [m for m in lines_of(axis, CONTACT[name]) if len(m.get_xdata()) == 2]
+            np.testing.assert_allclose([m.get_xdata()[0] for m in upright], own)
+        assert len(lines_of(axis, KNOWN)) == seen.sum()
+    (marks,) = [m for m in figure.axes[0].lines if m.get_marker() == "o"]
+    assert marks.get_ydata().min() > 0.7 * SURGE  # right where they were put: at the forward maxima
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(words) == len(set(words)) and {"interval of interest", "right contact", "reference contact"} <= {*words}
+    assert plot.save(figure, tmp_path / "contacts.png").stat().st_size > 20_000
+    usual = plot.trunk_contacts(recording, estimate).axes[0]
+    assert np.diff(usual.get_xlim())[0] == pytest.approx(4.0)
+
+
+def test_speed_by_every_way_of_integrating(recording, estimate):
+    reference = estimate._replace(distance=0.5 * estimate.distance, valid=estimate.time < 7.0)
+    alone = waist_ofdri.DEFAULT._replace(smooth=False)  # as contacts are: nothing more is compiled
+    figure = plot.forward_speed(recording, estimate, reference=reference, options=alone, seconds=(2.0, 9.5))
+    above, speed, way = figure.axes
+    assert [axis.get_ylabel() for axis in (speed, way)] == ["speed [m/s]", "way [m]"]
+    (line,) = [m for m in speed.lines if m.get_color() == OURS["color"]]
+    np.testing.assert_allclose(line.get_ydata(), SPEED, atol=0.02)
+    (line,) = [m for m in speed.lines if m.get_linestyle() == "--" and m.get_color() == TRUE["color"]]
+    told = line.get_ydata()[np.isfinite(line.get_ydata())]
+    assert np.isnan(line.get_ydata()).any()  # nothing is said of what the reference did not see
+    np.testing.assert_allclose(told, 0.5 * SPEED, atol=0.02)
+    for _, style in WAYS.values():
+        (line,) = [m for m in speed.lines if m.get_linewidth() == style["linewidth"] and len(m.get_xdata()) > 100]
+        # the integral of the sine, whatever its mean
+        assert np.ptp(line.get_ydata()[-100:]) == pytest.approx(2.0 * SURGE / (2.0 * np.pi * STEPS_HZ), rel=0.35)
+    rising = [m.get_ydata() for m in way.lines if len(m.get_xdata()) > 100]
+    assert len(rising) == 5 and all(values[0] == 0.0 for values in rising)
+    assert above.get_ylabel().endswith("[m/s²]")
+
+
+def test_the_command_line_draws_contacts(recording, estimate, tmp_path, monkeypatch):
+    monkeypatch.setattr(waist_ofdri, "estimate", lambda p, recording, options: estimate)
+    show = estimate_waist.walks(waist_ofdri.WaistParams(), None, 0.97, False, told=False)
+    written = show.write(show.run(recording), tmp_path, "walk")
+    assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
+    still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int)}
+    none = estimate.strides._replace(**{name: getattr(estimate.strides, name)[:0]
+                                        for name in ("side", "start", "end", "length", "valid")})  # fmt: skip
+    names = [path.name for path in show.write(estimate._replace(diagnostics=still, strides=none), tmp_path, "stood")]
+    assert "stood_contacts.csv" in names and "stood_contacts.png" not in names
+
+
+def test_what_is_not_there_is_refused(recording, estimate):
+    for draw in (plot.trunk_contacts, plot.forward_speed):
+        with pytest.raises(ValueError, match="tells of no initial contacts at the trunk"):
+            draw(recording, estimate._replace(diagnostics={}))
+        with pytest.raises(ValueError, match="no initial contact to draw"):
+            draw(recording, estimate._replace(diagnostics={"initial_contact": [], "initial_contact_side": []}))
+        with pytest.raises(ValueError, match="seconds must overlap the recording, 0 to 9.98; got"):
+            draw(recording, estimate, seconds=(20.0, 30.0))
+    with pytest.raises(ValueError, match="tells of no distance"):
+        plot.forward_speed(recording, estimate._replace(distance=None))
