@@ -95,7 +95,7 @@ def tradeoff(quick: bool) -> tuple[list[Row], dict[str, Front]]:
         columns = ["", "on [strides]", "off [strides]", "duty [%]", "power [mW]", "saved [%]", "error", "where found"]
         show(f"{name}: schedules found by gradient ({where}), and fixed ones", columns, lines)
         for p in points:
-            at = f"front_{name}_price{f"{p.price:g}".replace(".", "_")}"
+            at = f"front_{name}_price{f'{p.price:g}'.replace('.', '_')}"
             rows += [
                 Row(f"{at}_saving_pct", 100.0 * p.saving, "%", None, len(other), split),
                 Row(f"{at}_power_mw", 1e3 * p.power, "mW", None, len(other), split),

@@ -106,8 +106,8 @@ LEG = (
         "[°² + cm²], median (worst)",
         "tuning",
         "{loso_error_after_median.n} people",
-        simulated="{loso_error_after_median:.1f} ({loso_error_after_worst:.1f}), against {loso_error_before_median:.1f} "
-        "({loso_error_before_worst:.1f})",
+        simulated="{loso_error_after_median:.1f} ({loso_error_after_worst:.1f}), against "
+        "{loso_error_before_median:.1f} ({loso_error_before_worst:.1f})",
     ),
     Line(
         "noise scales by likelihood, from data drawn from the model: largest error [%]",
@@ -376,8 +376,8 @@ DUTY = (
         "{front_walking5m_price0_12_error:.2f}",
     ),
     Line(
-        "a gyroscope woken when the filler doubts itself, tuned on the young, judged on the elderly: energy saved against "
-        "the best fixed schedule at an error of 0.10 [%]",
+        "a gyroscope woken when the filler doubts itself, tuned on the young, judged on the elderly: energy saved "
+        "against the best fixed schedule at an error of 0.10 [%]",
         "duty_cycled_gyro",
         "{triggered_energy_saving_pct.n} legs",
         real="{triggered_energy_saving_pct:.1f}; on a treadmill (error 0.05) {triggered_tripod_energy_saving_pct:.0f}",
