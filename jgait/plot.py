@@ -1,7 +1,21 @@
 """Figures of estimates beside their reference, readable in grey, with units.
 
 Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it. All of the
-library's figures are called from here; `docs/figures.md` says which is the counterpart of which figure in the papers.
+library's figures are called from here. Counterparts of the papers' figures that show data:
+
+| paper | figure | call |
+|---|---|---|
+| Bennett | 3, 4: hip and knee angle | `joint_angles` |
+| | 5, 6: foot relative to the hip | `foot_displacement`; as a path `foot_path` |
+| | 7: displacement forward | `distance` |
+| Udaya Shankar | 5: gyroscope and Kalman filter | `filtered_rates(estimate)` |
+| | 6: with and without sleep, and the error | `filtered_rates(estimate, awake)`, `sleeping_gyroscopes` |
+| | 7: error over power savings | `error_over_saving`, `error_over_duty` |
+| Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
+| | 4: acceleration, velocity, displacement | `forward_speed` |
+| Potter | 6: each foot in a world of its own | `foot_paths` of `foot_ins` |
+| | 7, 8, 9: both feet, in sections, width over time | `two_feet`; z₁ and z₂ of table I: `feet_apart` |
+| Silva | 3: states of the stride detection | `swing_states`; equations 3 to 6: `stride_integration` |
 """
 
 from importlib import import_module
@@ -15,6 +29,7 @@ from jgait.plot_contacts import trunk_contacts
 from jgait.plot_duty import sleeping_gyroscopes
 from jgait.plot_feet import foot_height, foot_paths, stride_series
 from jgait.plot_power import error_over_duty, error_over_saving
+from jgait.plot_sleep import filtered_rates
 from jgait.plot_speed import forward_speed
 from jgait.plot_states import stride_integration, swing_states
 from jgait.plot_strides import leg_strides
@@ -34,6 +49,7 @@ __all__ = [
     "error_over_duty",
     "error_over_saving",
     "feet_apart",
+    "filtered_rates",
     "foot_displacement",
     "foot_height",
     "foot_path",

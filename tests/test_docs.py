@@ -14,6 +14,7 @@ import nbformat
 import pytest
 
 from jgait import estimators
+from jgait.estimators import leg_params
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "jgait"
@@ -185,6 +186,20 @@ def test_sections_that_google_does_not_know_become_headings_and_numbered_text():
     assert intro == equation
     assert named["Sensors"] == "One\nor two."
     assert named["Deviations from the paper"] == f"As seen:\n\n{put}"
+
+
+def test_a_record_says_its_defaults():
+    text = "One.\n\nAttributes:\n    a: first,\n        on two lines.\n    b: second.\n\nEnd."
+    told = hook("docstring_sections").with_defaults(text, {"a": "0.5", "c": "1"})
+    assert told == text.replace("two lines.", "two lines. Default: `0.5`.")
+
+
+def test_parameters_are_shown_with_their_defaults(site):
+    said = words(site / "api" / "estimators" / "leg_params.html")
+    default = leg_params.LegParams().rollover_radius
+    assert re.search(
+        rf"how far the ankle moves forward per radian of the shank in stance \[m\]\. Default: {default}", said
+    )
 
 
 def test_formulae_become_mathml():

@@ -67,7 +67,8 @@ def sections(text: str) -> tuple[str, dict[str, str]]:
             lead = f"{about[:1].upper()}{about[1:]}:\n\n" if about and rest[0] in ",;" else ""
             named[title[1].strip()] = lead + numbered(body)
         elif alone := re.match(r"(Source|Cost|Sensors|Parameters without a gradient): ", told):
-            named[alone[1]] = told[alone.end() :]
+            rest = told[alone.end() :]
+            named[alone[1]] = rest[:1].upper() + rest[1:]
         elif not named:
             intro.append("\n".join(head + body))
         else:
@@ -91,11 +92,34 @@ def rendered(text: str) -> str:
     return "\n\n".join(parts)
 
 
+def with_defaults(text: str, defaults: dict[str, str]) -> str:
+    """A record's docstring that says the default of each attribute which has one."""
+    lines, inside, name = [], False, ""
+    for line in [*text.splitlines(), ""]:
+        new = re.match(rf"^{INDENT}(\w+): ", line) if inside else None
+        if name and (new or not line.strip()):
+            lines[-1] += f" Default: `{defaults[name]}`."
+            name = ""
+        if new and new[1] in defaults:
+            name = new[1]
+        inside = line == "Attributes:" or (inside and (not line.strip() or line.startswith(INDENT)))
+        lines.append(line)
+    return "\n".join(lines[:-1])
+
+
 class Sections(griffe.Extension):
     """Rewrites every docstring that griffe loads."""
 
     def on_object(self, *, obj: griffe.Object, **kwargs: Any) -> None:
         """Called once for each object; aliases have the docstring of what they stand for."""
         del kwargs
-        if obj.docstring:
+        if obj.docstring and not obj.is_class:
             obj.docstring.value = rendered(obj.docstring.value)
+
+    def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
+        """Called once for each class, its members known: defaults of a record are those of its attributes."""
+        del kwargs
+        if cls.docstring:
+            values = {name: one.value for name, one in cls.attributes.items() if one.value is not None}
+            defaults = {name: str(value) for name, value in values.items() if len(str(value)) < 40}
+            cls.docstring.value = rendered(with_defaults(cls.docstring.value, defaults))

@@ -35,6 +35,7 @@ def page(path: Path, executed: Path = EXECUTED) -> tuple[str, dict[str, bytes]]:
     body, resources = MarkdownExporter().from_notebook_node(notebook, {"unique_key": path.stem})
     files = {str(name): data for name, data in resources.get("outputs", {}).items()}
     body = re.sub(r"<style scoped>.*?</style>", "", body, flags=re.DOTALL)
+    body = body.replace('<table border="1" class="dataframe">', "<table>")
     body = re.sub(r"\x1b\[[0-9;]*m", "", body)
     ran = any(cell.get("outputs") for cell in notebook.cells)
     note = "" if ran else " Its outputs are not shown here: run it, or `make docs`."

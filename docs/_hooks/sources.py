@@ -16,7 +16,7 @@ from jgait.io.formats import registry
 
 def told(command, name, parent=None):
     context = command.make_context(name, [], parent=parent, resilient_parsing=True)
-    context.terminal_width = context.max_content_width = 100
+    context.terminal_width = context.max_content_width = 80
     found = [(context.command_path, command.get_help(context))]
     for one in getattr(command, "commands", {}):
         found += told(command.commands[one], one, context)
