@@ -3,6 +3,8 @@
 import os
 import resource
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -229,3 +231,15 @@ def test_places_that_cannot_be_are_refused(walk, places, words):
 )
 def test_messages_name_options(said, told):
     assert in_options(said) == told
+
+
+def test_the_shell_completes_commands():
+    asked = {"_JGAIT_COMPLETE": "complete_bash", "COMP_WORDS": "jgait est", "COMP_CWORD": "1"}
+    done = subprocess.run(
+        [Path(sys.executable).with_name("jgait")],
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["estimate"]
