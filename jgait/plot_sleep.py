@@ -14,7 +14,7 @@ from jgait.plot_walk import blank
 from jgait.signal import true_runs
 from jgait.types import PLACEMENTS, Estimate, as_float
 
-READ = {"color": "0.62", "linewidth": 1.6}
+READ = {"color": "0.8", "linewidth": 4.0}
 AWAKE = {"color": "black", "linewidth": 1.0}
 SLEPT = {"color": "#c0392b", "linewidth": 1.6, "linestyle": (0, (4, 1.5))}
 ERROR = {"color": "#c0392b", "linewidth": 1.0}
