@@ -102,9 +102,9 @@ def ankles():
     """A page with everything that a user may bring in that must not become part of the page's code."""
     p = ankle_stride.with_body(ankle_stride.AnkleParams(), {"lever_ankle": 0.04})
     made = report.Made(
-        "ankle_stride", p, ankle_stride.AnkleParams(), file="/home/anna/walks/walk.csv", command="jgait report walk.csv"
+        "ankle_stride", p, ankle_stride.AnkleParams(), file="/data/anna/walks/walk.csv", command="jgait report walk.csv"
     )
-    of = recording("ankle_right", "ankle_left", name=f"/home/anna/{EVIL}", subject=EVIL, notes=(EVIL,))
+    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL, notes=(EVIL,))
     return report.of_estimate(walking_ankles(f"3 samples of ankle_left are lost {EVIL}"), of, made=made)
 
 
@@ -237,7 +237,7 @@ def test_what_comes_from_a_file_is_text_and_names_no_folder(ankles):
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
-        ("there is no such file: /home/anna/walks/a1.csv", "there is no such file: a1.csv"),
+        ("there is no such file: /data/anna/walks/a1.csv", "there is no such file: a1.csv"),
         (r"cannot read C:\Users\anna\a1.csv: why", "cannot read a1.csv: why"),
         ("~/walks/a1.csv is empty", "a1.csv is empty"),
         ("'/data/b c.csv' lacks", "'b c.csv' lacks"),
