@@ -542,7 +542,10 @@ def test_a_browser_decodes_every_picture_of_the_other_pages(legs, feet, cohort, 
     images = [image for page in pages for image in re.findall(r"<img [^>]*>", page.html)]
     assert any("image/png" in image for image in images) and any("image/svg" in image for image in images)
     together = tmp_path / "all.html"
-    body = "".join(images) + '<table class="sortable"><thead><tr><th>stride length<span role="button"></span></th></tr></thead>'
+    body = (
+        "".join(images)
+        + '<table class="sortable"><thead><tr><th>stride length<span role="button"></span></th></tr></thead>'
+    )
     together.write_text(f"<!DOCTYPE html><body>{body}<tbody></tbody></table>{WATCH}</body>", encoding="utf-8")
     dom, said = browse(together, tmp_path)
     seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))

@@ -208,18 +208,34 @@ def trajectory_of(state: LegState) -> LegTrajectory:
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
-def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajectory:
-    """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics."""
+def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Any:
+    """Of one component; smoothing lowers a variance, and where rounding says otherwise the filter's stands for it."""
+    own = cov[name, name]
+    if filtered is None:
+        return own
+    most = filtered[name, name]
+    return jnp.where((own >= 0.0) & (own <= most), own, most)
+
+
+def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
+    """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics.
+
+    Args:
+        p: parameters of the leg.
+        state: (T,) its state.
+        cov: (T,) covariance, perhaps smoothed.
+        filtered: (T,) the filter's, where `cov` is smoothed: in float32 little may be left of a smoothed one.
+    """
     thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
     a1, a2 = p.thigh_length, p.shank_length
     along = (a1 * jnp.sin(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.sin(shin)) ** 2 * shank
     upward = (a1 * jnp.cos(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.cos(shin)) ** 2 * shank
     return LegTrajectory(
-        jnp.sqrt(cov["thigh_angle", "thigh_angle"] + thigh),
-        jnp.sqrt(cov["knee_angle", "knee_angle"] + thigh + shank),
-        jnp.sqrt(cov["x", "x"] + along),
-        jnp.sqrt(cov["y", "y"] + upward),
+        jnp.sqrt(_variance("thigh_angle", cov, filtered) + thigh),
+        jnp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank),
+        jnp.sqrt(_variance("x", cov, filtered) + along),
+        jnp.sqrt(_variance("y", cov, filtered) + upward),
     )
 
 
@@ -277,7 +293,7 @@ def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: Leg
     mean, cov, posterior = _leg(p, leg, inputs, options)
     return _LegResult(
         trajectory_of(mean),
-        deviation_of(p, mean, cov),
+        deviation_of(p, mean, cov, posterior.cov if options.smooth else None),
         jnp.sum(posterior.log_likelihood),
         jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0),
         posterior.valid,

@@ -380,3 +380,16 @@ class TestRefusals:
     def test_padding_that_shortens(self, noisy):
         with pytest.raises(ValueError, match="pad only lengthens; got .* and 3 wanted"):
             pad(leg_ekf.prepared(noisy[0]).inputs, 3)
+
+
+def test_stated_deviations_survive_float32(data):
+    """On a real walk smoothing leaves nothing of some covariances in float32; the filter's stand for them."""
+    recording = data("neura_sparse")[0].recording
+    inputs = leg_ekf.prepared(recording).inputs
+    single = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, inputs)
+    p32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), LegParams())
+    fine, coarse = RUN(LegParams(), inputs, DEFAULT), RUN(p32, single, DEFAULT)
+    for leg, other in zip(fine.stddev, coarse.stddev, strict=True):
+        for ours, theirs in zip(leg, other, strict=True):
+            assert np.isfinite(theirs).all()
+            assert np.median(np.asarray(theirs) / np.asarray(ours)) == pytest.approx(1.0, abs=0.15)
