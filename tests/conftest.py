@@ -8,6 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+# Read when JAX first compiles, here and in the processes that tests start. Compiling takes most of a run and what is
+# compiled runs for milliseconds: without LLVM's optimisations a run needs about half the time.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
 import jax
 import pytest
 
