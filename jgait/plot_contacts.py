@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jgait import butterworth, wavelet
 from jgait.plot_feet import HOLD
 from jgait.plot_walk import blank
-from jgait.trunk_events import PAPER_RATE, PaperRule, Peaks, initial_contacts
+from jgait.trunk_events import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
 from jgait.types import SIDES, Estimate, Recording, as_float
 
 if TYPE_CHECKING:
@@ -200,14 +199,11 @@ def _window(time: np.ndarray, contacts: np.ndarray, seconds: tuple[float, float]
 def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times at the rate at which the paper's wavelet has its scales [s], and each acceleration's details there."""
     count = len(trunk.time)
-    time = trunk.time[0] + np.arange(int((trunk.time[-1] - trunk.time[0]) * PAPER_RATE) + 1) / PAPER_RATE
+    measured = np.asarray(trunk.inputs.measured, bool)[:count]
     signals = np.stack([getattr(trunk, field) for field, _ in ROWS], axis=1)
-    if rate > PAPER_RATE:
-        signals = np.asarray(butterworth.low_pass_both_ways(signals, 0.4 * PAPER_RATE, rate))
-    sampled = np.stack([np.interp(time, trunk.time, values) for values in signals.T], axis=1)
-    measured = np.interp(time, trunk.time, np.asarray(trunk.inputs.measured, float)[:count]) > 0.5
-    kept = wavelet.from_details(sampled, rule.shares, relative_to=rule.relative_to, hard=rule.hard, mask=measured)
-    return time, {field: np.asarray(kept)[:, k] for k, (field, _) in enumerate(ROWS)}
+    kept = np.asarray(details(signals, measured, rate, rule))
+    time = trunk.time[0] + np.arange(len(kept)) / PAPER_RATE
+    return time, {field: kept[:, k] for k, (field, _) in enumerate(ROWS)}
 
 
 @functools.cache

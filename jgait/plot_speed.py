@@ -114,17 +114,16 @@ def _integrate() -> Any:
 
 def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Way of integrating → velocity [m/s] and way [m] (T,)."""
+    import jax
+    import jax.numpy as jnp
+
     from jgait.direct_reverse import Cycles
+    from jgait.estimators.waist_distance import bouts_begin
 
     inputs, count = trunk.inputs, len(trunk.time)
-    samples = np.size(inputs.time)
-    # a bout begins without speed where somebody stood, and with a usual one where nothing is known
-    fresh = np.asarray(inputs.fresh, bool)
-    begins = np.asarray(inputs.at)[fresh]
-    known, start, forward = np.zeros(samples, bool), np.zeros(samples), np.zeros(samples)
-    known[begins] = True
-    start[begins] = np.where(np.asarray(inputs.stands, bool)[fresh], 0.0, float(p.start_speed))
+    forward = np.zeros(np.size(inputs.time))
     forward[:count] = trunk.forward
+    known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
     told = _integrate()(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
     return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in told.items()}

@@ -129,17 +129,33 @@ def _peaks(seen: Rhythm, rate: float) -> Array:
     return _greatest(seen.forward, seen.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
 
 
-def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float, p: PaperRule) -> Array:
-    """The middle between the forward maximum and the upward minimum after it [s]."""
-    both = jnp.stack([forward, upward], axis=1)
+def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
+    """What the paper's wavelet keeps of accelerations.
+
+    Args:
+        accelerations: (T, n) of the trunk [m/s²], finite.
+        mask: (T,) bool, False where a sample was lost.
+        sampling_rate_hz: of the samples [Hz]; static.
+        p: the rule, whose thresholds are shares of what is measured.
+
+    Returns:
+        (N, n) at `PAPER_RATE`, the first sample at the time of the first [m/s²].
+    """
+    rate, both = sampling_rate_hz, jnp.asarray(accelerations)
     if rate > PAPER_RATE:
         both = butterworth.low_pass_both_ways(both, 0.4 * PAPER_RATE, rate)
     count = int(both.shape[0] * PAPER_RATE / rate)
     place = jnp.asarray(np.minimum(np.arange(count) * rate / PAPER_RATE, both.shape[0] - 1), both.dtype)
     every = jnp.arange(both.shape[0], dtype=both.dtype)
-    sampled = jnp.stack([jnp.interp(place, every, both[:, k]) for k in (0, 1)], axis=1)
-    counts = mask[jnp.round(place).astype(jnp.int32)]
-    kept = wavelet.from_details(sampled, p.shares, relative_to=p.relative_to, hard=p.hard, mask=counts)
+    sampled = jnp.stack([jnp.interp(place, every, both[:, k]) for k in range(both.shape[1])], axis=1)
+    counts = jnp.asarray(mask)[jnp.round(place).astype(jnp.int32)]
+    return wavelet.from_details(sampled, p.shares, relative_to=p.relative_to, hard=p.hard, mask=counts)
+
+
+def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float, p: PaperRule) -> Array:
+    """The middle between the forward maximum and the upward minimum after it [s]."""
+    kept = details(jnp.stack([forward, upward], axis=1), mask, rate, p)
+    count = kept.shape[0]
     greatest = _greatest(kept[:, 0], _peaks(seen, rate), p.before, p.after, (p.before, p.after), PAPER_RATE)
     index, values, inside = _near(kept[:, 1], greatest, 0.0, p.minimum, (0.0, p.minimum), PAPER_RATE)
     before, after = (kept[jnp.clip(index + k, 0, count - 1), 1] for k in (-1, 1))

@@ -76,15 +76,25 @@ def _turned(inputs: WaistInputs, found: Intervals) -> Any:
     return lax.cummax(jnp.where(away, row, -1)) >= first
 
 
+def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Any) -> tuple[Any, Any]:
+    """Where a speed is known because a bout begins (T,) bool, and which: none after standing, else a usual one [m/s].
+
+    Args:
+        p: parameters.
+        inputs: of the walk.
+        like: (T,) array of the type that speeds are to have.
+    """
+    at = jnp.where(inputs.fresh, inputs.at, like.shape[0])
+    known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
+    starts = jnp.where(inputs.stands, 0.0, p.start_speed)
+    return known, jnp.zeros_like(like).at[at].set(starts.astype(like.dtype), mode="drop")
+
+
 def _update_speed(
     p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals, kind: str
 ) -> tuple[Any, Any]:
     """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was kept there."""
-    samples = seen.forward.shape[0]
-    at = jnp.where(inputs.fresh, inputs.at, samples)
-    known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
-    starts = jnp.where(inputs.stands, 0.0, p.start_speed)
-    start = jnp.zeros_like(seen.forward).at[at].set(starts.astype(seen.forward.dtype), mode="drop")
+    known, start = bouts_begin(p, inputs, seen.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
     way = {
         "update": velocity_update.updated, "frozen": velocity_update.frozen, "integrated": velocity_update.integrated
