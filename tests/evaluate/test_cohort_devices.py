@@ -49,7 +49,7 @@ print(len(result.distance.sharding.device_set), result.distance.addressable_shar
 """
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False,
-        env=environment(XLA_FLAGS="--xla_force_host_platform_device_count=4"),
+        env=environment(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4"),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["4", "17", "True", "4", "1"]

@@ -42,7 +42,7 @@ print(jax.device_count())
 
 
 def environment(devices: int) -> dict[str, str]:
-    flags = f"--xla_force_host_platform_device_count={devices}"
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     return {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(TESTS), "XLA_FLAGS": flags}
 
 
