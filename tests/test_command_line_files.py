@@ -243,3 +243,22 @@ def test_the_shell_completes_commands():
         check=True,
     )
     assert done.stdout.split() == ["estimate"]
+
+
+def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
+    import pandas as pd
+
+    table = io.recording_to_dataframe(recording, gyr_unit="rad/s")
+    table = table[[name for name in table.columns if "_acc_" not in name]]
+    table["time"] *= 1000.0
+    labs = {"time": "Time (ms)"}
+    labs |= {f"{part}_right_gyr_{axis}": f"Gyro {part.title()} R {axis.upper()} [rad/s]" for part in ("thigh", "shank")
+             for axis in "xyz"}  # fmt: skip
+    table.rename(columns=labs).to_csv(tmp_path / "lab.csv", index=False)
+    code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results")
+    assert code == 0, said
+    assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
+    assert "'Time (ms)' as time" in said
+    angles = pd.read_csv(tmp_path / "results" / "lab_legs.csv")
+    assert angles["knee_angle_right_deg"].max() > 40.0
+    assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
+from jgait.io.names import column_of
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -27,12 +28,14 @@ class Columns(NamedTuple):
         time: (T,) or None.
         feet_range: (T,) or None.
         others: names of columns that say nothing here.
+        told: the table's own name and ours, of columns in a lab's words.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
     time: np.ndarray | None
     feet_range: np.ndarray | None
     others: tuple[str, ...]
+    told: tuple[tuple[str, str], ...] = ()
 
 
 def recording_from_dataframe(
@@ -52,9 +55,10 @@ def recording_from_dataframe(
 ) -> Recording:
     """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z`, perhaps `time` and `feet_range`.
 
-    Names are compared without regard to case and surrounding blanks. Accelerometer columns are optional for each
-    placement, all three or none. `feet_range` is the distance from the inner side of the left ankle to the right leg,
-    empty where nothing was heard. Other columns are left out and noted.
+    Names are compared without regard to case and surrounding blanks; a lab's own words (`GyroThighR_x`) are told, and
+    noted. Accelerometer columns are optional for each placement, all three or none. `feet_range` is the distance from
+    the inner side of the left ankle to the right leg, empty where nothing was heard. Other columns are left out and
+    noted.
 
     Args:
         table: one row a sample.
@@ -92,7 +96,7 @@ def recording_from_dataframe(
         subject=subject,
         check_sizes=check_sizes,
     )
-    return recording._replace(notes=(*recording.notes, *left_out(found)))
+    return recording._replace(notes=(*recording.notes, *about(found)))
 
 
 def columns_of(
@@ -120,6 +124,8 @@ def columns_of(
     """
     given = [str(column) for column in table.columns]
     renamed = _renamed(given, columns or {}, placement, name)
+    told_at = _told(given, renamed, placement)
+    renamed = [told_at.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
     found = _placements(position, given, tuple(needs), name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
@@ -136,12 +142,31 @@ def columns_of(
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
-    return Columns(sensors, time, apart, others)
+    told = tuple((given[index], renamed[index]) for index in sorted(used & set(told_at)))
+    return Columns(sensors, time, apart, others, told)
 
 
-def left_out(found: Columns) -> tuple[str, ...]:
-    """The note about columns that say nothing here; none if there are none."""
-    return (f"columns left out: {', '.join(found.others)}",) if found.others else ()
+def about(found: Columns) -> tuple[str, ...]:
+    """Notes about columns whose names were told, and about those that say nothing here."""
+    notes = []
+    if found.told:
+        notes.append("columns told by their names: " + ", ".join(f"{ours!r} as {name}" for ours, name in found.told))
+    if found.others:
+        notes.append(f"columns left out: {', '.join(found.others)}")
+    return tuple(notes)
+
+
+def _told(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
+    """Column → its name here, of columns in a lab's own words; none where two say the same."""
+    expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
+    found: dict[int, str] = {}
+    for index, name in enumerate(given):
+        known = None if renamed[index] in expected else column_of(name)
+        if known in CHANNELS:
+            known = None if placement is None else f"{placement}_{known}"
+        if known is not None and known not in renamed:
+            found[index] = known
+    return {index: name for index, name in found.items() if list(found.values()).count(name) == 1}
 
 
 def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:

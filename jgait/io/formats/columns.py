@@ -20,7 +20,7 @@ from jgait.io.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_p
 from jgait.io.formats.files import check_file, library
 from jgait.io.formats.parts import Measured, Part, joined, placement_of
 from jgait.io.formats.text import check_lengths
-from jgait.io.tables import CHANNELS, Columns, columns_of, left_out, read_table
+from jgait.io.tables import CHANNELS, Columns, about, columns_of, read_table
 from jgait.io.write import PARQUET
 from jgait.types import RecordingError
 
@@ -73,7 +73,7 @@ def measured(path: Path) -> Measured:
     else:
         found = columns_of(table, name=path.name)
         parts = _parts(found, {})
-    notes = list(left_out(found))
+    notes = list(about(found))
     if found.time is not None:
         notes.append(f"{path.name}: time taken to be in {_time_unit(found.time)}")
     return Measured(parts, path.stem, notes=tuple(notes), feet_range=found.feet_range)

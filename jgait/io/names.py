@@ -1,0 +1,57 @@
+"""What a lab calls its columns, told in jgait's names: "GyroThighR_x (deg/s)" is thigh_right_gyr_x."""
+
+import re
+
+from jgait.io.formats.parts import placement_of
+
+KINDS = {
+    "gyr": ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel"),
+    "acc": ("accelerometer", "acceleration", "accel", "acc"),
+}
+"""Kind of signal → words for it."""
+
+TIMES = ("time", "timestamp", "timestamps", "t", "times", "timems", "seconds")
+"""Words for the clock, units taken off."""
+
+NOT_RAW = ("free", "linear", "user", "filtered")
+"""Words for signals that gravity was taken off, or that are not what a sensor read."""
+
+
+def column_of(name: str) -> str | None:
+    """The name that jgait has for a column, or None where it does not tell.
+
+    Args:
+        name: such as "Gyro Thigh R X [deg/s]", "shank_l_accel_z", "Time (ms)"; a unit in brackets is not looked at.
+
+    Returns:
+        `time`, or <placement>_<gyr or acc>_<x, y or z>, or of a single sensor <gyr or acc>_<x, y or z>.
+    """
+    plain = re.sub(r"[(\[{].*?[)\]}]", " ", name)
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", plain)]
+    if "".join(words) in TIMES:
+        return "time"
+    if not words or any(word in NOT_RAW for word in words):
+        return None
+    axis = words.pop() if words[-1] in ("x", "y", "z") else ""
+    joined = "".join(words)
+    for kind, synonyms in KINDS.items():
+        for synonym in synonyms:
+            if synonym not in joined:
+                continue
+            last = not axis and joined.endswith(tuple(f"{synonym}{one}" for one in "xyz"))
+            found = joined[-1] if last else axis
+            rest = _without(words, synonym + (found if last else ""))
+            if not found or rest is None:
+                return None
+            where = placement_of("_".join(rest)) if rest else None
+            return f"{where}_{kind}_{found}" if where else None if rest else f"{kind}_{found}"
+    return None
+
+
+def _without(words: list[str], taken: str) -> list[str] | None:
+    """The words that are left when those that make up `taken` are gone; None where no words make it up."""
+    for first in range(len(words)):
+        for end in range(first + 1, len(words) + 1):
+            if "".join(words[first:end]) == taken:
+                return words[:first] + words[end:]
+    return None

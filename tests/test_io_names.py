@@ -1,0 +1,59 @@
+"""A lab's own words for columns."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait import io
+from jgait.io.names import column_of
+from jgait.types import RecordingError
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("GyroThighR_x", "thigh_right_gyr_x"),
+        ("Gyro Thigh R X [deg/s]", "thigh_right_gyr_x"),
+        ("shank_l_accel_z", "shank_left_acc_z"),
+        ("RightThigh_AngularVelocity_z (rad/s)", "thigh_right_gyr_z"),
+        ("LFoot.Gyro.X", "foot_left_gyr_x"),
+        ("lowerback accx", "lower_back_acc_x"),
+        ("thighRightGyrX", "thigh_right_gyr_x"),
+        ("Acc_X", "acc_x"),
+        ("gyrX", "gyr_x"),
+        ("Time (ms)", "time"),
+        ("timestamp", "time"),
+    ],
+)
+def test_words_are_told(name, known):
+    assert column_of(name) == known
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X", "tigh_right_gyr_x",
+     "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
+)  # fmt: skip
+def test_what_does_not_tell_is_not_told(name):
+    assert column_of(name) is None
+
+
+def walking(names):
+    """A table of one shank whose columns turn as in walking."""
+    time = np.arange(200) / 50.0
+    return pd.DataFrame({name: 200.0 * np.sin(6.0 * time + k) for k, name in enumerate(names)}).assign(time=time)
+
+
+def test_what_was_told_is_noted():
+    recording = io.recording_from_dataframe(walking(["Gyro Shank R X", "Gyro Shank R Y", "Gyro Shank R Z", "Mag X"]))
+    assert list(recording.sensors) == ["shank_right"]
+    (told,) = (note for note in recording.notes if "told by their names" in note)
+    assert "'Gyro Shank R Y' as shank_right_gyr_y" in told
+    assert "columns left out: Mag X" in recording.notes
+
+
+def test_two_columns_that_say_the_same_are_told_by_neither():
+    with pytest.raises(RecordingError, match="lacks shank_right_gyr_x"):
+        io.recording_from_dataframe(
+            walking(["Gyro Shank R X", "Gyr Shank R X", "Gyro Shank R Y", "Gyro Shank R Z"]), needs=("shank_right",)
+        )
