@@ -46,6 +46,10 @@ def _rows(table: "pd.DataFrame", quantity: str, by: str) -> "pd.DataFrame":
     return chosen[finite]
 
 
+APART = 0.11
+"""Of the height of the axis: two labels of two lines nearer than this would lie over each other."""
+
+
 def bland_altman(
     table: "pd.DataFrame",
     quantity: str,
@@ -112,15 +116,20 @@ def _limits(axis: Any, limits: Limits, level: float, unit: str) -> None:
     """Bias and limits as lines; beside the axes, clear of the points, their values and intervals."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
     beside = axis.get_yaxis_transform()
-    for name, style, at, value, low, high in (
+    lines = (
         ("bias", "-", 1.035, limits.bias, limits.bias_low, limits.bias_high),
         (f"upper {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.upper, limits.upper_low, limits.upper_high),
         (f"lower {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.lower, limits.lower_low, limits.lower_high),
-    ):
+    )
+    for _, style, at, value, low, high in lines:
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
         axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)
+    bottom, top = axis.get_ylim()
+    apart = APART * (top - bottom)
+    places = (limits.bias, max(limits.upper, limits.bias + apart), min(limits.lower, limits.bias - apart))
+    for (name, _, _, value, _, _), place in zip(lines, places, strict=True):
         said = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
-        axis.text(1.05, value, said, transform=beside, fontsize=8, va="center")
+        axis.text(1.05, place, said, transform=beside, fontsize=8, va="center")
 
 
 def _number(value: float) -> str:
