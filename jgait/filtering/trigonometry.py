@@ -10,8 +10,8 @@ The largest error, found by comparing with values of higher precision:
     float64   2.1e-16 for |x| ≤ 1.6e6 (250 000 turns),   beyond it half a unit in the last place of x
 
 Beyond, that is, the error is that of rounding x to its float type, where the compiler fuses multiplications with
-additions, as it does by default; without that it is up to twice as large. From 6.5e6 and 3.5e15 on, where that is a good
-part of a turn, only |sin|, |cos| ≤ 1 is left.
+additions, as it does by default; without that it is up to twice as large. From 6.5e6 and 3.5e15 on, where that is a
+good part of a turn, only |sin|, |cos| ≤ 1 is left.
 Infinity gives NaN. Derivatives are the functions themselves: (sin)' = cos, (cos)' = −sin.
 """
 
