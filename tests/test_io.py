@@ -280,7 +280,7 @@ def test_time_that_is_missing():
 
 
 def test_neither_time_nor_rate():
-    fails("no 'time' column, so sampling_rate_hz is needed; got neither", table(time=False))
+    fails("no column called 'time', so sampling_rate_hz is needed; got neither", table(time=False))
 
 
 def test_time_against_rate():

@@ -68,6 +68,7 @@ WORDS = (
     (r"Pass columns=\{…\} to rename", "Rename them in the file"),
     (r"say which in format", "say which by --format"),
     (r"trial='([^']*)'", r"--trial \1"),
+    (r" \(or check_sizes=False if nobody walks\)", ""),
 )
 """Python's arguments → the options of the same meaning."""
 

@@ -170,7 +170,9 @@ def _each(
         try:
             with progress() as bars:
                 Bar(bars)(f"{file.name}: reading and computing; the first recording takes longest", 0, None)
-                result = show.run(read(file))
+                recording = read(file)
+                result = show.run(recording)
+            result = _with_notes(result, recording)
         except (ValueError, OSError) as error:
             reason = in_options(str(error))
             errors.print(f"[bold red]{escape(str(file))}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
@@ -188,6 +190,13 @@ def _each(
         numbers[str(file)] = {**_numbers(result, written), **({} if show.numbers is None else show.numbers(result))}
         console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
     return numbers, failures
+
+
+def _with_notes(result: Estimate, recording: Recording) -> Estimate:
+    """What the reader noticed first, whatever the estimator repeats of it."""
+    own = result.diagnostics["notes"]
+    read = tuple(said for said in recording.notes if said not in own)
+    return result._replace(diagnostics={**result.diagnostics, "notes": (*read, *own)})
 
 
 def _numbers(result: Estimate, written: list[Path]) -> dict[str, Any]:

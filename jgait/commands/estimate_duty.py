@@ -1,5 +1,6 @@
 """What `jgait estimate` does with gyroscopes that sleep: angles, rates as measured and filled, and what is saved."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ from jgait.gap_filling import FILLED, HELD, MEASURED
 from jgait.types import SIDES, Estimate, Recording, as_float
 
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
+UNITS = 10
+"""Most units of a schedule's period."""
+
 SHOWN_S = 15.0
 """[s] How much of a long recording the figure shows, from a little before the first gap."""
 
@@ -21,6 +25,12 @@ def options_of(duty: float | None, filler: str | None, warm_up: float | None, pa
     from jgait.estimators import duty_cycled_gyro
     from jgait.gap_recording import check_filler, schedule_of
 
+    if duty is not None and 0.0 < duty <= 1.0:
+        near = Fraction(duty).limit_denominator(UNITS)
+        near = max(near, Fraction(1, UNITS))
+        if abs(float(near) - duty) > 1e-6:
+            note(f"--duty {duty:g} is taken as {near} of the time: on and off last whole units of 1.4 s")
+        duty = float(near)
     options = duty_cycled_gyro.PAPER if paper else duty_cycled_gyro.DEFAULT
     options = options._replace(
         schedule=duty, filler=filler or options.filler, warm_up=options.warm_up if warm_up is None else warm_up

@@ -56,10 +56,16 @@ def legs(
     from jgait.estimators import leg_ekf
 
     known = {"thigh_length": thigh, "shank_length": shank}
-    missing = [f"--{name.removesuffix('_length')}" for name, value in known.items() if value is None]
-    if missing and not told:
+    usual = leg_ekf.LegParams()
+    missing = [
+        f"--{name.removesuffix('_length')}" for name, value in known.items()
+        if value is None and tuple(map(float, getattr(params, name))) == getattr(usual, name)
+    ]  # fmt: skip
+    if missing:
+        also = " (that of the parameters, too)" if told else ""
         note(
-            f"no {' and '.join(missing)}: the default length of 0.43 m is taken, and distances are in proportion to it"
+            f"no {' and '.join(missing)}: the default length of 0.43 m is taken{also}, and distances are in proportion "
+            "to it"
         )
     p = leg_ekf.with_body(params, {name: value for name, value in known.items() if value is not None})
     p = p if scale is None else p._replace(distance_scale=scale)

@@ -37,7 +37,7 @@ import numpy as np
 
 from jgait import params, power
 from jgait.estimators import duty_model
-from jgait.estimators.duty_gyro_calibration import Preparation, prepare
+from jgait.estimators.duty_gyro_calibration import LOST, Preparation, prepare
 from jgait.estimators.duty_gyro_params import (
     DEFAULT,
     PAPER,
@@ -58,6 +58,7 @@ from jgait.estimators.duty_params import DutyInputs, PlanarSegment, SegmentEstim
 from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.gap_filling import FILLED, HELD, MEASURED, Filled, Thigh, fillers
 from jgait.gap_recording import SEGMENTS, schedule_of
+from jgait.signal import true_runs
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
 
 BUCKET = 512
@@ -255,17 +256,26 @@ def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, An
     return told if schedule is None else told | {"schedule_saving": power.saving(schedule, gyro)}
 
 
+def held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
+    """(T,) bool, where a sensor's rate is held for longer than a few lost samples are missing."""
+    held = np.asarray(result.diagnostics[f"how_{name}"]) == HELD
+    for start, stop in true_runs(held):
+        if stop - start < LOST * rate_hz:
+            held[start:stop] = False
+    return held
+
+
 def _held(result: Estimate, preparation: Preparation) -> list[str]:
     """In words, where too little was measured before a gap to fill it."""
     said = []
     for name in preparation.used:
-        how = np.asarray(result.diagnostics[f"how_{name}"])
-        gone = np.flatnonzero(how == HELD)
+        gone = np.flatnonzero(held_long(result, name, preparation.options.sampling_rate_hz))
         if gone.size and preparation.options.filler != "hold":
             first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
             said.append(
-                f"{name}: fewer strides were measured before {first:.2f} s than the filler needs; {gone.size} samples "
-                f"up to {last:.2f} s hold the last measured rate, and are not told to the filter"
+                f"{name}: {gone.size} samples from {first:.2f} to {last:.2f} s hold the last measured rate, are not "
+                "told to the filter, and their angles are not stated: too few strides were measured before for the "
+                "filler; a longer warm-up measures more"
             )
     return said
 
@@ -303,5 +313,8 @@ def estimate(
     result = jax.tree.map(np.asarray, _run_jit(p, padded, preparation.options))
     result = jax.tree.map(lambda v: v[:samples] if np.ndim(v) else v, result)
     notes = (*recording.notes, *preparation.notes, *_held(result, preparation))
+    held = [held_long(result, name, preparation.options.sampling_rate_hz) for name in preparation.used]
+    if preparation.options.filler != "hold":
+        result = result._replace(valid=result.valid & ~np.any(held, axis=0))
     told = result.diagnostics | energy(preparation, options) | {"notes": notes, "standing": preparation.standing}
     return result._replace(diagnostics=told)

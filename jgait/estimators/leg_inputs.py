@@ -41,7 +41,7 @@ class LegInputs(NamedTuple):
         time: (T,) [s].
         dt: (T,) time from the sample before [s]; 0 at the first.
         still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding.
+        valid: (T,) bool, False for padding, and where samples of a leg are missing for long.
         start_variance: of the pose at the first sample [rad²]; small when the recording starts standing.
     """
 

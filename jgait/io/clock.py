@@ -56,7 +56,7 @@ def make_clock(
         raise RecordingError(f"{name}: sampling_rate_hz must be positive; got {sampling_rate_hz}")
     if time is None:
         if sampling_rate_hz is None:
-            raise RecordingError(f"{name} has no 'time' column, so sampling_rate_hz is needed; got neither")
+            raise RecordingError(f"{name} has no column called 'time', so sampling_rate_hz is needed; got neither")
         return Clock(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
     stamps = as_float(time)
     if stamps.shape != (samples,):

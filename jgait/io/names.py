@@ -10,7 +10,20 @@ KINDS = {
 }
 """Kind of signal → words for it."""
 
-TIMES = ("time", "timestamp", "timestamps", "t", "times", "timems", "seconds")
+TIMES = (
+    "time",
+    "timestamp",
+    "timestamps",
+    "t",
+    "times",
+    "timems",
+    "seconds",
+    "zeit",
+    "temps",
+    "tiempo",
+    "tempo",
+    "tijd",
+)
 """Words for the clock, units taken off."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")

@@ -29,6 +29,7 @@ class Columns(NamedTuple):
         feet_range: (T,) or None.
         others: names of columns that say nothing here.
         told: the table's own name and ours, of columns in a lab's words.
+        odd: about cells that hold something that is no number, in words.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
@@ -36,6 +37,7 @@ class Columns(NamedTuple):
     feet_range: np.ndarray | None
     others: tuple[str, ...]
     told: tuple[tuple[str, str], ...] = ()
+    odd: tuple[str, ...] = ()
 
 
 def recording_from_dataframe(
@@ -136,6 +138,7 @@ def columns_of(
             indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
             used.update(indices)
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
+    odd = tuple(said for i in sorted(used) if (said := _no_number(table.iloc[:, i], given[i])))
     time = _numbers(table.iloc[:, position["time"]], "time", name) if "time" in position else None
     apart = None
     if "feet_range" in position:
@@ -143,12 +146,12 @@ def columns_of(
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
     told = tuple((given[index], renamed[index]) for index in sorted(used & set(told_at)))
-    return Columns(sensors, time, apart, others, told)
+    return Columns(sensors, time, apart, others, told, odd)
 
 
 def about(found: Columns) -> tuple[str, ...]:
     """Notes about columns whose names were told, and about those that say nothing here."""
-    notes = []
+    notes = list(found.odd)
     if found.told:
         notes.append("columns told by their names: " + ", ".join(f"{ours!r} as {name}" for ours, name in found.told))
     if found.others:
@@ -220,6 +223,18 @@ def _lacking_message(lacking: list[str], expected: list[str], given: list[str], 
         if meant:
             hint = f"; did you mean {', '.join(meant[:3])}? Pass columns={{…}} to rename"
     return f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
+
+
+def _no_number(column: "pd.Series", label: str) -> str:
+    """What a column holds besides numbers, in words; empty where it holds nothing else."""
+    import pandas as pd
+
+    odd = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    if not len(odd) or len(odd) == len(column):
+        return ""
+    row = int(np.flatnonzero(column.index == odd.index[0])[0])
+    first = f"the first {odd.iloc[0]!r} in data row {row + 1}"
+    return f"{label}: {len(odd)} cells are no numbers and count as missing, {first}"
 
 
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:

@@ -55,6 +55,9 @@ FORMATS: dict[str, Format] = {
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
 
 
+SHEETS = (".xlsx", ".xls", ".ods", ".numbers")
+"""Endings of spreadsheets."""
+
 OTHERS = {
     ".c3d": "jgait.io.read_c3d, for markers and analog signals",
     ".mot": "jgait.io.read_opensim, for angles",
@@ -149,6 +152,8 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     if format is not None and format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}")
     told = format_of(file) if format is None else format
+    if file.suffix.lower() in SHEETS:
+        raise RecordingError(f"{file.name} is a spreadsheet; save it as CSV from the program that made it")
     if told is None and file.suffix.lower() in OTHERS:
         raise RecordingError(
             f"{file.name} holds no inertial sensors that jgait reads; see {OTHERS[file.suffix.lower()]}"
