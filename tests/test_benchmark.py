@@ -1,6 +1,7 @@
 """The filter benchmark runs, and the fast path is fast: some compilers made it hundreds of times slower."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,9 @@ ROOT = Path(__file__).parents[1]
 def test_the_fast_path_is_fast(tmp_path):
     result = tmp_path / "benchmark_filters.json"
     command = [sys.executable, str(ROOT / "experiments" / "benchmark_filters.py"), "--quick", "--json", str(result)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+    # Speed is that of programs as users compile them, not as tests do.
+    plain = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False, env=plain)
     assert done.returncode == 0, done.stderr
     values = {row["metric"]: row["value"] for row in json.loads(result.read_text())["rows"]}
     # What is measured is 25 and 3 s; other jax versions gave 0.2 and 165 s.

@@ -10,12 +10,19 @@ from typer.testing import CliRunner
 from jgait import io, plot
 from jgait.cli import app
 from jgait.commands import estimate_duty
+from jgait.commands.console import console
 from jgait.estimators import duty_cycled_gyro
 from jgait.gap_filling import FILLED, HELD, MEASURED
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
 RATE = 50.0
+
+
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch):
+    """The console took its width when it was imported, in a worker that of no terminal."""
+    monkeypatch.setattr(console, "_width", 200)
 
 
 def run(*words: object) -> tuple[int, str]:
