@@ -393,3 +393,22 @@ def test_stated_deviations_survive_float32(data):
         for ours, theirs in zip(leg, other, strict=True):
             assert np.isfinite(theirs).all()
             assert np.median(np.asarray(theirs) / np.asarray(ours)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
+    recording = walk[0]
+    imu = recording.sensors["shank_right"]
+    mask = np.ones(len(imu.time), bool)
+    begin, rate = len(mask) // 2, recording.sampling_rate_hz
+    mask[begin : begin + round(0.8 * rate)] = False
+    mask[begin - round(rate) : begin - round(0.9 * rate)] = False  # a tenth of a second
+    lossy = recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
+    found = leg_ekf.prepared(lossy)
+    np.testing.assert_array_equal(np.flatnonzero(~found.inputs.valid), np.arange(begin, begin + round(0.8 * rate)))
+    assert any(note.startswith("nothing is stated for 0.80 s from") for note in found.notes)
+    assert leg_ekf.prepared(recording).inputs.valid.all()
+
+    one = {name: recording.sensors[name] for name in ("thigh_right", "shank_right")}
+    alone = leg_ekf.prepared(recording._replace(sensors={**one, "shank_left": imu}))
+    assert any(note.startswith("only the right leg is worn") for note in alone.notes)
+    assert "shank_left is worn without the thigh of that leg, which is left out" in alone.notes
