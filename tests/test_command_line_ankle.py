@@ -74,8 +74,8 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     assert abs(leg["lever_m"] - HEIGHT) < 2.0 * leg["lever_std_m"] < 0.04
     (told,) = json.loads(numbers.read_text())["recordings"].values()
     assert told["legs"][0]["distance_m"] == pytest.approx(leg["distance_m"])
-    assert told["distance_m"] == pytest.approx(leg["distance_m"]) and told["distance_m"] > 6.0
-    assert told["notes"][0].startswith("time taken to be in s") and not any("turn" in one for one in told["notes"])
+    assert told["distance_m"] == pytest.approx(leg["distance_m"])
+    assert told["notes"] == list(io.read_csv(tmp_path / "walk.csv").notes)  # and nothing of the estimator's
     special = [one["special"] for one in told["strides"]]
     assert special == [["half-step"], [], ["turning"], ["stairs"], [], ["half-step"]]
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from jgait import io, protocols
 from jgait.cli import app
 from jgait.commands.console import in_options
+from jgait.commands.recordings import recording_of
 from jgait.io import atomic
 
 RUNNER = CliRunner(env={"COLUMNS": "300"})
@@ -262,3 +263,18 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     angles = pd.read_csv(tmp_path / "results" / "lab_legs.csv")
     assert angles["knee_angle_right_deg"].max() > 40.0
     assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000
+
+
+def test_gaitmaps_and_mobgaps_tables_are_read_by_the_command_too(recording, tmp_path):
+    import pandas as pd
+
+    imu = recording.sensors["shank_right"]
+    signals = {f"gyr_{a}": np.rad2deg(imu.gyr[:, k]) for k, a in enumerate("xyz")}
+    signals |= {f"acc_{a}": imu.acc[:, k] for k, a in enumerate("xyz")}
+    pd.concat({"left_sensor": pd.DataFrame(signals)}, axis=1).to_csv(tmp_path / "gaitmap.csv", index=False)
+    body = pd.DataFrame(signals).rename(columns=lambda name: name[:4] + {"x": "is", "y": "ml", "z": "pa"}[name[-1]])
+    body.to_csv(tmp_path / "mobgap.csv", index=False)
+    feet = recording_of(tmp_path / "gaitmap.csv", rate=50.0, placements={"left_sensor": "foot_left"})
+    assert list(feet.sensors) == ["foot_left"]
+    assert list(recording_of(tmp_path / "gaitmap.csv", rate=50.0).sensors) == ["foot_left"]
+    assert list(recording_of(tmp_path / "mobgap.csv", rate=50.0).sensors) == ["lower_back"]

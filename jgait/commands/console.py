@@ -24,12 +24,11 @@ def write_json(file: Path | None, content: Any) -> None:
     """The numbers as JSON where a file is named; leaves with 2 where they cannot be written."""
     if file is None:
         return
-    from jgait.io.atomic import replaced
+    from jgait.io.atomic import write_text
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(file) as part:
-            part.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=_plain) + "\n", encoding="utf-8")
+        write_text(file, json.dumps(content, indent=1, ensure_ascii=False, default=_plain) + "\n")
     except OSError as error:
         stop(f"{file} could not be written: {error}")
 

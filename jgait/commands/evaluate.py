@@ -85,7 +85,7 @@ def evaluate(
 
 def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
     """Make the folder, or find out whether what an earlier run left in it is still true; leaves with 2 if not."""
-    from jgait.io.atomic import replaced
+    from jgait.io.atomic import write_text
 
     kept = out / "run" / ".inputs.json"
     if fresh and (out / "run").is_dir():
@@ -101,8 +101,7 @@ def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
                 + "; give another --out, or --fresh to start anew"
             )
         kept.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(kept) as part:
-            part.write_text(json.dumps({**before, **marks}, indent=1, ensure_ascii=False), encoding="utf-8")
+        write_text(kept, json.dumps({**before, **marks}, indent=1, ensure_ascii=False))
     except (OSError, ValueError) as error:
         stop(f"{out} cannot be used: {error}")
     done = sum(1 for _ in (out / "run").glob("part-*-*"))

@@ -85,13 +85,15 @@ def recording_of(
         ValueError: for unknown units or formats, and, as `RecordingError`, for what is no usable recording.
     """
     from jgait import io
+    from jgait.io.formats import columns
 
     told = format or (io.format_of(file) if file.exists() else "csv")
     if trial is not None:
         if told != "mobilised":
             raise ValueError(f"{file.name} is no Mobilise-D file, so there is no trial {trial!r} in it")
         return io.read_mobilised(file, trial=trial, **called)
-    if told == "csv" and not file.is_dir() and not placements and file.suffix.lower() in (".csv", ".tsv", ".txt"):
+    text = told == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
+    if text and not placements and not (file.exists() and columns.foreign(file)):
         return io.read_csv(
             file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
             range_unit=range_unit, placement=placement, **called,

@@ -256,7 +256,7 @@ def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, An
     return told if schedule is None else told | {"schedule_saving": power.saving(schedule, gyro)}
 
 
-def held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
+def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
     """(T,) bool, where a sensor's rate is held for longer than a few lost samples are missing."""
     held = np.asarray(result.diagnostics[f"how_{name}"]) == HELD
     for start, stop in true_runs(held):
@@ -269,7 +269,7 @@ def _held(result: Estimate, preparation: Preparation) -> list[str]:
     """In words, where too little was measured before a gap to fill it."""
     said = []
     for name in preparation.used:
-        gone = np.flatnonzero(held_long(result, name, preparation.options.sampling_rate_hz))
+        gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
         if gone.size and preparation.options.filler != "hold":
             first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
             said.append(
@@ -313,7 +313,7 @@ def estimate(
     result = jax.tree.map(np.asarray, _run_jit(p, padded, preparation.options))
     result = jax.tree.map(lambda v: v[:samples] if np.ndim(v) else v, result)
     notes = (*recording.notes, *preparation.notes, *_held(result, preparation))
-    held = [held_long(result, name, preparation.options.sampling_rate_hz) for name in preparation.used]
+    held = [_held_long(result, name, preparation.options.sampling_rate_hz) for name in preparation.used]
     if preparation.options.filler != "hold":
         result = result._replace(valid=result.valid & ~np.any(held, axis=0))
     told = result.diagnostics | energy(preparation, options) | {"notes": notes, "standing": preparation.standing}

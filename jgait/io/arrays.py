@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from jgait.io.checks import ACC_SIZE, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
+from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
 from jgait.io.clock import Clock, make_clock
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
-ACC_UNITS = ACC_SIZE
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:

@@ -11,7 +11,7 @@ GRAVITY = 9.80665
 FASTEST = 35.0  # [rad/s] 2000 deg/s, the range of common gyroscopes; no part of a walking person turns faster
 SLOWEST_WALK = 0.3  # [rad/s] even the trunk of a slow walker turns faster than this
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which somebody moves; 0.05 when standing
-ACC_SIZE = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
 GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer, walking or not
 CLIP_RUN = 3  # samples in a row at the extreme value; noise does not repeat itself so exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values without being clipped
@@ -67,7 +67,7 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
         hint = "it seems to be in g; pass acc_unit='g'"
     elif acc_unit == "g" and low <= force / GRAVITY <= high:
         hint = "it seems to be in m/s²; pass acc_unit='m/s^2'"
-    elif acc_unit != "mg" and low <= force / ACC_SIZE[acc_unit] * ACC_SIZE["mg"] <= high:
+    elif acc_unit != "mg" and low <= force / ACC_UNITS[acc_unit] * ACC_UNITS["mg"] <= high:
         hint = "it seems to be in mg; pass acc_unit='mg'"
     elif force < 0.3 * GRAVITY:
         hint = "gravity seems to have been taken off; the raw specific force is needed"

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 
 import jgait
-from jgait.io.atomic import replaced
+from jgait.io.atomic import write_text
 
 FORMAT = 1
 
@@ -84,10 +84,7 @@ def write_params(
         "format": FORMAT, "jgait": jgait.__version__, "estimator": estimator, "parameters": rows,
         "made": dict(made or {}),
     }  # fmt: skip
-    target = Path(path)
-    with replaced(target) as part:
-        part.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    return target
+    return write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -> tuple[P, dict[str, Any]]:

@@ -10,6 +10,8 @@ from the signals. *Clock*: `time` in s or ms, told from its steps, or the sampli
 gaitmap's and mobgap's sensor frame by their documentation, else not known.
 """
 
+import itertools
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,6 +92,15 @@ def _parts(found: Columns, labels: dict[str, str]) -> list[Part]:
 def _time_unit(stamps: np.ndarray) -> str:
     steps = np.diff(stamps[np.isfinite(stamps)])
     return "ms" if len(steps) and float(np.median(steps)) > LONGEST_STEP_S else "s"
+
+
+def foreign(path: Path) -> bool:
+    """Whether the head of a text table has gaitmap's two rows of names, or mobgap's names of the body's axes."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        head = list(itertools.islice((line for line in stream if line.strip()), 2))
+    rows = [{cell.strip(' "\n').lower() for cell in re.split("[,;\t]", line)} for line in head]
+    gaitmap = len(rows) == 2 and any(set(names[:3]) <= rows[1] for names in (CHANNELS, BODY_GAITMAP))
+    return gaitmap or (bool(rows) and set(BODY_MOBGAP) <= rows[0])
 
 
 def _table(path: Path) -> "pd.DataFrame":
