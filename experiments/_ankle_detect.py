@@ -7,7 +7,8 @@ import jax
 import numpy as np
 from _ankle_legs import SHIFTED, Leg
 
-from jgait import shank_baselines, shank_events
+from jgait.events import shank as shank_events
+from jgait.events import shank_baselines
 
 TOLERANCE = 0.4  # [s] between a detection and the contact it is taken for; strides last 0.9 to 1.6 s
 DETECTORS = ("swings", "machine", "paper's machine", "Jiménez", "Feliz")

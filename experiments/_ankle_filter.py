@@ -15,10 +15,10 @@ from _ankle_legs import Leg
 from common import Row, show
 
 from jgait.estimators import ankle_stride
-from jgait.estimators.ankle_calibration import prepare
-from jgait.estimators.ankle_inputs import AnkleInputs
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
-from jgait.rotation import turn
+from jgait.estimators.ankle_stride.inputs import AnkleInputs
+from jgait.estimators.ankle_stride.prepare import prepare
+from jgait.geometry.rotation import turn
 from jgait.types import Recording
 
 BIAS = 0.02  # [rad/s]

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from _gait_figures import low_pass
 
-from jgait import datasets, shank_axes
-from jgait.shank_axes import Axes
+from jgait import datasets
+from jgait.mounting import shank as shank_axes
+from jgait.mounting.shank import Axes
 from jgait.types import SIDES, Imu, Walk, as_float
 
 FULL = 0.65  # of the recording's median: a shorter stride is a half-step

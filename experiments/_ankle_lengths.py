@@ -8,9 +8,12 @@ import numpy as np
 from _ankle_detect import found, padded, pairs
 from _ankle_legs import Leg
 
-from jgait import butterworth, shank_axes, shank_stance, stride_length
-from jgait.kinematics import Vector
-from jgait.stride_length import StrideLengthParams
+from jgait.estimators.ankle_stride import length as stride_length
+from jgait.estimators.ankle_stride.length import StrideLengthParams
+from jgait.events import shank_stance
+from jgait.geometry.vectors import Vector
+from jgait.mounting import shank as shank_axes
+from jgait.signal import butterworth
 
 CUTOFF_HZ = 4.0  # the paper's
 _smooth = jax.jit(butterworth.low_pass_both_ways, static_argnums=2)

@@ -20,9 +20,10 @@ from _ankle_real import load, measured
 from common import Row, show
 
 from jgait import datasets
-from jgait.estimators import ankle_online, ankle_stride
-from jgait.estimators.ankle_online import ONLINE
+from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride import online as ankle_online
+from jgait.estimators.ankle_stride.online import ONLINE
 from jgait.filtering.compile import wide_vectors
 from jgait.types import Imu, Recording, Strides
 

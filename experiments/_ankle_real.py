@@ -28,8 +28,8 @@ from _ankle_lengths import (
 from common import Row, show
 
 from jgait import datasets
-from jgait.rotation import turn
-from jgait.stride_length import StrideLengthParams
+from jgait.estimators.ankle_stride.length import StrideLengthParams
+from jgait.geometry.rotation import turn
 
 SETS = ("tripod", "neura_sparse", "walking5m")
 ANGLES = (5.0, 10.0, 15.0, 20.0, 25.0)

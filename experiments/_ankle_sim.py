@@ -15,9 +15,10 @@ from _ankle_legs import Leg, Reference, rested
 from _ankle_lengths import CUTOFF_HZ, lengths, signals, stacked, with_lever
 from common import Row, show
 
-from jgait import protocols, shank_axes
-from jgait.kinematics import GRAVITY
-from jgait.sensors import MPU6000
+from jgait.geometry.vectors import GRAVITY
+from jgait.mounting import shank as shank_axes
+from jgait.simulate import protocols
+from jgait.simulate.sensors import MPU6000
 from jgait.types import as_float
 
 ROUTES, PACES = ("A", "B", "C"), ("normal", "fast")

@@ -82,7 +82,8 @@ def quality(tables: Cohort, split: str) -> list[Row]:
 
 def figures(tables: Cohort, folder: Path) -> None:
     """Agreement of distance and stride length, and the errors of people who fare best, middling and worst."""
-    from jgait import plot, plot_cohort
+    from jgait import plot
+    from jgait.plot import cohort as plot_cohort
 
     folder.mkdir(parents=True, exist_ok=True)
     rows = tables.paired()

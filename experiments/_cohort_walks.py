@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait import simulate
-from jgait.sensors import MPU6000
 from jgait.simulate import Person, Route
 from jgait.simulate.check import check_slack
+from jgait.simulate.sensors import MPU6000
 from jgait.simulate.worn import limits, room, samples_in
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, Strides, Walk
 

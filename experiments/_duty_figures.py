@@ -6,8 +6,10 @@ from _duty_table import ERRORS, SAVINGS
 from _duty_tradeoff import Front
 from common import Row
 
-from jgait import gap_filling, plot, power
-from jgait.plot_power import Series
+from jgait import plot
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers import base as gap_filling
+from jgait.plot.power import Series
 
 PANELS = {
     "tripod": "tripod, treadmill, paper's protocol (14 s, units of 1.4 s)",

@@ -14,13 +14,18 @@ import numpy as np
 from _duty_legs import RATE_HZ, SWINGING, sagittal, stride_samples
 from common import Row, show
 
-from jgait import datasets, power, protocols, shank_axes
-from jgait.estimators import duty_cycled_gyro, duty_model, duty_params, leg_ekf
-from jgait.estimators.duty_gyro_params import filter_params, one_side
-from jgait.estimators.duty_params import LITERAL, DutyInputs, PlanarSegment
-from jgait.gap_filling import Thigh, fillers
-from jgait.gap_recording import fill_recording
-from jgait.power_tradeoff import Plan, Shank, masks_of
+from jgait import datasets
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers.base import Thigh, fillers
+from jgait.duty_cycle.power_tradeoff import Plan, Shank, masks_of
+from jgait.duty_cycle.recording import fill_recording
+from jgait.estimators import duty_cycled_gyro, leg_ekf
+from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro import model_params as duty_params
+from jgait.estimators.duty_cycled_gyro.model_params import LITERAL, DutyInputs, PlanarSegment
+from jgait.estimators.duty_cycled_gyro.params import filter_params, one_side
+from jgait.mounting import shank as shank_axes
+from jgait.simulate import protocols
 from jgait.types import SIDES, Estimate, Recording, as_float, leg_of
 
 DUTIES = (50, 10)

@@ -12,7 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from _ankle_legs import rested
 
-from jgait import butterworth, datasets, power, protocols, shank_axes
+from jgait import datasets
+from jgait.duty_cycle import power
+from jgait.mounting import shank as shank_axes
+from jgait.signal import butterworth
+from jgait.simulate import protocols
 from jgait.types import SIDES, Imu, Recording, as_float
 
 RATE_HZ = 50.0

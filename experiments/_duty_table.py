@@ -15,8 +15,10 @@ import numpy as np
 from _duty_legs import RATE_HZ, Case, Leg, legs, overground_case, papers_case, simulated, warm_case
 from common import Row, show
 
-from jgait import datasets, gap_filling, power
-from jgait.gap_filling import Filler, Thigh
+from jgait import datasets
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers import base as gap_filling
+from jgait.duty_cycle.fillers.base import Filler, Thigh
 
 SAVINGS = {90: 8.57, 80: 17.14, 70: 28.57, 60: 37.14, 50: 42.86, 40: 57.14, 30: 68.57, 20: 77.14, 10: 88.57}
 """Table 2: duty cycle [%] → energy saving [%]."""

@@ -11,12 +11,13 @@ from _duty_legs import RATE_HZ, legs
 from _duty_triggered import Group, grouped
 from common import Row, show
 
-from jgait import datasets, power_tradeoff
-from jgait.gap_filling import Filler, Thigh
-from jgait.gap_neighbours import Neighbours
-from jgait.gap_ridge import BLEND, RIDGE, blend
-from jgait.gap_ridge import FILLERS as RIDGE_FILLERS
-from jgait.power_tradeoff import Plan, Point, Settings, Shank
+from jgait import datasets
+from jgait.duty_cycle import power_tradeoff
+from jgait.duty_cycle.fillers.base import Filler, Thigh
+from jgait.duty_cycle.fillers.neighbours import Neighbours
+from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend
+from jgait.duty_cycle.fillers.ridge import FILLERS as RIDGE_FILLERS
+from jgait.duty_cycle.power_tradeoff import Plan, Point, Settings, Shank
 
 PRICES = {"tripod": (0.02, 0.05, 0.1, 0.2, 0.6), "walking5m": (0.05, 0.12, 0.25, 0.5, 1.2)}
 PERIOD = {"tripod": 4.0, "walking5m": 2.0}

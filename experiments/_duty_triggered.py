@@ -18,8 +18,11 @@ from _duty_legs import RATE_HZ, SWINGING, Case, Leg, legs, stride_samples
 from _duty_table import relative_errors
 from common import Row, show
 
-from jgait import datasets, gap_filling, gap_trigger, power
-from jgait.gap_filling import Thigh
+from jgait import datasets
+from jgait.duty_cycle import power
+from jgait.duty_cycle import trigger as gap_trigger
+from jgait.duty_cycle.fillers import base as gap_filling
+from jgait.duty_cycle.fillers.base import Thigh
 
 LEVEL = 0.10
 BELT_LEVEL = 0.05

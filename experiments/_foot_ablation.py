@@ -8,7 +8,7 @@ from common import Row, show
 
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, TEXTBOOK, FootOptions, FootParams
-from jgait.zero_velocity import DETECTORS
+from jgait.events.zero_velocity import DETECTORS
 
 BEST = FootParams()
 JUMP = {"acc_jump_noise": BEST.acc_jump_noise, "gyr_jump_noise": BEST.gyr_jump_noise}

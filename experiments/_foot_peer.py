@@ -10,7 +10,7 @@ from _foot_real import Foot, Matched
 from _foot_run import Ready, Score, attempt, score
 from common import Row, show
 
-from jgait.rest import rest
+from jgait.events.rest import rest
 from jgait.types import as_float
 
 SCRIPT = "gaitmap_rts"

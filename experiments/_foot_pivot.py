@@ -17,8 +17,8 @@ from common import Row, show
 
 from jgait import params, tune
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_inputs import capacity
 from jgait.estimators.foot_ins import DEFAULT, TRANSFORMS, FootParams
+from jgait.estimators.foot_ins.inputs import capacity
 
 FREE = params.freed(TRANSFORMS, "pivot_height")
 PIECE, MOST = 16384, 4

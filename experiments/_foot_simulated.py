@@ -9,10 +9,10 @@ import numpy as np
 from _foot_run import attempt, estimated
 from common import Row, show
 
-from jgait import evaluate, sensors, simulate
+from jgait import evaluate, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
-from jgait.simulate import Route
+from jgait.simulate import Route, sensors
 from jgait.types import SIDES
 
 FEET = ("foot_right", "foot_left")

@@ -11,9 +11,10 @@ import numpy as np
 from _foot_run import QUICK, attempt, bucket, run_one
 from common import Row, show
 
-from jgait import filtering, sensors, simulate
+from jgait import filtering, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
+from jgait.simulate import sensors
 from jgait.types import Imu, Recording
 
 RATE = 200.0

@@ -18,7 +18,7 @@ import numpy as np
 from _gait_figures import NONE, STRIKES, Figures, Strides, Truth, figures, find_strides, low_pass, pool, summary
 
 from jgait import datasets
-from jgait.signal import true_runs
+from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Walk, leg_of
 
 __all__ = ["NONE", "STRIKES", "Figures", "Spread", "Strides", "Truth", "figures", "find_strides", "low_pass", "pool",

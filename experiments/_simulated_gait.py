@@ -16,11 +16,12 @@ from _gait_figures import THIGH_LEAD, principal_rate, swing_sign
 from _real_gait import RESTING, Figures, Spread, Truth, figures, find_strides, pool
 
 from jgait import datasets
-from jgait.kinematics import GRAVITY, Vector, in_world
-from jgait.plot_walk import blank
-from jgait.sensors import IDEAL, ImuErrors
+from jgait.geometry.segments import in_world
+from jgait.geometry.vectors import GRAVITY, Vector
+from jgait.plot.walk import blank
 from jgait.simulate import Person, gait, straight, walk
 from jgait.simulate.footsteps import FIRST
+from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.types import SIDES, leg_of
 
 GIVEN = ("speed", "stride_time", "stride_length")

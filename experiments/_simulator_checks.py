@@ -10,15 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+import strapdown
 from common import Row
 
-from jgait import simulate, strapdown, tune
-from jgait.kinematics import GRAVITY, Vector, in_world
+from jgait import simulate, tune
+from jgait.geometry.segments import in_world
+from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.params import positive
-from jgait.sensors import IDEAL, MPU6000
 from jgait.simulate import SEVEN, Body, Gait, Person, Truth
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
+from jgait.simulate.sensors import IDEAL, MPU6000
 from jgait.simulate.walker import clock
 from jgait.types import SIDES, Recording
 

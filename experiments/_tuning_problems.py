@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait import datasets, filtering, params, protocols, simulate, tune
-from jgait.estimators import leg_ekf, leg_model
+from jgait import datasets, filtering, params, simulate, tune
+from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import PAPER
-from jgait.estimators.leg_model import LegModelParams, LegRates
+from jgait.estimators.leg_ekf import model as leg_model
+from jgait.estimators.leg_ekf.model import LegModelParams, LegRates
+from jgait.simulate import protocols
 from jgait.tune import Lessons
 from jgait.types import Walk
 

@@ -10,7 +10,8 @@ from common import Row, show
 from leg_ekf import held_out, person
 
 from jgait import datasets, evaluate, params, tune
-from jgait.estimators import leg_distance, leg_ekf
+from jgait.estimators import leg_ekf
+from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.types import Legs, RecordingError, as_float
 
 

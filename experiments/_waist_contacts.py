@@ -7,8 +7,8 @@ import numpy as np
 from _waist_real import Walk, Windows
 from common import Row, show
 
-from jgait.estimators import waist_ofdri
-from jgait.estimators.waist_ofdri import DEFAULT
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import DEFAULT
 
 TOLERANCE = 0.2
 """[s] Between a detection and a contact, after the set's median offset is taken off."""

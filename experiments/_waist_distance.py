@@ -14,10 +14,10 @@ import numpy as np
 from _waist_real import Walk
 from common import Row, show
 
-from jgait.estimators import waist_ofdri
+from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.interface import bucket
-from jgait.estimators.waist_inputs import pad
-from jgait.estimators.waist_ofdri import DEFAULT, WaistOptions, WaistParams
+from jgait.estimators.waist import DEFAULT, WaistOptions, WaistParams
+from jgait.estimators.waist.inputs import pad
 from jgait.types import Estimate
 
 SAMPLES = 4096

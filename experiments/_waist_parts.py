@@ -9,8 +9,9 @@ import numpy as np
 import pywt
 from common import Row
 
-from jgait import direct_reverse, wavelet
-from jgait.direct_reverse import Cycles
+from jgait.estimators.waist import ofdri as direct_reverse
+from jgait.estimators.waist.ofdri import Cycles
+from jgait.signal import wavelet
 
 WAVELETS = ("db1", "db2", "db5", "db10", "sym4", "coif2", "bior2.4", "rbio3.1")
 LEVELS = (1, 2, 3, 5, 10)

@@ -17,13 +17,13 @@ from _waist_contacts import Found
 from _waist_real import Pieces, Walk, Windows
 from common import Row, show
 
-from jgait import protocols, velocity_update
-from jgait.direct_reverse import Cycles
-from jgait.estimators.waist_ofdri import WaistParams
-from jgait.kinematics import in_world
+from jgait.estimators.waist import WaistParams, velocity_update
+from jgait.estimators.waist.ofdri import Cycles
+from jgait.estimators.waist.velocity_update import VelocityUpdateParams
+from jgait.geometry.segments import in_world
+from jgait.simulate import protocols
 from jgait.simulate.worn import mount
 from jgait.types import as_float
-from jgait.velocity_update import VelocityUpdateParams
 
 PEOPLE, QUICK = 9, 2
 PIECE, QUICK_PIECE = 25.0, 5.0

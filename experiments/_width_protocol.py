@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jgait import protocols
-from jgait.simulate import Body
+from jgait.simulate import Body, protocols
 from jgait.types import Estimate, Recording
 
 SECTION = 28.0

@@ -11,10 +11,12 @@ import numpy as np
 import optax
 from common import Row, main, show
 
-from jgait import datasets, demo, params, protocols, tune
+from jgait import datasets, params, tune
+from jgait.commands import demonstration as demo
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
-from jgait.judge import FIELDS, Judged, judge, leg_loss
+from jgait.evaluate.windows import FIELDS, Judged, judge, leg_loss
+from jgait.simulate import protocols
 from jgait.types import SIDES, Recording, RecordingError, as_float
 
 IMPROVEMENTS: dict[str, dict[str, Any]] = {

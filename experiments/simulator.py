@@ -24,8 +24,8 @@ from _simulated_gait import SETS, Set
 from common import Row, main, show
 
 from jgait import datasets, plot, simulate
-from jgait.sensors import DEGREE, MPU6000
 from jgait.simulate import SEVEN, Person
+from jgait.simulate.sensors import DEGREE, MPU6000
 
 SCANNED: dict[str, tuple[float, float]] = {
     "stance_fraction": (0.56, 0.68), "step_width": (0.03, 0.18), "toe_out": (0.0, 20.0 * DEGREE),

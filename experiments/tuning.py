@@ -14,9 +14,9 @@ from _tuning_problems import FREE, GYROSCOPES, START, TRUE, Drawn, Noise, filter
 from _tuning_real import real
 from common import Row, main, show
 
-from jgait import evaluate, losses, params, tune
+from jgait import evaluate, params, tune
 from jgait.estimators import leg_ekf
-from jgait.tune import Fit, Lesson
+from jgait.tune import Fit, Lesson, losses
 
 
 def cohort_fit(data: Drawn, steps: int) -> Fit[Noise]:

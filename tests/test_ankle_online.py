@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from made_shank import REST, shank
 
-from jgait import shank_valley
-from jgait.estimators import ankle_online, ankle_stride
-from jgait.estimators.ankle_online import ONLINE
+from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride import online as ankle_online
+from jgait.estimators.ankle_stride.online import ONLINE
+from jgait.events import shank_stance_online as shank_valley
 from jgait.types import Imu, Recording, RecordingError
 
 P = AnkleParams()

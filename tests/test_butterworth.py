@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal as scipy_signal
 
-from jgait import butterworth
+from jgait.signal import butterworth
 
 RATE = 100.0
 X = np.cumsum(np.random.default_rng(0).normal(size=(150, 2)), axis=0)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from jgait import io, protocols
+from jgait import io
 from jgait.cli import app
+from jgait.simulate import protocols
 
 ROOT = Path(__file__).parents[1]
 RUNNER = CliRunner(env={"COLUMNS": "300"})
@@ -160,7 +161,7 @@ def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch):
 
 def test_the_readme_says_what_the_recordings_give(data):
     from jgait.estimators import leg_ekf
-    from jgait.judge import judge
+    from jgait.evaluate.windows import judge
 
     walk = data("neura_sparse")[0]
     lengths, windows = walk.info["lengths"], walk.info["windows"]

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from jgait import io, plot
 from jgait.cli import app
-from jgait.commands import estimate_strides
+from jgait.commands.estimate import strides as estimate_strides
 from jgait.estimators import ankle_stride
 from jgait.types import Imu, Recording
 

@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from jgait import io, protocols
+from jgait import io
 from jgait.cli import app
 from jgait.estimators import leg_ekf
+from jgait.simulate import protocols
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
 

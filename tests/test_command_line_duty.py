@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 from jgait import io, plot
 from jgait.cli import app
-from jgait.commands import estimate_duty
 from jgait.commands.console import console
+from jgait.commands.estimate import duty as estimate_duty
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.estimators import duty_cycled_gyro
-from jgait.gap_filling import FILLED, HELD, MEASURED
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})

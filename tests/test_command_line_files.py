@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from jgait import io, protocols
+from jgait import io
 from jgait.cli import app
 from jgait.commands.console import in_options
 from jgait.commands.recordings import recording_of
 from jgait.io import atomic
+from jgait.simulate import protocols
 
 RUNNER = CliRunner(env={"COLUMNS": "300"})
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.direct_reverse import (
+from jgait.estimators.waist.ofdri import (
     Cycles,
     _least,
     direct,

@@ -14,7 +14,7 @@ import nbformat
 import pytest
 
 from jgait import estimators
-from jgait.estimators import leg_params
+from jgait.estimators.leg_ekf import params as leg_params
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "jgait"

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jgait.gap_filling import HOLD_FILLER, fillers
+from jgait.duty_cycle.fillers.base import HOLD_FILLER, fillers
 from jgait.types import Imu, Recording
 
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from made_foot import foot
 
-from jgait import datasets, events
+from jgait import datasets
+from jgait.events import foot as events
 
 
 def found(made, **changes):

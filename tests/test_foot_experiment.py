@@ -28,7 +28,8 @@ def walk(experiment):
     import _foot_real as real
     import jax
 
-    from jgait import sensors, simulate
+    from jgait import simulate
+    from jgait.simulate import sensors
 
     key, along = jax.random.key(1), simulate.straight(10.0)
     person = simulate.fitted(key, simulate.Person(), along)

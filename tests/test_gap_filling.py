@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import datasets, gap_filling, shank_axes
-from jgait.gap_filling import FILLED, HELD, MEASURED, Thigh, check_signals, fillers, hold, pace, replicate
+from jgait import datasets
+from jgait.duty_cycle.fillers import base as gap_filling
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals, fillers, hold, pace, replicate
+from jgait.mounting import shank as shank_axes
 from jgait.params import check_params
 
 RATE_HZ = 50.0

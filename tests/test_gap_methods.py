@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from test_gap_filling import COUNT, RATE_HZ, schedule, walk
 
-from jgait.gap_filling import Thigh
-from jgait.gap_neighbours import NEIGHBOURS, neighbours
-from jgait.gap_oscillator import EXTRAPOLATION, extrapolate
-from jgait.gap_ridge import BLEND, RIDGE, blend, ridge
+from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.fillers.oscillator import EXTRAPOLATION, extrapolate
+from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend, ridge
 
 
 def error(found, rate, on):

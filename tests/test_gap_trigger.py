@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import power
-from jgait.gap_filling import FILLED, MEASURED
-from jgait.gap_trigger import TRANSFORMS, TRIGGER, _planned, triggered
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers.base import FILLED, MEASURED
+from jgait.duty_cycle.power import GYROSCOPE
+from jgait.duty_cycle.trigger import TRANSFORMS, TRIGGER, _planned, triggered
 from jgait.params import check_params
-from jgait.power import GYROSCOPE
 
 RATE_HZ = 50.0
 STRIDE = 55  # samples

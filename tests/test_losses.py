@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import losses
-from jgait.losses import TrajectoryWeights
+from jgait.tune import losses
+from jgait.tune.losses import TrajectoryWeights
 from jgait.types import Estimate, Legs, LegTrajectory, Strides
 
 DEGREE = np.pi / 180.0

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jgait import evaluate, plot
-from jgait import plot_cohort as cohort
+from jgait.plot import cohort
 
 
 def table(sizes=(5, 7, 4), seed=0):

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.commands import estimate_waist
-from jgait.estimators import waist_ofdri
-from jgait.plot_contacts import CONTACT, KNOWN, RAW, REBUILT
-from jgait.plot_feet import HOLD
-from jgait.plot_speed import OURS, TRUE, WAYS
+from jgait.commands.estimate import waist as estimate_waist
+from jgait.estimators import waist as waist_ofdri
+from jgait.plot.feet import HOLD
+from jgait.plot.speed import OURS, TRUE, WAYS
+from jgait.plot.waist import CONTACT, KNOWN, RAW, REBUILT
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, Strides
 
 HZ, SECONDS, STAND = 50.0, 10.0, 2.5

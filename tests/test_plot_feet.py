@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot_feet import FOOT, REFERENCE
-from jgait.plot_widths import ACROSS
+from jgait.plot.feet import FOOT, REFERENCE
+from jgait.plot.widths import ACROSS
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Strides
 
 WIDTH, STRIDE, SECONDS = 0.2, 1.2, 1.0

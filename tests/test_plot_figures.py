@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot_apart import READ, TOGETHER
+from jgait.plot.apart import READ, TOGETHER
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, RangeReadings, Recording
 
 N = 40
@@ -107,7 +107,8 @@ def test_the_ankle_relative_to_the_hip_over_time():
 def test_every_figure_is_called_from_one_place():
     for name in plot.__all__:
         assert callable(getattr(plot, name)) and getattr(plot, name).__doc__, name
-    from jgait import plot_cohort, plot_tuning
+    from jgait.plot import cohort as plot_cohort
+    from jgait.plot import tuning as plot_tuning
 
     assert plot.bland_altman is plot_cohort.bland_altman and plot.profile is plot_tuning.profile
     with pytest.raises(AttributeError, match="has no attribute 'pie'"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot_power import Series
+from jgait.plot.power import Series
 
 DUTY = np.array([0.9, 0.5, 0.1])
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from made_shank import LEAN, SWING, shank
 
-from jgait import plot, shank_events
-from jgait.plot_states import FILTERED, RAW, STATES
-from jgait.plot_walk import AXES
+from jgait import plot
+from jgait.events import shank as shank_events
+from jgait.plot.ankle import FILTERED, RAW, STATES
+from jgait.plot.walk import AXES
 
 
 @pytest.fixture(scope="module")

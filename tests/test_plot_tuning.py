@@ -7,8 +7,9 @@ import numpy as np
 import optax
 import pytest
 
-from jgait import plot, plot_tuning, tune
+from jgait import plot, tune
 from jgait.params import fixed, positive, real
+from jgait.plot import tuning as plot_tuning
 
 
 class Leg(NamedTuple):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jgait import plot, simulate
-from jgait.plot_walk import AXES, LEG
+from jgait.plot.walk import AXES, LEG
 from jgait.simulate import Gait, Person
 
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import power
-from jgait.power import ACCELEROMETER, GYROSCOPE, Battery, Masks, Schedule, Sensor
+from jgait.duty_cycle import power
+from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Masks, Schedule, Sensor
 
 RATE = 50.0
 TABLE_2 = {90: 8.57, 80: 17.14, 70: 28.57, 60: 37.14, 50: 42.86, 40: 57.14, 30: 68.57, 20: 77.14, 10: 88.57}

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import power, power_descent, power_tradeoff
-from jgait.gap_filling import Thigh
-from jgait.gap_neighbours import NEIGHBOURS, neighbours
-from jgait.power import GYROSCOPE
-from jgait.power_descent import Plan, Settings
-from jgait.power_tradeoff import Shank, judge, masks_of, pareto, rounded, undominated
+from jgait.duty_cycle import power, power_descent, power_tradeoff
+from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.power import GYROSCOPE
+from jgait.duty_cycle.power_descent import Plan, Settings
+from jgait.duty_cycle.power_tradeoff import Shank, judge, masks_of, pareto, rounded, undominated
 
 RATE_HZ = 50.0
 STRIDE = 50  # samples

@@ -55,7 +55,7 @@ settings, environment, filters = dict(jax.config.values), dict(os.environ), list
 import jgait
 first = [name for name in {HEAVY} if name in sys.modules]
 for module in pkgutil.walk_packages(jgait.__path__, "jgait."):
-    if not module.name.startswith(("jgait.cli", "jgait.commands.", "jgait.demo")):
+    if not module.name.startswith(("jgait.cli", "jgait.commands.", "jgait.commands.demonstration")):
         __import__(module.name)
 then = [name for name in {HEAVY} if name in sys.modules]
 changed = [name for name, value in jax.config.values.items() if settings.get(name, value) != value]

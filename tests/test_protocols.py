@@ -7,8 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from jgait import protocols, simulate
-from jgait.sensors.imu import rotation
+from jgait import simulate
+from jgait.simulate import protocols
+from jgait.simulate.sensors.imu import rotation
 
 
 def sound(walked, rate, placements, distance):

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from jgait import replay
-from jgait.kinematics import GRAVITY
-from jgait.replay import JointCentres, LegCentres, PelvisMarkers
-from jgait.sensors import IDEAL
+from jgait.geometry.vectors import GRAVITY
+from jgait.simulate import replay
+from jgait.simulate.replay import JointCentres, LegCentres, PelvisMarkers
+from jgait.simulate.sensors import IDEAL
 from jgait.types import SIDES
 
 DEGREE = np.pi / 180.0

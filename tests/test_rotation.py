@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jgait.kinematics import Vector
-from jgait.rotation import (
+from jgait.geometry.rotation import (
     Quaternion,
     as_array,
     between,
@@ -24,6 +23,7 @@ from jgait.rotation import (
     rotation,
     turn,
 )
+from jgait.geometry.vectors import Vector
 
 RNG = np.random.default_rng(0)
 START = RNG.bit_generator.state

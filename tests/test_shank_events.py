@@ -5,7 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import butterworth, shank_axes, shank_baselines, shank_events, shank_stance
+from jgait.events import shank as shank_events
+from jgait.events import shank_baselines, shank_stance
+from jgait.mounting import shank as shank_axes
+from jgait.signal import butterworth
 from jgait.types import Imu, Recording, RecordingError
 
 RATE, PERIOD, STRIDES, FIRST = 100.0, 1.2, 6, 2.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from jgait import signal
+from jgait.signal import windows as signal
 
 RNG = np.random.default_rng(0)
 

@@ -5,11 +5,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import stride_length
-from jgait.kinematics import GRAVITY, Vector
-from jgait.rotation import turn
-from jgait.stride_length import StrideLengthParams, marks
-from jgait.stride_length_steps import planar_begin, planar_step, stride_begin, stride_step, swing_begin, swing_step
+from jgait.estimators.ankle_stride import length as stride_length
+from jgait.estimators.ankle_stride.length import StrideLengthParams
+from jgait.estimators.ankle_stride.length_steps import (
+    planar_begin,
+    planar_step,
+    stride_begin,
+    stride_step,
+    swing_begin,
+    swing_step,
+)
+from jgait.geometry.rotation import turn
+from jgait.geometry.vectors import GRAVITY, Vector
+from jgait.signal.marks import marks
 
 RATE, PERIOD, LENGTH, RISE, HEADING = 200.0, 1.2, 1.3, 0.06, 0.3
 LEVER = jnp.asarray([0.02, -0.03, 0.18])

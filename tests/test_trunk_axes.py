@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jgait import trunk_axes
-from jgait.shank_axes import filled
-from jgait.trunk_axes import TrunkAxes, described, functional_axes
+from jgait.mounting import trunk as trunk_axes
+from jgait.mounting.shank import filled
+from jgait.mounting.trunk import TrunkAxes, described, functional_axes
 from jgait.types import Imu, RecordingError
 
 RATE, STEPS_HZ, GRAVITY = 100.0, 1.9, 9.81

@@ -5,8 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import butterworth, trunk_contacts_soft, trunk_events, trunk_rhythm
-from jgait.trunk_events import LITERAL, PaperRule, Peaks, Soft, initial_contacts
+from jgait.events import trunk as trunk_events
+from jgait.events import trunk_rhythm
+from jgait.events import trunk_soft as trunk_contacts_soft
+from jgait.events.trunk import LITERAL, PaperRule, Peaks, Soft, initial_contacts
+from jgait.signal import butterworth
 
 RATE, STEP = 100.0, 0.55
 SAMPLES = 2750  # of everything that the compiled detectors see

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.direct_reverse import Cycles, optimum_cutoffs
-from jgait.velocity_update import VelocityUpdateParams, frozen, integrated, updated
+from jgait.estimators.waist.ofdri import Cycles, optimum_cutoffs
+from jgait.estimators.waist.velocity_update import VelocityUpdateParams, frozen, integrated, updated
 
 DT, SAMPLES, PERIOD, FIRST = 0.01, 1100, 105, 180
 TIME = np.arange(SAMPLES) * DT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jgait import datasets
-from jgait.estimators import waist_ofdri
+from jgait.estimators import waist as waist_ofdri
 from jgait.types import Imu, Recording, Strides
 
 

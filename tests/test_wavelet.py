@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import pywt
 
-from jgait import wavelet
+from jgait.signal import wavelet
 
 RNG = np.random.default_rng(0)
 X = RNG.normal(size=1024)

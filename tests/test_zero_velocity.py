@@ -9,9 +9,10 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from jgait import datasets, simulate
-from jgait import zero_velocity as zv
-from jgait.kinematics import GRAVITY, in_world
-from jgait.signal import window_size
+from jgait.events import zero_velocity as zv
+from jgait.geometry.segments import in_world
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal.windows import window_size
 from jgait.simulate import Person
 
 RATE = 100.0

@@ -125,7 +125,7 @@ def source(
 
 
 def _simulated(people: int, seed: int) -> Source:
-    from jgait import protocols
+    from jgait.simulate import protocols
 
     found = protocols.bennett(jax.random.key(seed), people)
     walks = [Walk(one.recording, one.truth.estimate, {}) for one in found]

@@ -44,7 +44,7 @@ def demo(
 ) -> None:
     """Estimate joint angles, compare with the truth, tune by gradient, judge on walks the tuning never saw."""
     from jgait import datasets
-    from jgait import demo as demonstration
+    from jgait.commands import demonstration
 
     if dataset not in ("auto", "simulated", "neura_sparse"):
         stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")

@@ -113,7 +113,8 @@ def _write(out: Path, found: Any, agreement: Any, failures: list[tuple[str, str]
     """Tables and figures."""
     import pandas as pd
 
-    from jgait import plot, plot_cohort
+    from jgait import plot
+    from jgait.plot import cohort as plot_cohort
 
     tables = {
         "recordings": found.recordings, "quantities": found.quantities, "strides": found.strides,

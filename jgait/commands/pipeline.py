@@ -39,7 +39,8 @@ def refuse_others(estimator: str, given: Mapping[str, Any]) -> None:
 def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
     """The estimator that was asked for; leaves with 2 where there is none."""
     from jgait import estimators
-    from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf, waist_ofdri
+    from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
+    from jgait.estimators import waist as waist_ofdri
 
     modules = (leg_ekf, stride_width_ekf, waist_ofdri, duty_cycled_gyro)
     papers = {module.__name__.rpartition(".")[2]: module.PAPER for module in modules}

@@ -196,7 +196,7 @@ def own_params(
         given: option → value or None.
         told: whether the parameters are someone's own, so that nothing is missing.
     """
-    from jgait.commands.estimate_strides import TAPE_SD
+    from jgait.commands.estimate.strides import TAPE_SD
 
     p = pipeline.own(start, body)
     if given["--scale"] is not None:

@@ -103,7 +103,7 @@ def _walks(
     people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator[Any]]:
     """What gives recording, truth, person and distance one after another; leaves with 2 for what there is not."""
-    from jgait import protocols
+    from jgait.simulate import protocols
 
     key = jax.random.key(seed)
     if protocol is not None:
@@ -122,8 +122,8 @@ def _walks(
 
 def _drawn(key: Any, people: int, along: Any, options: dict[str, Any]) -> Iterator[Any]:
     """People drawn from the norms on one route."""
-    from jgait import sensors
     from jgait import simulate as simulation
+    from jgait.simulate import sensors
 
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)

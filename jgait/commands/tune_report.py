@@ -50,7 +50,9 @@ def report(
         failures: recordings that could not be used.
         json_file: where the numbers go, or None.
     """
-    from jgait import evaluate, io, plot, plot_cohort, plot_tuning
+    from jgait import evaluate, io, plot
+    from jgait.plot import cohort as plot_cohort
+    from jgait.plot import tuning as plot_tuning
 
     values = _values(job, found)
     spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}

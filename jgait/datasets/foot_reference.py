@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.signal import true_runs
+from jgait.signal.windows import true_runs
 from jgait.types import Imu
 
 STANCE_RATE = 1.0  # [rad/s] peak rate of a standing foot over 50 ms

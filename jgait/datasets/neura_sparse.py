@@ -307,7 +307,7 @@ def _windows(
     """Standing, walking and straight parts; by rule for trials that are not in `_WINDOWS`."""
     if name in _WINDOWS:
         return {"whole": frames, **_WINDOWS[name]}
-    from jgait.signal import longest_still
+    from jgait.events.rest import longest_still
 
     start, end = frames
     pelvis = sensors.get("pelvis", next(iter(sensors.values())))

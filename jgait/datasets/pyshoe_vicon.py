@@ -39,7 +39,7 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
-from jgait.signal import true_runs
+from jgait.signal.windows import true_runs
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "data/vicon/processed"

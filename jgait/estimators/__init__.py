@@ -3,7 +3,17 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist_ofdri
+from jgait.estimators import (
+    ankle_stride,
+    duty_cycled_gyro,
+    foot_ins,
+    leg_ekf,
+    stride_width_ekf,
+    two_feet,
+)
+from jgait.estimators import (
+    waist as waist_ofdri,
+)
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["Estimator", "Prepared", "get", "names"]

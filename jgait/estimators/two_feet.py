@@ -34,15 +34,15 @@ import numpy as np
 
 from jgait import filtering, params
 from jgait.estimators import foot_ins, two_feet_model, two_feet_readout
-from jgait.estimators.foot_inputs import FootSignals
-from jgait.estimators.foot_model import FootObservation
+from jgait.estimators.foot_ins.inputs import FootSignals
+from jgait.estimators.foot_ins.model import FootObservation
 from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.two_feet_calibration import prepare
 from jgait.estimators.two_feet_inputs import TwoFeetInputs, pad
 from jgait.estimators.two_feet_model import Plane, TwoFeetControl, TwoFeetModelParams, TwoFeetObservation, TwoFeetState
 from jgait.estimators.two_feet_params import DEFAULT, TRANSFORMS, TwoFeetOptions, TwoFeetParams, with_body
 from jgait.filtering import Belief, Covariance
-from jgait.kinematics import Vector
+from jgait.geometry.vectors import Vector
 from jgait.types import SIDES, Estimate, Legs, Recording
 
 __all__ = [

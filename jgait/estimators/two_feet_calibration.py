@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 
-from jgait.estimators import foot_calibration
-from jgait.estimators.foot_inputs import FootSignals
+from jgait.estimators.foot_ins import prepare as foot_calibration
+from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.interface import Prepared
-from jgait.estimators.stride_width_calibration import prepare_from_feet
-from jgait.estimators.stride_width_feet import SHORT
+from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
+from jgait.estimators.stride_width_ekf.trajectories import SHORT
 from jgait.estimators.two_feet_inputs import TwoFeetInputs
 from jgait.estimators.two_feet_params import DEFAULT, TwoFeetOptions, width_options
-from jgait.kinematics import GRAVITY
+from jgait.geometry.vectors import GRAVITY
 from jgait.types import Feet, FootTrajectory, Recording, RecordingError
 
 LEVEL_TIME = 0.03

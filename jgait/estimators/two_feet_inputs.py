@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.estimators import foot_inputs
-from jgait.estimators.foot_inputs import FootInputs, FootSignals
+from jgait.estimators.foot_ins import inputs as foot_inputs
+from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 
 
 class TwoFeetInputs(NamedTuple):

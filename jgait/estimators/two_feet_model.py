@@ -29,8 +29,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait.estimators import foot_model
-from jgait.estimators.foot_model import FootControl, FootError, FootModelParams, FootObservation, FootState
+from jgait.estimators.foot_ins import model as foot_model
+from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation, FootState
 from jgait.filtering import Belief, Covariance, Model
 
 SLOW = 0.1

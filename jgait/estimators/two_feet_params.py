@@ -4,9 +4,10 @@ import math
 from typing import Any, NamedTuple
 
 from jgait import filtering
-from jgait.estimators import foot_params, stride_width_params
-from jgait.estimators.foot_params import FootOptions, FootParams
-from jgait.estimators.stride_width_params import WidthOptions, WidthParams
+from jgait.estimators.foot_ins import params as foot_params
+from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.stride_width_ekf import params as stride_width_params
+from jgait.estimators.stride_width_ekf.params import WidthOptions, WidthParams
 from jgait.filtering.execution import Execution
 
 

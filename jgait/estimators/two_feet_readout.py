@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait.estimators import foot_strides, stride_width_readout
-from jgait.estimators.foot_inputs import FootSignals
-from jgait.estimators.foot_model import FootState
-from jgait.estimators.foot_strides import root
-from jgait.estimators.stride_width_inputs import StrideRows
-from jgait.estimators.stride_width_model import WidthState
+from jgait.estimators.foot_ins import readout as foot_strides
+from jgait.estimators.foot_ins.inputs import FootSignals
+from jgait.estimators.foot_ins.model import FootState
+from jgait.estimators.foot_ins.readout import root
+from jgait.estimators.stride_width_ekf import readout as stride_width_readout
+from jgait.estimators.stride_width_ekf.inputs import StrideRows
+from jgait.estimators.stride_width_ekf.model import WidthState
 from jgait.estimators.two_feet_inputs import TwoFeetInputs
 from jgait.estimators.two_feet_model import Plane, TwoFeetState, relative, turned
 from jgait.estimators.two_feet_params import TwoFeetParams, width_params

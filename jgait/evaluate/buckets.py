@@ -11,8 +11,8 @@ import jax
 import numpy as np
 
 from jgait.estimators.interface import Estimator
+from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
-from jgait.evaluate.spread import sharded
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.params import check_params

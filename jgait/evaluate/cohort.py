@@ -9,7 +9,8 @@ import jax
 
 import jgait
 from jgait.estimators.interface import Estimator
-from jgait.evaluate import scores, spread
+from jgait.evaluate import devices as spread
+from jgait.evaluate import scores
 from jgait.evaluate.buckets import Job, evaluated
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, Memory, described

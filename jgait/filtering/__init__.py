@@ -8,18 +8,13 @@ describes; how they resample is an argument (`Systematic`, `Soft`).
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.draw import draw
-from jgait.filtering.kalman import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
-from jgait.filtering.linearise import CKF, EKF, KF, UKF, IteratedEKF, Method
+from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
+from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
-from jgait.filtering.particle import (
-    PARTICLE_FIELDS,
-    PARTICLE_KEEP,
-    ParticlePosterior,
-    particle_filter,
-)
+from jgait.filtering.particle import PARTICLE_FIELDS, PARTICLE_KEEP, ParticlePosterior, particle_filter
 from jgait.filtering.particle_smoother import ParticleSmoothed, particle_smoother
 from jgait.filtering.resampling import Resampling, Soft, Systematic, systematic_ancestors
+from jgait.filtering.sample import draw
 from jgait.filtering.smoother import Smoothed, kalman_smoother
 
 __all__ = [

@@ -46,7 +46,7 @@ from jgait.filtering.components import (
 from jgait.filtering.fast import Advanced, advanced, arrays, carried, constant_noises, opened, sample_of
 from jgait.filtering.fast_smoother import there_and_back
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.linearise import EKF, KF
+from jgait.filtering.methods import EKF, KF
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import Components, turn
 from jgait.filtering.tracing import Expansion

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.linearise import check_method
+from jgait.filtering.methods import check_method
 from jgait.filtering.model import Belief, Model
 
 

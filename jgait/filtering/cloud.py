@@ -13,18 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.component_model import ComponentModel
-from jgait.filtering.components import (
-    Matrix,
-    all_finite,
-    both,
-    dot,
-    is_zero,
-    known,
-    minus,
-    symmetric,
-    total,
-    where,
-)
+from jgait.filtering.components import Matrix, all_finite, both, dot, is_zero, known, minus, symmetric, total, where
 from jgait.filtering.dense import LOG_2PI
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.resampling import lowest

@@ -21,7 +21,7 @@ from jgait.filtering.linear_algebra import (
     product,
     solve_covariance,
 )
-from jgait.filtering.linearise import CKF, EKF, KF, UKF, Affine, Method, linearise
+from jgait.filtering.methods import CKF, EKF, KF, UKF, Affine, Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
 
 LOG_2PI = math.log(2.0 * math.pi)

@@ -16,7 +16,7 @@ from jax import lax
 from jgait.filtering import bryson_frazier, dense, fast, fast_smoother, parallel, square_root
 from jgait.filtering.component_model import scalars
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.linearise import EKF, KF, Method
+from jgait.filtering.methods import EKF, KF, Method
 
 Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
 

@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.linearise import EKF, KF, depends_on_place, reached
+from jgait.filtering.methods import EKF, KF, depends_on_place, reached
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import (
     Components,

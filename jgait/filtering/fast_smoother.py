@@ -41,7 +41,7 @@ from jgait.filtering.fast import (
 )
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.inverse_factor import generalised_inverse_factor
-from jgait.filtering.linearise import EKF, KF
+from jgait.filtering.methods import EKF, KF
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import Components, Sample, affine_transition, turn
 from jgait.filtering.tracing import Expansion

@@ -31,7 +31,7 @@ from jgait.filtering.linear_algebra import (
     product,
     solve_covariance,
 )
-from jgait.filtering.linearise import EKF, KF, linearise
+from jgait.filtering.methods import EKF, KF, linearise
 from jgait.filtering.vectors import Moments, VectorModel
 
 

@@ -30,9 +30,9 @@ from jgait.filtering import checks
 from jgait.filtering.cloud import Cloud, drawn, moments, moved, weighed
 from jgait.filtering.compile import compiled
 from jgait.filtering.fast import filled, sample_of, segment_length, series
+from jgait.filtering.filter import named_covariance, named_values
 from jgait.filtering.inputs import Inputs, inputs
-from jgait.filtering.kalman import named_covariance, named_values
-from jgait.filtering.linearise import EKF
+from jgait.filtering.methods import EKF
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.resampling import (
     Resampling,

@@ -18,8 +18,8 @@ from jax import lax
 from jgait.filtering import checks
 from jgait.filtering.cloud import Cloud, drawn, moments
 from jgait.filtering.compile import compiled
+from jgait.filtering.filter import named_covariance, named_values
 from jgait.filtering.inputs import Inputs, inputs
-from jgait.filtering.kalman import named_covariance, named_values
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.particle import (
     PARTICLE_KEEP,

@@ -18,9 +18,9 @@ from jgait.filtering import checks
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import structure_names
 from jgait.filtering.execution import Execution, Form, smoothed
+from jgait.filtering.filter import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
 from jgait.filtering.inputs import inputs
-from jgait.filtering.kalman import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
-from jgait.filtering.linearise import EKF, Method
+from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 
 

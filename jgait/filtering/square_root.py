@@ -26,7 +26,7 @@ from jgait.filtering.dense import LOG_2PI, Correction, affine_observation, affin
 from jgait.filtering.factors import added, changed, covariance, reduced, rooted, squares, triangularised
 from jgait.filtering.inputs import Prepared
 from jgait.filtering.linear_algebra import backward_substitution, forward_substitution, product
-from jgait.filtering.linearise import Method
+from jgait.filtering.methods import Method
 from jgait.filtering.vectors import Moments, VectorModel
 
 SINGULAR = 8.0

@@ -35,7 +35,7 @@ from jgait.filtering.components import (
 from jgait.filtering.covariance_update import Gains, updated_covariance
 from jgait.filtering.dense import LOG_2PI
 from jgait.filtering.inverse_factor import inverse_factor
-from jgait.filtering.linearise import EKF, KF
+from jgait.filtering.methods import EKF, KF
 from jgait.filtering.tracing import Expansion
 
 

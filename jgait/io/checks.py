@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from jgait.signal import true_runs
+from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError
 
 GRAVITY = 9.80665

@@ -216,7 +216,7 @@ def _interval(row: Any, name: str) -> Cell:
 
 
 def _figures(paired: "pd.DataFrame") -> list[Picture]:
-    from jgait import plot_cohort
+    from jgait.plot import cohort as plot_cohort
 
     made = []
     for name in DRAWN:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.plot_strides import SPECIAL
+from jgait.plot.strides import SPECIAL
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import Estimate
 

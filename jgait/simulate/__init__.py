@@ -4,7 +4,7 @@ A `Person` (lengths of the body, parameters of the gait, each with its unit) wal
 the library's own records; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.
 """
 
-from jgait.kinematics import segment_of
+from jgait.geometry.segments import segment_of
 from jgait.simulate.batches import cohort, walks
 from jgait.simulate.check import check_person
 from jgait.simulate.person import Body, Gait, Person

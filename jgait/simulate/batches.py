@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.sensors import IDEAL, ImuErrors
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.person import Person
 from jgait.simulate.population import fitted, person_of, population
 from jgait.simulate.routes import Route, straight
+from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.worn import SEVEN, Truth, limits, room, roomy, samples_in, trimmed, walk
 from jgait.types import Recording
 

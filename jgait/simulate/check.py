@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from jgait.kinematics import segment_of
-from jgait.sensors import ImuErrors, check_errors
+from jgait.geometry.segments import segment_of
 from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.routes import straight
+from jgait.simulate.sensors import ImuErrors, check_errors
 from jgait.simulate.walker import Slack, plan, slack
 
 _HALF = (-0.5, 0.5)

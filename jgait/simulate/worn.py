@@ -12,13 +12,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.kinematics import Frame, Motion, Segments, Vector, dot, inertial, kept, segment_of, subtract
-from jgait.sensors import IDEAL, Clock, ImuErrors, measure, true_times
+from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of
+from jgait.geometry.vectors import Vector, dot, kept, subtract
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
+from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
 from jgait.simulate.walker import Slack, clock, motion, plan, slack
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float

@@ -13,14 +13,7 @@ from jax.sharding import Mesh
 
 from jgait.params import constrain
 from jgait.tune import checkpoint
-from jgait.tune.checks import (
-    check_data,
-    check_loss,
-    check_priors,
-    numbered,
-    spread_out,
-    start,
-)
+from jgait.tune.checks import check_data, check_loss, check_priors, numbered, spread_out, start
 from jgait.tune.descent import Settings
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Lanes, Report, descend

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait import losses
 from jgait.estimators.interface import Estimator
+from jgait.tune import losses
 from jgait.tune.lessons import Lesson
 from jgait.types import Estimate
 

@@ -7,9 +7,10 @@ import pytest
 from made_shank import shank
 
 from jgait import estimators
-from jgait.estimators import ankle_calibration, ankle_stride
-from jgait.estimators.ankle_inputs import capacity, pad
+from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import FLAGS, TRANSFORMS, UNUSED, AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride import prepare as ankle_calibration
+from jgait.estimators.ankle_stride.inputs import capacity, pad
 from jgait.types import Imu, Recording, RecordingError
 
 MILLIMETRE = 1e-3

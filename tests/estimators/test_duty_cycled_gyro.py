@@ -7,15 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import estimators, io, power, protocols, simulate
+from jgait import estimators, io, simulate
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.power import Schedule
+from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, TRANSFORMS, DutyCycledOptions, DutyCycledParams
-from jgait.estimators.duty_gyro_params import pad
-from jgait.gap_filling import FILLED, HELD, MEASURED
-from jgait.gap_recording import fill_recording, gyroscope_masks
+from jgait.estimators.duty_cycled_gyro.estimator import _fill, _planar
+from jgait.estimators.duty_cycled_gyro.params import pad
 from jgait.params import names
-from jgait.power import Schedule
-from jgait.sensors import IDEAL
+from jgait.simulate import protocols
+from jgait.simulate.sensors import IDEAL
 from jgait.types import SIDES, RecordingError
 
 RATE = 50.0
@@ -232,8 +235,8 @@ def test_what_the_filters_are_told_has_the_same_slope_backwards(alone):
 
     def told(values):
         p = with_values(values)
-        filled = duty_cycled_gyro._fill(p, one, None, alone.options)
-        seen = duty_cycled_gyro._planar(p, one, filled, alone.inputs.dt)
+        filled = _fill(p, one, None, alone.options)
+        seen = _planar(p, one, filled, alone.inputs.dt)
         return jnp.mean(jnp.where(alone.inputs.valid, (seen.gyr - 0.3) ** 2 + seen.excess, 0.0))
 
     at = usual()

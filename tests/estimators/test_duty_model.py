@@ -4,10 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import strapdown
 
-from jgait import filtering, params, power, protocols, simulate, strapdown
-from jgait.estimators import duty_literal, duty_model, leg_ekf
-from jgait.estimators.duty_params import (
+from jgait import filtering, params, simulate
+from jgait.duty_cycle import power
+from jgait.estimators import leg_ekf
+from jgait.estimators.duty_cycled_gyro import literal as duty_literal
+from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro.model_params import (
     DEFAULT,
     LITERAL,
     TRANSFORMS,
@@ -22,8 +26,9 @@ from jgait.estimators.duty_params import (
     pad,
     planar,
 )
-from jgait.kinematics import GRAVITY
-from jgait.sensors import IDEAL
+from jgait.geometry.vectors import GRAVITY
+from jgait.simulate import protocols
+from jgait.simulate.sensors import IDEAL
 
 RATE = 50.0
 T = 1.0 / RATE

@@ -5,10 +5,11 @@ import pytest
 from made_foot import foot
 
 from jgait import datasets, estimators
-from jgait.estimators import foot_ins, foot_windows
+from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
-from jgait.estimators.foot_params import TEXTBOOK, TRANSFORMS
-from jgait.rest import rest
+from jgait.estimators.foot_ins import windows as foot_windows
+from jgait.estimators.foot_ins.params import TEXTBOOK, TRANSFORMS
+from jgait.events.rest import rest
 from jgait.types import Imu, Recording, RecordingError
 
 STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)

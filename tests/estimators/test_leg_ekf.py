@@ -5,12 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import losses, protocols
-from jgait.estimators import leg_ekf, leg_model, leg_online
+from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
-from jgait.estimators.leg_inputs import LegInputs, pad
+from jgait.estimators.leg_ekf import model as leg_model
+from jgait.estimators.leg_ekf import online as leg_online
+from jgait.estimators.leg_ekf.inputs import LegInputs, pad
 from jgait.filtering import EKF, UKF, IteratedEKF
-from jgait.sensors import IDEAL
+from jgait.simulate import protocols
+from jgait.simulate.sensors import IDEAL
+from jgait.tune import losses
 from jgait.types import SIDES, Recording, RecordingError
 
 RATE = 50.0

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_footsteps import OFFSET, WIDTH, distances, drifting, footsteps, widths
 
-from jgait import filtering, params, protocols
+from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
-from jgait.estimators import stride_width_model as model
-from jgait.estimators import stride_width_readout as readout
-from jgait.estimators.stride_width_inputs import pad
+from jgait.estimators.stride_width_ekf import model, readout
+from jgait.estimators.stride_width_ekf.inputs import pad
 from jgait.filtering import CKF, EKF, UKF
+from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
 
 KNOWN = sw.WidthParams(range_offset=OFFSET)

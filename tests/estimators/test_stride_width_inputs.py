@@ -7,8 +7,8 @@ import pytest
 from made_footsteps import STRIDE, drifting, footsteps
 
 from jgait.estimators import stride_width_ekf as sw
-from jgait.estimators import stride_width_model as model
-from jgait.estimators.stride_width_model import FootControl, WidthControl, WidthState
+from jgait.estimators.stride_width_ekf import model
+from jgait.estimators.stride_width_ekf.model import FootControl, WidthControl, WidthState
 from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
 
 STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)

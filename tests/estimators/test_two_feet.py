@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import protocols
 from jgait.estimators import foot_ins, two_feet, two_feet_model
-from jgait.estimators.foot_model import FootControl, FootError, FootModelParams, FootState
+from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootState
 from jgait.estimators.two_feet_model import Plane, TwoFeetControl, TwoFeetError, TwoFeetModelParams, TwoFeetState
 from jgait.filtering import Covariance
-from jgait.kinematics import Vector
-from jgait.rotation import exponential
+from jgait.geometry.rotation import exponential
+from jgait.geometry.vectors import Vector
+from jgait.simulate import protocols
 from jgait.types import RangeReadings, RecordingError
 
 PARAMS = two_feet.TwoFeetParams(range_offset=2.0 * protocols.SKIN)

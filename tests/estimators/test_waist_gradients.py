@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from made_trunk import cut, walk
 
-from jgait.estimators import waist_distance, waist_motion, waist_ofdri, waist_steps
-from jgait.estimators.waist_inputs import PER_NODE, pad
-from jgait.estimators.waist_ofdri import UNUSED, WaistOptions, WaistParams
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import UNUSED, WaistOptions, WaistParams
+from jgait.estimators.waist import motion as waist_motion
+from jgait.estimators.waist import readout as waist_distance
+from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.inputs import PER_NODE, pad
 
 SAMPLES = 1024  # of everything that the compiled programs see
 MOTION = jax.jit(waist_motion.motion_and_likelihood)

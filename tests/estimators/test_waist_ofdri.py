@@ -6,9 +6,9 @@ import pytest
 from made_trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
 from jgait import estimators
-from jgait.estimators import waist_ofdri
-from jgait.estimators.waist_inputs import capacity, pad
-from jgait.estimators.waist_ofdri import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
+from jgait.estimators.waist.inputs import capacity, pad
 from jgait.types import Imu, Recording, RecordingError
 
 SAMPLES = 1024  # of everything that the compiled programs see

@@ -5,13 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait import butterworth, filtering
-from jgait.estimators import waist_model, waist_orientation, waist_steps
-from jgait.estimators.waist_model import WaistControl, WaistModelParams, WaistObservation
-from jgait.estimators.waist_orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
-from jgait.estimators.waist_params import WaistParams
-from jgait.kinematics import GRAVITY, Vector, vector
-from jgait.rotation import Quaternion, rotated
+from jgait import filtering
+from jgait.estimators.waist import model as waist_model
+from jgait.estimators.waist import orientation as waist_orientation
+from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
+from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation
+from jgait.estimators.waist.params import WaistParams
+from jgait.geometry.rotation import Quaternion, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, vector
+from jgait.signal import butterworth
 
 ROWS, STEP_S = 12, 0.5
 MODEL = WaistModelParams(

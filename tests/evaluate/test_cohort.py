@@ -10,10 +10,14 @@ import pandas as pd
 import pytest
 from made_cohort import FAKE, TRACED, Params, read, run, walk
 
-from jgait import evaluate, protocols, signal
-from jgait.estimators import leg_calibration, leg_ekf
-from jgait.evaluate import buckets, scores, spread
+from jgait import evaluate
+from jgait.estimators import leg_ekf
+from jgait.estimators.leg_ekf import prepare as leg_calibration
+from jgait.evaluate import buckets, scores
+from jgait.evaluate import devices as spread
 from jgait.evaluate.store import Folder, described
+from jgait.signal import windows as signal
+from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
 
 ERRORS = ["error", "abs_error", "rel_error"]

@@ -15,7 +15,7 @@ import pytest
 from made_cohort import FAKE, read, read_or_die, walk
 
 from jgait import evaluate
-from jgait.evaluate import spread
+from jgait.evaluate import devices as spread
 
 TESTS = Path(__file__).parents[1]
 

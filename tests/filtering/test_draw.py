@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.estimators import inclination
-from jgait.estimators.inclination import InclinationControl, InclinationNoise, Vector
+from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf.inclination import InclinationControl, InclinationNoise, Vector
 from jgait.filtering import Belief, Covariance, Model, draw, kalman_filter
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from jgait import filtering
-from jgait.estimators import foot_model as fm
+from jgait.estimators.foot_ins import model as fm
 from jgait.filtering import EKF, IteratedEKF
-from jgait.kinematics import GRAVITY, Vector
-from jgait.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.vectors import GRAVITY, Vector
 
 DT = 0.01
 ONCE = EKF()

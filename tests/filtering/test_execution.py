@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from jgait import filtering
-from jgait.estimators import inclination, leg_model
+from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf import model as leg_model
 from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model, fast
 from jgait.filtering.components import known
 from jgait.filtering.inputs import inputs

@@ -10,7 +10,8 @@ import pytest
 import reference
 
 from jgait import filtering
-from jgait.filtering import KF, Belief, Covariance, Model, kalman, parallel
+from jgait.filtering import KF, Belief, Covariance, Model, parallel
+from jgait.filtering import filter as kalman
 from jgait.filtering.inputs import Prepared, inputs
 
 

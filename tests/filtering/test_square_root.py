@@ -20,8 +20,10 @@ from jgait.filtering import (
     Model,
     dense,
     factors,
-    kalman,
     square_root,
+)
+from jgait.filtering import (
+    filter as kalman,
 )
 from jgait.filtering.inputs import inputs
 

@@ -6,7 +6,7 @@ import pytest
 
 from jgait import RecordingError, io
 from jgait.io.formats.c3d_axes import UPRIGHT, joint_centres
-from jgait.replay import body_motion
+from jgait.simulate.replay import body_motion
 
 RATE, SAMPLES, FIRST, PER_FRAME = 100.0, 120, 51, 10
 SIDEWAYS = {"R": -0.1, "L": 0.1}

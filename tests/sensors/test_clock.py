@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.sensors import Clock, check_clock, true_times
+from jgait.simulate.sensors import Clock, check_clock, true_times
 
 TIME = jnp.arange(0.0, 600.0, 0.5)
 

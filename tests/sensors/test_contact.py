@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.sensors import FootSwitch, Insole, check_contact, measure_insole, measure_switch
+from jgait.simulate.sensors import FootSwitch, Insole, check_contact, measure_insole, measure_switch
 
 RATE = 100.0
 TIME = jnp.arange(500.0) / RATE

@@ -9,9 +9,9 @@ from scipy.interpolate import interp1d
 from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
-from jgait.kinematics import GRAVITY
-from jgait.sensors import IDEAL, ImuErrors, check_errors, measure, turn
-from jgait.sensors.dynamics import low_pass, soft_tissue
+from jgait.geometry.vectors import GRAVITY
+from jgait.simulate.sensors import IDEAL, ImuErrors, check_errors, measure, turn
+from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
 
 RATE = 100.0
 T = 600

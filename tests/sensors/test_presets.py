@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jgait import sensors
-from jgait.sensors import DEGREE, FREESENSE, GRAVITY, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
+from jgait.simulate import sensors
+from jgait.simulate.sensors import DEGREE, FREESENSE, GRAVITY, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
 
 
 @pytest.mark.parametrize("errors", [IDEAL, IDG300, MPU6000, OPAL, FREESENSE])

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.sensors import HC_SR04, Ranging, check_ranging, measure_range, nearest_point
+from jgait.simulate.sensors import HC_SR04, Ranging, check_ranging, measure_range, nearest_point
 
 RATE = 128.0
 T = 1024

@@ -4,13 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import strapdown
 
-from jgait import simulate, strapdown
-from jgait.kinematics import GRAVITY, Frame, Vector, in_world
-from jgait.sensors import IDEAL, Clock, ImuErrors
+from jgait import simulate
+from jgait.geometry.segments import Frame, in_world
+from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.simulate import Gait, Person
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
+from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
 from jgait.simulate.walker import clock, motion, plan, pose
 from jgait.simulate.worn import _ends, _plan, room
 

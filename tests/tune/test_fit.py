@@ -8,9 +8,10 @@ import numpy as np
 import optax
 import pytest
 
-from jgait import losses, tune
+from jgait import tune
 from jgait.filtering import KF, Belief, Covariance, Model, kalman_filter
 from jgait.params import fixed, interval, positive, real
+from jgait.tune import losses
 
 
 class Line(NamedTuple):

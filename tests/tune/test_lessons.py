@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jgait import params, tune
-from jgait.losses import TrajectoryWeights
 from jgait.tune.lessons import resampled
+from jgait.tune.losses import TrajectoryWeights
 from jgait.types import Feet, FootTrajectory, Walk
 
 

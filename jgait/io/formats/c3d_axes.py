@@ -10,7 +10,7 @@ from jgait.types import SIDES, RecordingError
 
 if TYPE_CHECKING:
     from jgait.io.formats.c3d import Capture
-    from jgait.replay import JointCentres
+    from jgait.simulate.replay import JointCentres
 
 UPRIGHT = {
     "+z": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -99,7 +99,7 @@ def _middle(place: np.ndarray) -> np.ndarray:
 
 
 def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] | None = None) -> "JointCentres":
-    """Joint centres and foot markers of a capture, as `jgait.replay` takes them.
+    """Joint centres and foot markers of a capture, as `jgait.simulate.replay` takes them.
 
     Args:
         capture: with z up.
@@ -113,7 +113,7 @@ def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] |
     Raises:
         RecordingError: if it is not known which axis points up, a named marker is not there, or no leg is.
     """
-    from jgait.replay import JointCentres, LegCentres, PelvisMarkers
+    from jgait.simulate.replay import JointCentres, LegCentres, PelvisMarkers
 
     if capture.up is None:
         raise RecordingError(f"{capture.name}: which axis points up is not known; say up in read_c3d")

@@ -1,0 +1,291 @@
+"""From prepared inputs to strides of the shanks."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import filtering, params
+from jgait.estimators.ankle_stride import model as ankle_model
+from jgait.estimators.ankle_stride import readout as ankle_strides
+from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals, pad
+from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation, AnkleState
+from jgait.estimators.ankle_stride.params import (
+    DEFAULT,
+    TRANSFORMS,
+    AnkleOptions,
+    AnkleParams,
+    check_options,
+    with_body,
+)
+from jgait.estimators.ankle_stride.prepare import Preparation, prepare
+from jgait.estimators.ankle_stride.readout import FLAGS
+from jgait.estimators.foot_ins.model import FootControl, FootModelParams
+from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.filtering import Belief, Covariance
+from jgait.geometry.rotation import Quaternion, rotated
+from jgait.geometry.vectors import Vector, cross, dot, subtract, vector
+from jgait.signal import butterworth
+from jgait.types import SIDES, Estimate, Legs, Recording, Strides
+
+BUCKET = 1024
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
+
+TOGETHER_S = 0.06
+"""[s] Zero velocities so near to each other err together: they count as one, whatever the sampling rate."""
+
+_LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
+_PENDULUM = ("leg_length", "angle_gain", "time_gain")
+_FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, "cutoff_hz", "stride_noise"))
+UNUSED = {
+    "filter": (*_PENDULUM, "height_noise", "stride_noise"),
+    "3d": (*_FILTER, *_PENDULUM, "stride_noise"),
+    "li": (*_FILTER, *_PENDULUM, "stride_noise", "lever_forward", "lever_left"),
+    "sl1": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise", "angle_gain", "time_gain"),
+    "sl2": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise"),
+}
+"""Method → parameters on which no length depends, so that their gradient is zero."""
+
+__all__ = [
+    "DEFAULT",
+    "FLAGS",
+    "TRANSFORMS",
+    "UNUSED",
+    "AnkleOptions",
+    "AnkleParams",
+    "estimate",
+    "estimator",
+    "prepared",
+    "run",
+    "with_body",
+]
+
+
+def model_params(p: AnkleParams) -> FootModelParams:
+    """The model's parameters; it has no pivot, the lever is a state."""
+    return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
+
+
+def _mean_over_interval(values: Any) -> Any:
+    return jnp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
+
+
+def controls(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any) -> AnkleControl:
+    """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
+    means = (vector(_mean_over_interval(values)) for values in (gyr, acc))
+    return control(p, leg, vector(gyr), *means)
+
+
+def control(p: AnkleParams, now: Any, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
+    """What the sensor reads, of one sample or, elementwise, of many.
+
+    Args:
+        p: parameters.
+        now: jumps, doubts, dt, restart, rate_hz and gyr_bias by the names of `AnkleSignals`.
+        rate: angular rate at the sample [rad/s].
+        gyr: its mean over the interval [rad/s].
+        acc: mean specific force over the interval [m/s²].
+    """
+    h = now.dt
+    free = subtract(rate, vector(now.gyr_bias))
+    together = jnp.maximum(TOGETHER_S * now.rate_hz, 1.0)
+    over = FootControl(
+        gyr=gyr,
+        acc=acc,
+        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * now.gyr_jump) ** 2 + now.gyr_doubt**2) * h,
+        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * now.acc_jump) ** 2 + now.acc_doubt**2) * h,
+        velocity_variance=together * (p.velocity_noise**2 + p.rate_noise**2 * dot(free, free)),
+        restart=now.restart,
+    )
+    return AnkleControl(over, rate)
+
+
+def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Any) -> Belief:
+    """The belief at the first stance: level as gravity says, the ankle at rest, the lever as the placement says."""
+    attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
+    return standing_prior(p, leg, attitude, vector(gyr[jnp.argmax(leg.valid)]))
+
+
+def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector) -> Belief:
+    """The belief at a stance of which nothing but gravity tells.
+
+    Args:
+        p: parameters.
+        leg: gyr_bias, still_time and mid_shank by the names of `AnkleSignals`.
+        attitude: of the sensor.
+        rate: that it reads [rad/s].
+    """
+    dtype = rate.x.dtype
+    bias = vector(leg.gyr_bias)
+    lever = Vector(*(jnp.asarray(v, dtype) for v in ankle_strides.lever_of(p, leg)))
+    velocity = rotated(attitude, cross(subtract(rate, bias), lever))
+    stood = leg.still_time > 0.0
+    rested = p.gyr_bias**2 + (p.sway / jnp.where(stood, leg.still_time, 1.0)) ** 2
+    biased = jnp.where(stood, rested, p.gyr_bias_unknown**2)
+    zero = jnp.zeros((), dtype)
+    along, across, tilt = (zero + v**2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
+    variances = AnkleError(
+        position=Vector(*(zero + ankle_model.AGAIN,) * 3),
+        velocity=Vector(*(zero + 0.04,) * 3),
+        attitude=Vector(tilt, tilt, zero + 1e-8),
+        gyr_bias=Vector(*(zero + biased,) * 3),
+        acc_bias=Vector(*(zero + p.acc_bias**2,) * 3),
+        lever=Vector(across, across, along),
+    )
+    return ankle_model.standing_belief(attitude, velocity, bias, lever, variances)
+
+
+class _Filtered(NamedTuple):
+    mean: AnkleState
+    cov: Covariance
+    log_likelihood: Any
+    nis: Any
+    valid: Any
+
+
+def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, options: AnkleOptions) -> _Filtered:
+    zero = jnp.zeros_like(leg.dt)
+    stands = leg.stands & leg.valid
+    seen = AnkleObservation(Vector(stands, stands, stands), stands if options.level else jnp.zeros_like(stands))
+    settings: dict[str, Any] = {
+        "controls": controls(p, leg, gyr, acc),
+        "dt": leg.dt,
+        "mask": seen,
+        "method": options.method,
+        "initial": prior_of(p, leg, gyr),
+        "execution": options.execution,
+    }
+    observed = AnkleObservation(Vector(zero, zero, zero), zero)
+    if options.smooth:
+        told = ("log_likelihood", "nis", "count", "valid")
+        smooth = filtering.kalman_smoother(ankle_model.MODEL, model_params(p), observed, keep=told, **settings)
+        mean, cov, posterior = smooth.mean, smooth.cov, smooth.filtered
+    else:
+        posterior = filtering.kalman_filter(ankle_model.MODEL, model_params(p), observed, **settings)
+        mean, cov = posterior.mean, posterior.cov
+    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
+    return _Filtered(mean, cov, jnp.sum(posterior.log_likelihood), nis, posterior.valid)
+
+
+def _of_leg(
+    p: AnkleParams, leg: AnkleSignals, side: int, options: AnkleOptions
+) -> tuple[Strides, Strides | None, dict[str, Any], dict[str, Any], Any]:
+    """Strides of one leg, their deviations, flags, diagnostics, and where they mean something."""
+    gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
+    if options.length != "filter":
+        strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
+        return strides, None, flags, {}, leg.valid
+    found = _filtered(p, leg, gyr, acc, options)
+    strides, deviations, flags = ankle_strides.from_filter(p, leg, found.mean, found.cov, side)
+    last, spread = leg.last, found.cov.stddev()
+    told = {
+        "log_likelihood": found.log_likelihood,
+        "nis": found.nis,
+        "lever": jnp.stack([part[last] for part in found.mean.lever]),
+        "lever_stddev": jnp.stack([part[last] for part in spread.lever]),
+        "gyr_bias": jnp.stack([part[last] for part in found.mean.gyr_bias]),
+    }
+    named = {f"{name}_{SIDES[side]}": value for name, value in told.items()}
+    return strides, deviations, flags, named, leg.valid & found.valid
+
+
+def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
+        options: which parts are on; static under jit.
+
+    Returns:
+        `strides`, with the filter `strides_stddev`; `distance` is the mean way of the legs worn; `diagnostics` holds
+        `FLAGS` for each stride, and of each leg log-likelihood, mean normalised innovation squared, and the lever [m]
+        and gyroscope's bias [rad/s] (forward, left, up) that were found.
+
+    Raises:
+        ValueError: options that are none.
+    """
+    check_options(options)
+    rows, ways, valid = [], [], []
+    diagnostics: dict[str, Any] = {}
+    for side, leg in enumerate((inputs.right, inputs.left)):
+        if leg is None:
+            continue
+        strides, deviations, flags, named, there = _of_leg(p, leg, side, options)
+        rows.append((strides, deviations, flags))
+        ways.append(_walked(strides, inputs.time))
+        valid.append(there)
+        diagnostics |= named
+    strides, deviations, flags = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
+    return Estimate(
+        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), sum(valid[1:], valid[0]),
+        {**diagnostics, **flags}, strides, strides_stddev=deviations,
+    )  # fmt: skip
+
+
+def _walked(strides: Strides, time: Any) -> Any:
+    """Way along the strides (T,) [m], each one's length spread evenly over its swing."""
+    lengths = jnp.where(strides.valid, strides.length, 0.0)
+    # rows that hold no stride lie behind the recording, each a little later, where nothing more is walked
+    row = jnp.arange(lengths.shape[0], dtype=jnp.int32).astype(time.dtype)
+    real = strides.final_contact < strides.end
+    beyond = time[-1] + 1.0 + row
+    start = jnp.where(real, strides.final_contact, beyond)
+    end = jnp.where(real, strides.end, beyond + 0.5)
+    done = jnp.cumsum(lengths)
+    knots = jnp.stack([start, end], axis=1).ravel()
+    return jnp.interp(time, knots, jnp.stack([done - lengths, done], axis=1).ravel())
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(recording: Recording, options: AnkleOptions = DEFAULT) -> Preparation:
+    """The inputs of `run` for a recording; raises `RecordingError` as `ankle_calibration.prepare`."""
+    return prepare(recording, options)
+
+
+def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:
+    """This estimator as a record of functions, for cohorts."""
+
+    def ready(recording: Recording) -> Prepared[AnkleInputs]:
+        preparation = prepared(recording, options)
+        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
+
+    return Estimator("ankle_stride", AnkleParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAULT) -> Estimate:
+    """Strides of the legs of one recording.
+
+    Args:
+        p: parameters.
+        recording: a sensor at one or both ankles, or on one or both shanks.
+        options: which parts are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `instants_right` and
+        `instants_left` are the samples (n, 2) at which each of a leg's strides begins and ends.
+
+    Raises:
+        RecordingError: see `ankle_calibration.prepare`.
+        ValueError: a parameter outside its range, an option that is none.
+    """
+    params.check_params(p, TRANSFORMS)
+    preparation = prepared(recording, options)
+    inputs = preparation.inputs
+    samples = inputs.time.size
+    padded = pad(inputs, bucket(samples, BUCKET))
+    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
+    legs = {side: leg for side, leg in zip(SIDES, (inputs.right, inputs.left), strict=True) if leg is not None}
+    instants = {f"instants_{side}": np.stack([s.begin, s.end], axis=1)[: int(s.count)] for side, s in legs.items()}
+    rows = np.flatnonzero(result.strides.valid)
+    rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
+    strides, deviations = jax.tree.map(lambda column: column[rows], (result.strides, result.strides_stddev))
+    told = {name: value[rows] if name in FLAGS else value for name, value in result.diagnostics.items()}
+    told |= {**instants, "notes": preparation.notes, "standing": preparation.standing}
+    return result._replace(
+        time=result.time[:samples], distance=result.distance[:samples], valid=result.valid[:samples], diagnostics=told,
+        strides=strides, strides_stddev=deviations,
+    )  # fmt: skip

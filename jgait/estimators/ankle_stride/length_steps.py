@@ -1,0 +1,259 @@
+"""Stride lengths sample by sample: the steps that `stride_length` scans; their equations and sources stand there.
+
+Each method is a function that begins and one that takes a sample, for a device that measures while one walks. Signals
+are in the axes of the segment: forward x, left y, up z.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.geometry.rotation import Quaternion, exponential, product, rotated
+from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
+from jgait.signal.marks import Marks
+
+
+class StrideLengthParams(NamedTuple):
+    """Parameters of all methods, in natural units.
+
+    Attributes:
+        leg_length: of the pendulum [m].
+        angle_gain: c, of the swing's angle [1].
+        time_gain: e, of the angle over the swing's time [s].
+        lever: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
+        gyr_bias: what the gyroscope reads too much, in the segment's axes [rad/s].
+        acc_bias: what the accelerometer reads too much, in the segment's axes [m/s²].
+    """
+
+    leg_length: Any = 0.85
+    angle_gain: Any = 1.0
+    time_gain: Any = 0.0
+    lever: Vector = Vector(0.0, 0.0, 0.0)
+    gyr_bias: Vector = Vector(0.0, 0.0, 0.0)
+    acc_bias: Vector = Vector(0.0, 0.0, 0.0)
+
+
+class Swung(NamedTuple):
+    """A swing, at the sample at which it ends; 0 elsewhere.
+
+    Attributes:
+        chord: SL₁ [m].
+        arc: SL₂, with its swing-time term [m].
+        angle: θ [rad].
+        duration: T_swing [s].
+    """
+
+    chord: Any
+    arc: Any
+    angle: Any
+    duration: Any
+
+
+class Travelled(NamedTuple):
+    """A stride, at the sample at which it ends; 0 elsewhere.
+
+    Attributes:
+        length: |s| [m].
+        level: horizontal part of s [m].
+        rise: part of s along up [m].
+        turn: rotation about up from begin to end, left positive [rad].
+        duration: T [s].
+    """
+
+    length: Any
+    level: Any
+    rise: Any
+    turn: Any
+    duration: Any
+
+
+class SwingState(NamedTuple):
+    """Sum of the swing so far: angle [rad], time [s], and the rate of the sample before [rad/s]."""
+
+    angle: Any
+    duration: Any
+    rate: Any
+
+
+def swing_begin(gyr: Vector) -> SwingState:
+    """The state at the first sample."""
+    nothing = jnp.zeros_like(gyr.y)
+    return SwingState(nothing, nothing, nothing)
+
+
+def _root(square: Any) -> Any:
+    """A square root whose gradient at zero is zero."""
+    there = square > 0.0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
+
+
+def swing_step(
+    p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Any, *, all_axes: bool = False
+) -> tuple[SwingState, Swung]:
+    """One sample of the pendulum.
+
+    Args:
+        p: parameters.
+        s: from `swing_begin` or the step before.
+        gyr: rate in the segment's axes [rad/s].
+        mark: whether a swing begins or ends here.
+        dt: time from the sample before [s].
+        all_axes: the paper's norm of the rate instead of the sagittal rate; static.
+
+    Returns:
+        The state to carry on, and the swing if one ended.
+    """
+    w = subtract(gyr, p.gyr_bias)
+    rate = _root(w.x * w.x + w.y * w.y + w.z * w.z) if all_axes else -w.y
+    angle, duration = s.angle + 0.5 * dt * (rate + s.rate), s.duration + dt
+    long = jnp.where(mark.end, duration, 1.0)
+    found = Swung(
+        2.0 * p.leg_length * jnp.sin(0.5 * angle),
+        p.leg_length * (p.angle_gain * angle + p.time_gain * angle / long),
+        angle,
+        duration,
+    )
+    found = Swung(*(jnp.where(mark.end, value, 0.0) for value in found))
+    kept = jnp.where(mark.begin, 0.0, 1.0)
+    return SwingState(kept * angle, kept * duration, rate), found
+
+
+class StrideState(NamedTuple):
+    """Integrals since the stride began, in the axes of its first sample.
+
+    Attributes:
+        attitude: from the axes of this sample to those of the first.
+        velocity: ∫ R f dt, gravity in it [m/s].
+        way: ∫ of that [m].
+        duration: [s].
+        start: velocity ω × r at the first sample [m/s].
+        sampled: specific force at the first sample [m/s²].
+        gyr: rate of the sample before [rad/s].
+        force: specific force of the sample before, in the first axes [m/s²].
+    """
+
+    attitude: Quaternion
+    velocity: Vector
+    way: Vector
+    duration: Any
+    start: Vector
+    sampled: Vector
+    gyr: Vector
+    force: Vector
+
+
+def _stride_from(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:
+    nothing = jnp.zeros_like(w.x)
+    none = Vector(nothing, nothing, nothing)
+    level = Quaternion(jnp.ones_like(nothing), nothing, nothing, nothing)
+    return StrideState(level, none, none, nothing, cross(w, p.lever), f, w, f)
+
+
+def stride_begin(p: StrideLengthParams, gyr: Vector, acc: Vector) -> StrideState:
+    """The state at the first sample."""
+    return _stride_from(p, subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias))
+
+
+def _restarted(where: Any, fresh: StrideState, going: StrideState) -> StrideState:
+    state: StrideState = jax.tree.map(lambda a, b: jnp.where(where, a, b), fresh, going)
+    return state
+
+
+def _trapezoid(total: Vector, dt: Any, before: Vector, now: Vector) -> Vector:
+    return add(total, scale(0.5 * dt, add(before, now)))
+
+
+def stride_step(
+    p: StrideLengthParams, s: StrideState, gyr: Vector, acc: Vector, mark: Marks, dt: Any, *,
+    euler: bool = False, sample_up: bool = False,
+) -> tuple[StrideState, Travelled]:  # fmt: skip
+    """One sample of the 3-D method.
+
+    Args:
+        p: parameters.
+        s: from `stride_begin` or the step before.
+        gyr: rate in the segment's axes [rad/s].
+        acc: specific force in the segment's axes [m/s²].
+        mark: whether a stride begins or ends here.
+        dt: time from the sample before [s].
+        euler: the paper's equation 3; static.
+        sample_up: the paper's direction of gravity, the first sample's; static.
+
+    Returns:
+        The state to carry on, and the stride if one ended.
+    """
+    w, f = subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias)
+    if euler:
+        small = product(s.attitude, Quaternion(0.0, *scale(0.5 * dt, w)))
+        attitude = Quaternion(*(a + b for a, b in zip(s.attitude, small, strict=True)))
+    else:
+        attitude = product(s.attitude, exponential(scale(0.5 * dt, add(s.gyr, w))))
+    force = rotated(attitude, f)
+    velocity = _trapezoid(s.velocity, dt, s.force, force)
+    way = _trapezoid(s.way, dt, s.velocity, velocity)
+    duration = s.duration + dt
+    going = StrideState(attitude, velocity, way, duration, s.start, s.sampled, w, force)
+    found = _read(p, going, sample_up=sample_up)
+    found = Travelled(*(jnp.where(mark.end, value, 0.0) for value in found))
+    return _restarted(mark.begin, _stride_from(p, w, f), going), found
+
+
+def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelled:
+    # A stride of no time has no length; 1 s keeps its gradient finite.
+    long = jnp.where(s.duration > 0.0, s.duration, 1.0)
+    stop = rotated(s.attitude, cross(s.gyr, p.lever))
+    drift = scale(-0.5 * s.duration, s.velocity)
+    sensor = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
+    # The lever's other end is what walked.
+    moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
+    up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
+    norm = _root(dot(up, up))
+    up = scale(1.0 / jnp.where(norm > 0.0, norm, 1.0), up)
+    rise = dot(moved, up)
+    flat = subtract(moved, scale(rise, up))
+    about = s.attitude.x * up.x + s.attitude.y * up.y + s.attitude.z * up.z
+    turn = 2.0 * jnp.arctan2(about, s.attitude.w)
+    return Travelled(_root(dot(moved, moved)), _root(dot(flat, flat)), rise, turn, s.duration)
+
+
+class PlanarState(NamedTuple):
+    """As `StrideState`, in the sagittal plane: angle [rad], velocity and way forward, and the sample before."""
+
+    angle: Any
+    velocity: Any
+    way: Any
+    duration: Any
+    start: Any
+    rate: Any
+    force: Any
+
+
+def planar_step(
+    p: StrideLengthParams, s: PlanarState, gyr: Vector, acc: Vector, mark: Marks, dt: Any
+) -> tuple[PlanarState, Travelled]:
+    """One sample of the 2-D method; arguments and result as of `stride_step`, without rise and turn."""
+    w, f = subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias)
+    angle = s.angle + 0.5 * dt * (s.rate + w.y)
+    force = f.x * jnp.cos(angle) + f.z * jnp.sin(angle)
+    velocity = s.velocity + 0.5 * dt * (s.force + force)
+    way = s.way + 0.5 * dt * (s.velocity + velocity)
+    duration = s.duration + dt
+    stop = w.y * p.lever.z * jnp.cos(angle)
+    length = jnp.abs(way - 0.5 * duration * velocity + 0.5 * duration * (s.start + stop))
+    nothing = jnp.zeros_like(length)
+    found = Travelled(length, length, nothing, nothing, duration)
+    found = Travelled(*(jnp.where(mark.end, value, 0.0) for value in found))
+    going = PlanarState(angle, velocity, way, duration, s.start, w.y, force)
+    fresh = _planar_from(p, w, f)
+    return PlanarState(*(jnp.where(mark.begin, a, b) for a, b in zip(fresh, going, strict=True))), found
+
+
+def _planar_from(p: StrideLengthParams, w: Vector, f: Vector) -> PlanarState:
+    nothing = jnp.zeros_like(w.y)
+    return PlanarState(nothing, nothing, nothing, nothing, w.y * p.lever.z + nothing, w.y, f.x)
+
+
+def planar_begin(p: StrideLengthParams, gyr: Vector, acc: Vector) -> PlanarState:
+    """The state at the first sample."""
+    return _planar_from(p, subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias))

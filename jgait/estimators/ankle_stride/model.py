@@ -1,0 +1,204 @@
+r"""One sensor at the ankle or on the shank as a state-space model: strapdown, and an ankle that stands.
+
+State: the way of the *ankle* since the stride began, the sensor's velocity and attitude, what its gyroscope and
+accelerometer read too much, and the lever r from the ankle to the sensor, in the sensor's axes. All but the ankle moves
+as the foot's sensor does (`foot_model`, whose functions are used); the ankle is a lever away,
+
+    p' = p + Δp_sensor − (R' r − R r),        r' = r.
+
+Around the stance valley, and while one stands, the ankle does not move:
+
+    v − R ((ω − b_g) × r) = 0.
+
+Positions are counted from the last stance that begins a stride: at the stance that ends it, the belief is that of the
+stride, with its covariance. Nothing is lost, since nothing observes where the walk is as a whole.
+
+Source: the zero velocity through a lever after H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using
+an ankle-mounted inertial measurement unit", 2017, who take it for zero at the sensor; error-state navigation after
+E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 25(6), 2005.
+"""
+
+from typing import Any, NamedTuple
+
+from jgait.estimators.foot_ins import model as foot_model
+from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootError, FootModelParams, FootState
+from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.rotation import Quaternion, rotated
+from jgait.geometry.vectors import Vector, add, cross, subtract
+
+
+class AnkleState(NamedTuple):
+    """Ankle's position since the stride began [m], sensor's velocity [m/s], q_ws, biases [rad/s], [m/s²], r [m]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Quaternion
+    gyr_bias: Vector
+    acc_bias: Vector
+    lever: Vector
+
+
+class AnkleError(NamedTuple):
+    """Its error: as `AnkleState`, the attitude's a rotation vector in the world [rad]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Vector
+    gyr_bias: Vector
+    acc_bias: Vector
+    lever: Vector
+
+
+class AnkleControl(NamedTuple):
+    """What the sensor reads.
+
+    Attributes:
+        over: means over the interval that ends at the sample, and noise, see `FootControl`.
+        rate: angular rate at the sample itself [rad/s].
+    """
+
+    over: FootControl
+    rate: Vector
+
+
+class AnkleObservation(NamedTuple):
+    """What holds while the ankle stands: its velocity [m/s], its height over the last stance [m]; both zero."""
+
+    velocity: Vector
+    height: Any
+
+
+class AnkleVelocity(NamedTuple):
+    """The same where nothing is known of the ground: velocity of the ankle [m/s], zero."""
+
+    velocity: Vector
+
+
+def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> AnkleState:
+    """Strapdown of the sensor over one interval, and what of its way was the ankle's."""
+    moved = foot_model.transition(p, _sensor(s), u.over, dt)
+    swung = subtract(rotated(moved.attitude, s.lever), rotated(s.attitude, s.lever))
+    return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
+
+
+def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Any) -> AnkleError:
+    """As of the foot's sensor; the ankle's is less by that of R' r − R r, where δ(R r) = δ_θ × R r + R δ_r."""
+    sensor = _sensor(s)
+    moved = foot_model.transition(p, sensor, u.over, dt)
+    own = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
+    for change in (foot_model.turn_error, foot_model.move_error):
+        own = change(p, sensor, own, u.over, dt)
+    after, before = (
+        add(cross(turned, rotated(q, s.lever)), rotated(q, e.lever))
+        for turned, q in ((own.attitude, moved.attitude), (e.attitude, s.attitude))
+    )
+    position = subtract(own.position, subtract(after, before))
+    return AnkleError(position, own.velocity, own.attitude, own.gyr_bias, own.acc_bias, e.lever)
+
+
+def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> Covariance:
+    """As of the foot's sensor; the lever is where it is, but for a nanometre that keeps the covariance's rank.
+
+    What noise of the rate moves the ankle by through the lever is left out: a fifth of a millimetre a stride.
+    """
+    own = foot_model.transition_noise(p, _sensor(s), u.over, dt)
+    v = own.variances()
+    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, Vector(_STILL, _STILL, _STILL))
+    crossed = {(f"position.{axis}", f"velocity.{axis}"): own[f"position.{axis}", f"velocity.{axis}"] for axis in "xyz"}
+    return Covariance.from_variances(every).with_entries(crossed)
+
+
+_STILL = 1e-18
+
+
+def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
+    """Velocity of the ankle, and its height over the stance from which positions count."""
+    del p
+    through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
+    return AnkleObservation(subtract(s.velocity, through), s.position.z)
+
+
+def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleObservation:
+    """By how much an error changes the observation: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
+    del p
+    rate = subtract(u.rate, s.gyr_bias)
+    through = rotated(s.attitude, cross(rate, s.lever))
+    own = rotated(s.attitude, subtract(cross(rate, e.lever), cross(e.gyr_bias, s.lever)))
+    return AnkleObservation(subtract(subtract(e.velocity, cross(e.attitude, through)), own), e.position.z)
+
+
+def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
+    """Of the zero velocity as it comes, and of the level ground."""
+    del s
+    v = u.over.velocity_variance
+    return AnkleObservation(Vector(v, v, v), p.height_variance)
+
+
+def retract(s: AnkleState, e: AnkleError) -> AnkleState:
+    """The state at an error from another."""
+    return AnkleState(*foot_model.retract(_sensor(s), FootError(*e[:5])), add(s.lever, e.lever))
+
+
+def local(reference: AnkleState, s: AnkleState) -> AnkleError:
+    """The error of a state about another."""
+    return AnkleError(*foot_model.local(_sensor(reference), _sensor(s)), subtract(s.lever, reference.lever))
+
+
+def initial(p: FootModelParams) -> Belief:
+    """At rest and level, the sensor's z axis up, the ankle a hand below."""
+    del p
+    nothing = Vector(0.0, 0.0, 0.0)
+    return standing_belief(
+        Quaternion(1.0, 0.0, 0.0, 0.0), nothing, nothing, Vector(0.0, 0.0, 0.1),
+        AnkleError(*(Vector(v, v, v) for v in (AGAIN, 1e-2, 4e-4, 1e-6, 4e-4, 1e-4))),
+    )  # fmt: skip
+
+
+def standing_belief(
+    attitude: Quaternion, velocity: Vector, gyr_bias: Vector, lever: Vector, variances: AnkleError
+) -> Belief:
+    """The belief at a stance, before its sample.
+
+    Args:
+        attitude: of the sensor.
+        velocity: of the sensor in the world [m/s].
+        gyr_bias: [rad/s].
+        lever: from the ankle to the sensor, in its axes [m].
+        variances: of the errors.
+    """
+    zero = 0.0 * gyr_bias.x
+    nothing = Vector(zero, zero, zero)
+    mean = AnkleState(nothing, velocity, attitude, gyr_bias, nothing, lever)
+    return Belief(mean, Covariance.from_variances(variances))
+
+
+def _sensor(s: AnkleState) -> FootState:
+    return FootState(*s[:5])
+
+
+MODEL = Model(
+    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
+    error_transition, error_observation, foot_model.error_shift,
+)  # fmt: skip
+"""One ankle."""
+
+
+def velocity_alone(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleVelocity:
+    """`observation` without the height."""
+    return AnkleVelocity(observation(p, s, u).velocity)
+
+
+def error_velocity(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleVelocity:
+    """`error_observation` without the height."""
+    return AnkleVelocity(error_observation(p, s, e, u).velocity)
+
+
+def velocity_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleVelocity:
+    """`observation_noise` without the height."""
+    return AnkleVelocity(observation_noise(p, s, u).velocity)
+
+
+ANYWHERE = MODEL._replace(
+    observation=velocity_alone, observation_noise=velocity_noise, error_observation=error_velocity
+)
+"""One ankle on any ground: less to compute than `MODEL` with its height left out."""

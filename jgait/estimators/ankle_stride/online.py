@@ -1,0 +1,268 @@
+r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts while the person walks.
+
+A sample goes through causal low-passes and a detector of `shank_events`, which tells when the shank has swung. After
+that the valley of the stance rate is looked for (`shank_valley`). The error-state filter runs a fixed lag behind, some
+0.26 s, so that the ankle's zero velocity is there for it all around a valley that is known only afterwards. Where it
+has passed a valley, or while the person stands, a swing since the last such instant is a stride: its length, height
+and turn are known, with their deviations.
+
+What the host decides beforehand (axes, the gyroscope's bias at rest, the placement, the sampling rate) comes from a
+recording of a walk through `ankle_calibration.prepare`; what follows needs a few hundred numbers of memory for ever.
+
+Deviations from `ankle_stride` without smoothing, which integrates signals filtered both ways and knows the whole walk:
+    1. Signals are filtered causally, at the same cut-off; times have the delay removed.
+    2. Swings by the lobes of a causally filtered rate, or by the paper's state machine.
+    3. The valley is the first minimum that lasts, not the least rate in a part of the time between two swings.
+    4. Standing is a leg that has hardly turned for `CALM_S`.
+    5. A stride is read where the window of zero velocities around its valley ends, not in its middle.
+    6. Nothing is known of a reading's range, so that clipped swings are not noticed.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jgait import filtering
+from jgait.estimators.ankle_stride import model as ankle_model
+from jgait.estimators.ankle_stride import readout as ankle_strides
+from jgait.estimators.ankle_stride.estimator import control, model_params
+from jgait.estimators.ankle_stride.model import AnkleObservation, AnkleVelocity
+from jgait.estimators.ankle_stride.online_state import (
+    Filters,
+    Now,
+    OnlineState,
+    Swung,
+    begin,
+    filters_of,
+    level_prior,
+    reading,
+)
+from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
+from jgait.estimators.ankle_stride.readout import Heading
+from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
+from jgait.estimators.foot_ins.readout import wrapped
+from jgait.events import shank as shank_events
+from jgait.events import shank_stance
+from jgait.events import shank_stance_online as shank_valley
+from jgait.filtering import Belief
+from jgait.filtering.compile import compiled
+from jgait.geometry.vectors import Vector, vector
+from jgait.signal import butterworth
+from jgait.types import Strides
+
+__all__ = [
+    "ONLINE",
+    "Now",
+    "OnlineState",
+    "Worn",
+    "begin",
+    "check_options",
+    "one",
+    "over",
+    "step",
+    "table",
+    "walk",
+    "worn",
+]
+
+
+class _Delayed(NamedTuple):
+    """A row of the history, by the names that `ankle_stride.control` knows."""
+
+    gyr_jump: Any
+    acc_jump: Any
+    gyr_doubt: Any
+    acc_doubt: Any
+    dt: Any
+    restart: Any
+    rate_hz: Any
+    gyr_bias: Any
+
+
+def _filter_step(
+    p: AnkleParams, worn: Worn, state: OnlineState, row: Any, stands: Any, options: AnkleOptions
+) -> tuple[Belief, Any, Any]:
+    """The filter over the row of the history that leaves it: belief, whether it has started, its numbers are sound."""
+    stands = stands & (row[8] == 0.0)
+    started = state.started | stands
+    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, level_prior(p, worn, row[:6]))
+    dt = jnp.where(state.started, 1.0 / worn.rate_hz, 0.0)
+    mean = 0.5 * (row[:6] + state.before)
+    now = _Delayed(row[6], row[7], row[8], row[9], dt, state.restart, worn.rate_hz, worn.gyr_bias)
+    driven = control(p, now, vector(row[:3]), vector(mean[:3]), vector(mean[3:]))
+    zero, seen = jnp.zeros_like(row[:1]), stands[None]
+    speed, still = Vector(zero, zero, zero), Vector(seen, seen, seen)
+    model = ankle_model.MODEL if options.level else ankle_model.ANYWHERE
+    told = filtering.kalman_filter(
+        model,
+        model_params(p),
+        AnkleObservation(speed, zero) if options.level else AnkleVelocity(speed),
+        controls=jax.tree.map(lambda leaf: leaf[None], driven),
+        dt=dt,
+        mask=AnkleObservation(still, seen) if options.level else AnkleVelocity(still),
+        method=options.method,
+        initial=initial,
+        execution=options.execution,
+        keep=("mean", "cov", "valid"),
+    )
+    after = jax.tree.map(lambda leaf: leaf[0], Belief(told.mean, told.cov))
+    return after, started, told.valid[0]
+
+
+def _stride(
+    p: AnkleParams, worn: Worn, state: OnlineState, swung: Swung, belief: Belief, stood: Any
+) -> tuple[Strides, Strides, dict[str, Any], Heading]:
+    """The stride that ends at the filter's sample, its deviations, its flags, and the heading there."""
+    way = ankle_strides.measured(belief.mean.position, ankle_strides.across(belief.cov))
+    there = ankle_strides.heading(belief.mean, belief.cov)
+    follows = swung.leaves - state.landed <= shank_stance.PAUSE_S
+    start = jnp.where(follows, state.landed, swung.leaves)
+    duration = jnp.maximum(swung.lands - start, 1e-3)
+    times = (start, swung.leaves, swung.lands)
+    turn = wrapped(there.angle - state.heading.angle)
+    strides = ankle_strides.table(0, times, duration, way.length, way.height, turn, jnp.ones((), bool))
+    strides = strides._replace(side=jnp.asarray(worn.side))
+    stddev = ankle_strides.deviations(p, strides, way, state.heading, there, duration)
+    flags = ankle_strides.flags(strides, half=~follows | stood)
+    return strides, stddev, flags, there
+
+
+def _seen(
+    worn: Worn, filters: Filters, state: OnlineState, gyr: Any, acc: Any, measured: Any, options: AnkleOptions
+) -> tuple[OnlineState, Any]:
+    """The state after the part that knows the newest sample, and the row (11,) that the history takes."""
+    there = jnp.asarray(measured)
+    x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
+    index = state.index + 1
+    advance, settings = DETECTORS[options.detector]
+    rates = x[:3] - worn.gyr_bias
+    (signals, smooth), (stance, slowly), (sagittal, rate) = (
+        butterworth.step(cascade, before, values)
+        for cascade, before, values in zip(filters, state.low_passed, (x, rates, rates[1]), strict=True)
+    )
+    time = index.astype(x.dtype) / worn.rate_hz
+    detector, found = advance(settings, state.detector, rate, time)
+    leaves = (detector.phase == shank_events.TOE_OFF) | (detector.phase == shank_events.SWING)
+    phase = shank_valley.Phase(found.stride, leaves)
+    valley, lasted = shank_valley.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
+    turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
+    slow = jnp.where(turns_slowly, jnp.minimum(state.slow, worn.calm) + 1, 0).astype(jnp.int32)
+    change = 0.5 * (x - state.last[0]).reshape(2, 3)
+    jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
+    jump = jnp.max(jnp.where(worn.jump_looks[:, None], jumps, 0.0), axis=0)
+    doubt = jnp.where(there, 0.0, jnp.asarray([LOST_RATE, LOST_FORCE], x.dtype))
+    calm = (slow >= worn.calm).astype(x.dtype)
+    late = butterworth.delay(settings.cutoff_hz, worn.rate_hz)
+    swung = Swung(
+        leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
+        lands=jnp.where(found.stride, found.end - late, state.swung.lands),
+        known=jnp.where(found.stride, index, state.swung.known),
+        any=state.swung.any | found.stride,
+    )
+    after = state._replace(
+        index=index, last=jnp.stack([state.last[1], x]), low_passed=(signals, stance, sagittal), detector=detector,
+        valley=valley, stood=jnp.where(lasted, valley.at, state.stood), slow=slow, jumps=jumps, swung=swung,
+    )  # fmt: skip
+    return after, jnp.concatenate([smooth, jump, doubt, calm[None]])
+
+
+def _advanced(
+    p: AnkleParams, worn: Worn, filters: Filters, state: OnlineState, sample: tuple[Any, Any, Any],
+    options: AnkleOptions,
+) -> tuple[OnlineState, Now]:  # fmt: skip
+    """One sample: what it says of swing and stance, then the filter a lag behind, then the stride if there is one."""
+    state, newest = _seen(worn, filters, state, *sample, options)
+    rows, index = state.history.shape[0], state.index
+    row = state.history[index % rows]
+    calm = state.history[(index + worn.shift) % rows, 10] > 0.0
+    full = index >= rows
+    # the sample of the stance rates that happened when the filter's did
+    looked = index - rows + worn.shift
+    near = full & (jnp.abs(looked - state.stood) <= worn.reach)
+    belief, started, sound = _filter_step(p, worn, state, row, near | (calm & full), options)
+    passed = near & (looked == state.stood + worn.reach)
+    instant = started & (passed | (calm & full))
+    ends = instant & state.swung.any & (looked >= state.swung.known)
+    strides, stddev, flags, heading = _stride(p, worn, state, state.swung, belief, ~passed)
+    stride = ends & state.started & strides.valid
+    walked = jnp.where(stride, strides.length, 0.0)
+    after = state._replace(
+        history=state.history.at[index % rows].set(newest),
+        before=row[:6],
+        belief=belief,
+        started=started,
+        restart=instant.astype(newest.dtype),
+        heading=Heading(*(jnp.where(instant, new, old) for new, old in zip(heading, state.heading, strict=True))),
+        swung=state.swung._replace(any=state.swung.any & ~ends),
+        landed=jnp.where(ends, state.swung.lands, state.landed),
+        count=state.count + stride.astype(jnp.int32),
+        distance=state.distance + walked,
+    )
+    strides, flags = strides._replace(valid=stride), {name: flag & stride for name, flag in flags.items()}
+    stands = state.slow >= worn.calm
+    return after, Now(stride, strides, stddev._replace(valid=stride), flags, after.count, after.distance, stands, sound)
+
+
+def one(
+    p: AnkleParams, worn: Worn, state: OnlineState, gyr: Any, acc: Any, measured: Any = True,
+    options: AnkleOptions = ONLINE,
+) -> tuple[OnlineState, Now]:  # fmt: skip
+    """`step`, not compiled: to be part of another program."""
+    check_options(options)
+    filters = filters_of(p, worn, options, state.last.dtype)
+    return _advanced(p, worn, filters, state, (gyr, acc, measured), options)
+
+
+def over(
+    p: AnkleParams, worn: Worn, state: OnlineState, gyr: Any, acc: Any, measured: Any = None,
+    options: AnkleOptions = ONLINE,
+) -> tuple[OnlineState, Now]:  # fmt: skip
+    """The same step over many samples in one scan, not compiled: to be part of another program.
+
+    Args:
+        p: parameters.
+        worn: from `worn`.
+        state: from `begin` or what went before.
+        gyr: (T, 3) in the sensor's axes [rad/s].
+        acc: (T, 3) specific force [m/s²].
+        measured: (T,) bool, False where a sample was lost; None: none was.
+        options: static.
+
+    Returns:
+        The state to carry on, and what was known after each sample, (T,).
+    """
+    check_options(options)
+    filters = filters_of(p, worn, options, state.last.dtype)
+    there = jnp.ones(gyr.shape[0], bool) if measured is None else measured
+    return lax.scan(lambda s, x: _advanced(p, worn, filters, s, x, options), state, (gyr, acc, there))
+
+
+step = compiled(one, static_argnames=("options",))
+_over = compiled(over, static_argnames=("options",))
+
+
+def walk(
+    p: AnkleParams, worn: Worn, gyr: Any, acc: Any, measured: Any = None, options: AnkleOptions = ONLINE
+) -> Now:  # fmt: skip
+    """A recording as the device would have seen it: `begin`, then `over`, compiled; arguments as of those.
+
+    Returns:
+        What was known after each sample, (T,); `table` gives the strides alone.
+    """
+    state = begin(p, worn, jnp.asarray(gyr)[0], jnp.asarray(acc)[0], options)
+    return _over(p, worn, state, gyr, acc, measured, options)[1]
+
+
+def table(now: Now) -> tuple[Strides, Strides, dict[str, Any]]:
+    """The strides of `over` or `walk` alone, in the order in which they became known; on the host.
+
+    Returns:
+        Strides (n,), their standard deviations, and their flags with `known`, the sample at which each was.
+    """
+    at = np.flatnonzero(np.asarray(now.stride))
+    parts = jax.tree.map(lambda leaf: np.asarray(leaf)[at], (now.strides, now.stddev, now.flags))
+    return parts[0], parts[1], {**parts[2], "known": at}

@@ -1,0 +1,163 @@
+"""What the ankle's estimator online carries from sample to sample, and what it says after each."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.estimators.ankle_stride.estimator import standing_prior
+from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.readout import Heading
+from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options
+from jgait.events import shank as shank_events
+from jgait.events import shank_stance
+from jgait.events import shank_stance_online as shank_valley
+from jgait.filtering import Belief
+from jgait.geometry.rotation import between
+from jgait.geometry.vectors import Vector, vector
+from jgait.signal import butterworth
+from jgait.types import Strides
+
+
+class Swung(NamedTuple):
+    """The swings since the last stride: from when to when [s], the sample at which that was known, whether any."""
+
+    leaves: Any
+    lands: Any
+    known: Any
+    any: Any
+
+
+class OnlineState(NamedTuple):
+    """What is carried from sample to sample, all of a fixed size.
+
+    Attributes:
+        index: of the newest sample.
+        last: (2, 6) the two newest readings, angular rate and specific force in the segment's axes.
+        low_passed: filters of what is integrated (6,), of the stance rates (3,), of the sagittal rate ().
+        detector: of swings.
+        jumps: (n, 2) changes of the last readings.
+        history: (lag, 11) what was filtered since the filter's sample, a ring.
+        valley: the search for it, see `shank_valley`.
+        stood: sample of the last valley.
+        slow: for how many samples the leg has turned slowly.
+        swung: see `Swung`.
+        before: (6,) what was integrated last.
+        belief: of the filter.
+        restart: 1 if positions count from its sample, else 0.
+        started: whether the leg has stood.
+        heading: where the stride begins.
+        landed: end of the last stride's swing [s]; −∞ before the first.
+        count: strides so far.
+        distance: their way [m].
+    """
+
+    index: Any
+    last: Any
+    low_passed: Any
+    detector: Any
+    jumps: Any
+    history: Any
+    valley: shank_valley.State
+    stood: Any
+    slow: Any
+    swung: Swung
+    before: Any
+    belief: Belief
+    restart: Any
+    started: Any
+    heading: Heading
+    landed: Any
+    count: Any
+    distance: Any
+
+
+class Now(NamedTuple):
+    """What is known after a sample.
+
+    Attributes:
+        stride: bool, a stride has become known; the next three mean something only there.
+        strides: the stride, its fields scalars; times count from the first sample [s].
+        stddev: its standard deviations.
+        flags: of `ankle_strides.FLAGS` all but "clipped".
+        count: strides so far.
+        distance: their way [m].
+        stands: bool, the person stands still.
+        valid: False where the filter's numbers broke down and it kept its prediction.
+    """
+
+    stride: Any
+    strides: Strides
+    stddev: Strides
+    flags: dict[str, Any]
+    count: Any
+    distance: Any
+    stands: Any
+    valid: Any
+
+
+class Filters(NamedTuple):
+    """Sections of what is integrated, of the stance rates, of the sagittal rate."""
+
+    signals: Any
+    stance: Any
+    sagittal: Any
+
+
+def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: Any) -> Filters:
+    """The low-passes of a device."""
+    cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, DETECTORS[options.detector][1].cutoff_hz)
+    cascades = (butterworth.sections(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
+    return Filters(*cascades)
+
+
+def reading(worn: Worn, gyr: Any, acc: Any) -> Any:
+    """(6,) a reading in the segment's axes."""
+    return jnp.concatenate([worn.axes @ jnp.asarray(gyr), worn.axes @ jnp.asarray(acc)])
+
+
+def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions = ONLINE) -> OnlineState:
+    """The state before the first sample.
+
+    Args:
+        p: parameters.
+        worn: from `worn`.
+        gyr: (3,) the first reading, in the sensor's axes [rad/s].
+        acc: (3,) its specific force [m/s²].
+        options: as of `step`.
+
+    Returns:
+        The state of a leg that always read this.
+    """
+    check_options(options)
+    x = reading(worn, gyr, acc)
+    cascades = filters_of(p, worn, options, x.dtype)
+    rates = x[:3] - worn.gyr_bias
+    zero, none, no = jnp.zeros_like(x[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
+    return OnlineState(
+        index=none - 1,
+        last=jnp.stack([x, x]),
+        low_passed=tuple(map(butterworth.at_rest, cascades, (x, rates, rates[1]))),
+        detector=shank_events.begin(rates[1], zero),
+        jumps=jnp.asarray(worn.jumps, x.dtype),
+        history=jnp.asarray(worn.history, x.dtype).at[:, :6].set(x),
+        valley=shank_valley.begin(rates[1]),
+        stood=none - 2**30,
+        slow=none,
+        swung=Swung(zero, zero, none, no),
+        before=x,
+        belief=jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), level_prior(p, worn, x)),
+        restart=zero,
+        started=no,
+        heading=Heading(zero, zero),
+        landed=zero - jnp.inf,
+        count=none,
+        distance=zero,
+    )
+
+
+def level_prior(p: AnkleParams, worn: Worn, x: Any) -> Belief:
+    """The belief of a leg that stands, level as the specific force says."""
+    one, none = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
+    attitude = between(vector(x[3:]), Vector(none, none, one))
+    return standing_prior(p, worn, attitude, vector(x[:3]))

@@ -1,0 +1,284 @@
+"""From a recording to what the ankle's estimator takes: axes, swings, stances, rest. On the host, in NumPy.
+
+Everything here is a decision: which way the sensor looks, where strides are, when the ankle stands, what the gyroscope
+reads at rest. Nothing here carries a gradient; what follows (`ankle_stride.run`) is smooth given these decisions.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
+from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
+from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.events import shank as shank_events
+from jgait.events import shank_baselines, shank_stance
+from jgait.events.rest import longest_still
+from jgait.mounting import shank as shank_axes
+from jgait.mounting.shank import Axes
+from jgait.signal import butterworth
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+
+WINDOW_S = 0.03
+"""[s] The ankle stands so long before a valley, and after it."""
+
+STANDING = 0.2
+"""[rad/s] In a pause, and before and after the walk, a leg that turns more slowly stands."""
+
+SWING_S = 0.5
+"""[s] How long a swing lasts of which only the end is known."""
+
+LOST_RATE, LOST_FORCE = 2.0, 10.0
+"""[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
+
+CLIPPED_RATE, CLIPPED_FORCE = 2.0, 20.0
+"""[rad/s], [m/s²] How wrong a clipped reading may be."""
+
+CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
+"""[rad/s], [m/s²] Equal readings in a row at the top of the range count as clipped from here on."""
+
+CLIPS_FOR = 3
+"""[samples] In a row at the top."""
+
+LEAST_SECONDS = 1.0
+
+
+class Preparation(NamedTuple):
+    """Inputs, and in words what was decided or noticed on the way."""
+
+    inputs: AnkleInputs
+    notes: tuple[str, ...]
+    standing: tuple[int, int] | None
+
+
+def placement_of(recording: Recording, side: str, site: str = "auto") -> str | None:
+    """The placement whose sensor tells a side's strides; None if there is none."""
+    for kind in ("ankle", "shank") if site == "auto" else (site,):
+        if f"{kind}_{side}" in recording.sensors:
+            return f"{kind}_{side}"
+    return None
+
+
+def prepare(recording: Recording, options: AnkleOptions) -> Preparation:
+    """The inputs of `ankle_stride.run` for a recording.
+
+    Args:
+        recording: a sensor at one or both ankles, or on one or both shanks, on one clock.
+        options: see `AnkleOptions`.
+
+    Raises:
+        RecordingError: no such sensor, clocks that differ or run backwards, no accelerometer, NaN, too short, or a
+            sampling rate that is not supported.
+    """
+    check_options(options)
+    worn = {side: placement_of(recording, side, options.site) for side in SIDES}
+    if not any(worn.values()):
+        kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)
+        wanted = " or ".join(f"'{kind}_{side}'" for kind in kinds for side in SIDES)
+        raise RecordingError(f"ankle_stride needs {wanted}; the recording has {sorted(recording.sensors)}")
+    time = _checked(recording, [name for name in worn.values() if name])
+    legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
+    notes: list[str] = []
+    standing = None
+    for side, name in worn.items():
+        if name is None:
+            continue
+        placement, note = name, None
+        if name.startswith("shank"):
+            placement, note = shank_axes.worn_on_shank(recording, side)
+            # exchanged labels: the other one was not looked at yet
+            _checked(recording, [name, placement])
+        legs[side], said, still = _leg(recording.sensors[placement], time, recording.sampling_rate_hz, name, options)
+        notes += ([note] if note else []) + said
+        standing = still if standing is None else standing
+    return Preparation(AnkleInputs(time, legs["right"], legs["left"]), tuple(notes), standing)
+
+
+def _checked(recording: Recording, names: list[str]) -> np.ndarray:
+    """The time that all sensors share, checked together with the signals."""
+    time = as_float(recording.sensors[names[0]].time)
+    rate = recording.sampling_rate_hz
+    low, high = shank_events.RATES
+    if not low <= rate <= high:
+        raise RecordingError(f"ankle_stride needs {low:g} to {high:g} Hz; the recording has {rate:g} Hz")
+    if time.size < max(LEAST_SECONDS * rate, 10):
+        raise RecordingError(f"ankle_stride needs a second or more; '{names[0]}' has {time.size} samples")
+    common_time(recording, names, "ankle_stride", "both legs")
+    check_nominal_rate(time, names[0], rate)
+    return time
+
+
+_both_ways = jax.jit(butterworth.low_pass_both_ways, static_argnums=2)
+_swings = jax.jit(shank_events.swings, static_argnums=1)
+_phases = jax.jit(shank_events.phases, static_argnums=1)
+_jimenez = jax.jit(shank_baselines.jimenez, static_argnums=1)
+_feliz = jax.jit(shank_baselines.feliz, static_argnums=1)
+
+
+def _padded(values: np.ndarray) -> np.ndarray:
+    """The samples with the last repeated up to a power of two, so that few programs are compiled."""
+    count = 1024
+    while count < len(values):
+        count *= 2
+    return np.concatenate([values, np.repeat(values[-1:], count - len(values), axis=0)])
+
+
+def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where each swing begins and ends, in samples and parts of them; each ends before the next begins."""
+    rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
+    if detector in ("jimenez", "feliz"):
+        told = _jimenez(_padded(as_float(imu.acc)), rate_hz) if detector == "jimenez" else None
+        told = _feliz(_padded(as_float(imu.gyr)), rate_hz) if told is None else told
+        end = np.flatnonzero(np.asarray(told)[:count]).astype(np.float64)
+        start = np.maximum(end - SWING_S * rate_hz, 0.0)
+    else:
+        settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
+        found = _swings(_padded(rate), rate_hz) if detector == "swings" else None
+        found = _phases(_padded(rate), rate_hz, settings[detector]) if found is None else found
+        there = np.flatnonzero(np.asarray(found.stride)[:count])
+        start, end = (np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (found.start, found.end))
+    start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
+    kept = np.rint(end) > np.rint(start)
+    return start[kept], end[kept]
+
+
+def _leg(
+    imu: Imu, time: np.ndarray, rate_hz: float, name: str, options: AnkleOptions
+) -> tuple[AnkleSignals, list[str], tuple[int, int] | None]:
+    """One leg's signals and decisions, in words what was noticed, and where it stands still."""
+    mask = np.asarray(imu.mask, bool)
+    notes: list[str] = []
+    clips = _clipped(as_float(imu.gyr), CLIPS_ABOVE_RATE), _clipped(as_float(imu.acc), CLIPS_ABOVE_FORCE)
+    whole = shank_axes.filled(imu)
+    still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
+    bias = shank_axes.rest_bias(imu, rate_hz) if options.standing else None
+    bias = np.zeros(3) if bias is None else bias
+    at_rest = whole._replace(gyr=as_float(whole.gyr) - bias)
+    axes = shank_axes.functional_axes(at_rest)
+    start = end = np.zeros(0)
+    if axes is None:
+        notes.append(f"{name} does not walk")
+        axes = Axes(np.eye(3), 0.0, 0.0)
+    else:
+        start, end = swings_of(at_rest, axes, rate_hz, options.detector)
+        if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
+            notes.append(f"{name} swings as fast backwards as forwards: which way is forward is not sure")
+    slow = np.asarray(_both_ways(_padded(as_float(at_rest.gyr)), shank_stance.CUTOFF_HZ, rate_hz))[: len(time)]
+    speed = np.linalg.norm(slow, axis=1)
+    stood = shank_stance.stances(slow @ axes.rows[1], speed, start, end, rate_hz)
+    if len(start):
+        gentle = np.asarray(_both_ways(_padded(as_float(whole.acc)), shank_stance.CUTOFF_HZ, rate_hz))
+        valleys = stood.end[~stood.standing[:, 1]]
+        axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
+    if options.standing and still is None:
+        notes.append(f"{name} never stands still for half a second: its gyroscope's bias is left to the filter")
+    lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
+    for what, flags in zip(("gyroscope", "accelerometer"), clips, strict=True):
+        if flags.any():
+            notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
+    if lost.any():
+        notes.append(
+            f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain, or are "
+            "missing there and in the distance"
+        )
+    stands = _standing(stood, speed, rate_hz) & ~lost
+    gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
+    told = _signals(gyr, acc, time, stands, stood, rate_hz)
+    rests = still if options.standing else None
+    signals = AnkleSignals(
+        **told,
+        gyr_doubt=np.maximum(LOST_RATE * lost, CLIPPED_RATE * clips[0]),
+        acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips[1]),
+        stands=stands,
+        rate_hz=np.asarray(float(rate_hz)),
+        gyr_bias=axes.rows @ bias,
+        still_time=np.asarray(0.0 if rests is None else (rests[1] - rests[0]) / rate_hz),
+        mid_shank=np.asarray(float(name.startswith("shank"))),
+        axes=axes.rows,
+        straight=shank_axes.nearest_axes(axes) @ axes.rows.T,
+        **_strides(start, end, stood, time, clips[0]),
+        count=np.asarray(len(start), np.int32),
+    )
+    return signals, notes, still
+
+
+def _standing(stood: shank_stance.Stances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
+    """(T,) bool: around every instant, and while the leg stands in a pause, before the walk and after it."""
+    flags = np.zeros(len(speed), bool)
+    if not len(stood.begin):
+        return flags
+    reach = max(1, round(WINDOW_S * rate_hz))
+    for instant in np.concatenate([stood.begin, stood.end]):
+        flags[max(0, instant - reach) : instant + reach + 1] = True
+    edges = np.concatenate([[0], np.stack([stood.begin, stood.end], axis=1).ravel(), [len(speed)]])
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        flags[first:last] |= speed[first:last] < STANDING
+    return flags
+
+
+def _signals(
+    gyr: np.ndarray, acc: np.ndarray, time: np.ndarray, stands: np.ndarray, stood: shank_stance.Stances, rate_hz: float
+) -> dict[str, Any]:
+    """Signals, where the filter starts, and what it starts from."""
+    size = max(3, 2 * round(0.0075 * rate_hz) + 1)
+    jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
+    first = int(np.argmax(stands)) if stands.any() else len(time)
+    restart = np.zeros(len(time) + 1)
+    restart[stood.begin + 1] = 1.0
+    index = np.arange(len(time))
+    up = acc[first : first + max(3, round(2 * WINDOW_S * rate_hz))].mean(axis=0) if stands.any() else acc.mean(axis=0)
+    return {
+        "gyr": gyr,
+        "acc": acc,
+        "gyr_jump": jumps[0],
+        "acc_jump": jumps[1],
+        "restart": restart[: len(time)],
+        "dt": np.where(index > first, np.diff(time, prepend=time[0]), 0.0),
+        "valid": index >= first,
+        "last": np.asarray(len(time) - 1, np.int32),
+        "attitude": _level(up),
+    }
+
+
+def _strides(
+    start: np.ndarray, end: np.ndarray, stood: shank_stance.Stances, time: np.ndarray, clips: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What is known of each stride, filled up to `capacity`."""
+    rows, index = capacity(len(time)), np.arange(len(time))
+    first, last = (np.rint(values).astype(np.int32) for values in (start, end))
+    clipped = np.array([clips[a : b + 1].any() for a, b in zip(first, last, strict=True)], bool)
+    follows = np.concatenate([[False], stood.begin[1:] == stood.end[:-1]])[: len(first)]
+    told = (
+        stood.begin.astype(np.int32), stood.end.astype(np.int32), first, last, np.interp(start, index, time),
+        np.interp(end, index, time), stood.standing.any(axis=1), clipped, follows,
+    )  # fmt: skip
+    return {name: np.pad(values, (0, rows - len(values))) for name, values in zip(PER_STRIDE, told, strict=True)}
+
+
+def _largest(values: np.ndarray, size: int) -> np.ndarray:
+    """The largest of a centred window of an odd number of samples."""
+    padded = np.pad(values, size // 2, mode="edge")
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1))
+
+
+def _clipped(values: np.ndarray, above: float) -> np.ndarray:
+    """(T,) bool: three readings or more in a row at the top of what an axis reads, above a limit."""
+    flags = np.zeros(len(values), bool)
+    for axis in values.T:
+        for top in (axis.max(), -axis.min()):
+            at = (axis if top == axis.max() else -axis) >= top - 1e-9
+            for first, last in true_runs(at) if top > above else []:
+                if last - first >= CLIPS_FOR:
+                    flags[first:last] = True
+    return flags
+
+
+def _level(up: np.ndarray) -> np.ndarray:
+    """(4,) the shortest rotation q_ws that takes a direction in the segment's axes to the world's z."""
+    x, y, z = up / np.linalg.norm(up)
+    if z < -0.999999:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([1.0 + z, y, -x, 0.0])
+    return np.asarray(q / np.linalg.norm(q))

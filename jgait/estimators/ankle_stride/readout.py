@@ -1,0 +1,178 @@
+"""From the ankle's filter, or a method of `stride_length`, to strides and their flags; JAX, smooth given the events."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.estimators.ankle_stride import length as stride_length
+from jgait.estimators.ankle_stride.inputs import AnkleSignals
+from jgait.estimators.ankle_stride.model import AnkleState
+from jgait.estimators.ankle_stride.params import AnkleParams
+from jgait.estimators.foot_ins.readout import root, wrapped
+from jgait.filtering import Covariance
+from jgait.geometry.rotation import rotated
+from jgait.geometry.vectors import Vector
+from jgait.types import Strides
+
+SHORTEST = 0.1
+"""[m] A shorter stride is a leg that was shifted; it counts as no stride."""
+
+TURNING = 0.35
+"""[rad] A stride whose leg turns by more (20°) is flagged as part of a turn."""
+
+STAIRS = 0.12
+"""[m] A stride that rises or falls by more is flagged as one on stairs or a kerb."""
+
+TIMING = 0.02
+"""[s] Standard deviation of the duration of a stride."""
+
+FLAGS = ("turning", "stairs", "clipped", "half")
+"""What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
+
+
+def from_filter(
+    p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: int
+) -> tuple[Strides, Strides, dict[str, Any]]:
+    """Strides of one leg, their standard deviations, and flags.
+
+    Args:
+        p: parameters.
+        leg: its inputs.
+        state: smoothed (or filtered) states, (T,) leaves.
+        cov: their covariance.
+        side: 0 right, 1 left.
+    """
+    way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
+    yaw = heading(state, cov)
+    here, there = (Heading(*(part[at] for part in yaw)) for at in (leg.begin, leg.end))
+    strides = told(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
+    return (
+        strides,
+        deviations(p, strides, way, here, there, durations(leg)[1]),
+        flags(strides, clipped=leg.clips, half=leg.half),
+    )
+
+
+class Way(NamedTuple):
+    """How far and how high the ankle came [m], and the variances of both [m²]."""
+
+    length: Any
+    height: Any
+    length_variance: Any
+    height_variance: Any
+
+
+class Heading(NamedTuple):
+    """Where the sensor's forward axis points [rad], and the variance of it [rad²]."""
+
+    angle: Any
+    variance: Any
+
+
+def across(cov: Covariance) -> tuple[Any, Any, Any, Any]:
+    """The entries of a position's covariance that `measured` takes."""
+    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
+    return xx, xy, yy, zz
+
+
+def measured(way: Vector, entries: tuple[Any, Any, Any, Any]) -> Way:
+    """A stride from where the ankle stands at its end, counted from its begin; see `across`."""
+    length = root(way.x * way.x + way.y * way.y)
+    x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
+    xx, xy, yy, zz = entries
+    return Way(length, way.z, jnp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
+
+
+def heading(state: AnkleState, cov: Covariance) -> Heading:
+    """The heading of states."""
+    one, none = jnp.ones_like(state.attitude.w), jnp.zeros_like(state.attitude.w)
+    forward = rotated(state.attitude, Vector(one, none, none))
+    return Heading(jnp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
+
+
+def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Any) -> Strides:
+    """Standard deviations of strides that begin and end with a heading and last for a time [s]."""
+    length_sd = root(way.length_variance + p.stride_noise**2)
+    speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
+    return strides._replace(
+        start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(way.length, jnp.nan),
+        height=root(way.height_variance + p.stride_noise**2), speed=speed_sd, standing=None, standing_end=None,
+        turn=root(jnp.abs(there.variance - here.variance)),
+    )  # fmt: skip
+
+
+def by_method(
+    p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, side: int, method: str
+) -> tuple[Strides, dict[str, Any]]:
+    """Strides of one leg by a method of `stride_length`, and flags.
+
+    Args:
+        p: parameters.
+        leg: its inputs.
+        gyr: (T, 3) filtered rate in the segment's axes [rad/s]; with the bias.
+        acc: (T, 3) filtered specific force [m/s²].
+        side: 0 right, 1 left.
+        method: "3d", "sl1", "sl2" or "li".
+    """
+    samples, there = gyr.shape[0], jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    lever = lever_of(p, leg)
+    known = stride_length.StrideLengthParams(
+        p.leg_length, p.angle_gain, p.time_gain, Vector(*(jnp.asarray(v, gyr.dtype) for v in lever))
+    )
+    gyr, raw = gyr - leg.gyr_bias[None, :], leg.gyr - leg.gyr_bias[None, :]
+    dt = 1.0 / leg.rate_hz
+    between = stride_length.marks(leg.begin, leg.end, samples, there)
+    swung = stride_length.marks(leg.swing_begin, leg.swing_end, samples, there)
+    spatial = stride_length.inertial(known, gyr, acc, between, dt)
+    if method == "3d":
+        length = spatial.level[leg.end]
+    elif method == "li":
+        rate, force = gyr @ leg.straight.T, acc @ leg.straight.T
+        length = stride_length.planar(known, rate, force, between, dt).length[leg.end]
+    else:
+        swings = stride_length.pendulum(known, raw, swung, dt)
+        length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
+    strides = told(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
+    return strides, flags(strides, clipped=leg.clips, half=leg.half)
+
+
+def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
+    """From the ankle to the sensor, in the segment's axes [m], before the walk tells more."""
+    return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
+
+
+def durations(leg: AnkleSignals) -> tuple[Any, Any]:
+    """When each stride starts, and the time that its speed is over [s].
+
+    A stride starts with the contact that ends the one before, and lasts from contact to contact; where there is none,
+    it starts when the shank begins to swing, and its speed is over the time from standing to standing.
+    """
+    before = jnp.concatenate([leg.leaves[:1], leg.lands[:-1]])
+    start = jnp.where(leg.follows, before, leg.leaves)
+    stood = (leg.end - leg.begin).astype(leg.lands.dtype) / leg.rate_hz
+    return start, jnp.maximum(jnp.where(leg.follows, leg.lands - start, stood), 1e-3)
+
+
+def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> Strides:
+    """The table of strides from what was measured and what was decided."""
+    there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
+    start, duration = durations(leg)
+    return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there)
+
+
+def table(
+    side: int, times: tuple[Any, Any, Any], duration: Any, length: Any, height: Any, turn: Any, there: Any
+) -> Strides:
+    """Strides of one leg, or one of them, from start, final contact and end [s], and what was measured."""
+    start, leaves, lands = times
+    return Strides(
+        side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leaves, end=lands, length=length,
+        width=jnp.full_like(length, jnp.nan), height=height, valid=there & (length > SHORTEST),
+        speed=length / duration, turn=turn,
+    )  # fmt: skip
+
+
+def flags(strides: Strides, **decided: Any) -> dict[str, Any]:
+    """What is special about each stride, what was decided among it; True only where it is valid."""
+    found = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
+    return {name: flag & strides.valid for name, flag in found.items()}

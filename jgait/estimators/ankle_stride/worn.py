@@ -1,0 +1,131 @@
+"""How the ankle's sensor is worn, told from a recording, as the estimator online takes it; on the host."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
+from jgait.events import shank as shank_events
+from jgait.events import shank_stance
+from jgait.signal import butterworth
+from jgait.types import SIDES, Recording, RecordingError
+
+HOLD_S = 0.2
+"""[s] A minimum of the stance rate that stays the least for so long is the valley."""
+
+LANDING_S = 0.25
+"""[s] So long after a swing its foot comes down; valleys before the greatest rate in there do not count."""
+
+CALM_S = 0.5
+"""[s] A leg that has turned slowly for so long stands."""
+
+JUMP_S = 0.0075
+"""[s] The noise of a reading is that of its largest change so near by."""
+
+ONLINE = AnkleOptions(detector="swings", smooth=False, execution="fast")
+"""The options of this estimator; the lobes of a causally filtered rate hold for slow and impaired gait too."""
+
+DETECTORS = {
+    "machine": (shank_events.phase_step, shank_events.MACHINE),
+    "paper": (shank_events.phase_step, shank_events.PAPER),
+    "swings": (shank_events.swing_step, shank_events.LOBES),
+}
+"""Detectors that work a sample at a time, and their settings."""
+
+
+class Worn(NamedTuple):
+    """How a sensor is worn, from a recording; every leaf is an array.
+
+    Attributes:
+        axes: (3, 3) forward, left and up in the sensor's axes.
+        gyr_bias: (3,) while standing, in the segment's axes [rad/s].
+        still_time: how long the leg stood still for it [s]; 0: never.
+        mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
+        rate_hz: of the samples.
+        side: 0 right, 1 left.
+        hold: `HOLD_S` in samples.
+        landing: `LANDING_S` in samples.
+        calm: `CALM_S` in samples.
+        reach: of the zero velocities about a valley, in samples.
+        shift: by how many samples the stance rate is later than the signals that are integrated.
+        history: (lag, 11) zeros, as many rows as the filter runs behind.
+        jumps: (n, 2) zeros, as many rows as changes of the readings are remembered.
+        jump_looks: (n,) bool, which of them lie around the sample that is integrated.
+    """
+
+    axes: Any
+    gyr_bias: Any
+    still_time: Any
+    mid_shank: Any
+    rate_hz: Any
+    side: Any
+    hold: Any
+    landing: Any
+    calm: Any
+    reach: Any
+    shift: Any
+    history: Any
+    jumps: Any
+    jump_looks: Any
+
+
+def check_options(options: AnkleOptions) -> None:
+    """Refuse options that cannot be had online.
+
+    Raises:
+        ValueError: naming what there is and what came.
+    """
+    if options.length != "filter" or options.smooth:
+        raise ValueError(
+            "online there is the filter without smoothing, length='filter' and smooth=False; got "
+            f"length={options.length!r}, smooth={options.smooth}"
+        )
+    if options.detector not in DETECTORS:
+        raise ValueError(f"the detector online must be one of {', '.join(DETECTORS)}; got {options.detector!r}")
+
+
+def worn(p: AnkleParams, recording: Recording, side: str, options: AnkleOptions = ONLINE) -> Worn:
+    """How the sensor of one side is worn, from a recording of standing and walking; on the host.
+
+    Args:
+        p: parameters; the cut-off tells how late signals are.
+        recording: as of `ankle_stride.estimate`; a few strides, and half a second of standing for the bias.
+        side: "right" or "left".
+        options: as of `step`.
+
+    Raises:
+        RecordingError: as `ankle_calibration.prepare`; no sensor on that side, or one that does not walk.
+        ValueError: options that cannot be had online.
+    """
+    check_options(options)
+    if side not in SIDES:
+        raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
+    number = SIDES.index(side)
+    leg = prepare(recording, options).inputs[1 + number]
+    if leg is None or int(leg.count) == 0:
+        what = "has no sensor there" if leg is None else "does not walk there"
+        raise RecordingError(f"a recording of walking is needed to know how the {side} sensor is worn; this one {what}")
+    hz = recording.sampling_rate_hz
+    late = float(butterworth.delay(p.cutoff_hz, hz))
+    shift = max(0, round((float(butterworth.delay(shank_stance.CUTOFF_HZ, hz)) - late) * hz))
+    around = max(1, round(JUMP_S * hz))
+    changes = max(round(late * hz) + around, 2 * around + 1)
+    times = (HOLD_S, LANDING_S, CALM_S, WINDOW_S)
+    hold, landing, calm, reach = (np.asarray(max(1, round(seconds * hz)), np.int32) for seconds in times)
+    return Worn(
+        axes=leg.axes,
+        gyr_bias=leg.gyr_bias,
+        still_time=leg.still_time,
+        mid_shank=leg.mid_shank,
+        rate_hz=leg.rate_hz,
+        side=np.asarray(number, np.int32),
+        hold=hold,
+        landing=landing,
+        calm=calm,
+        reach=reach,
+        shift=np.asarray(shift, np.int32),
+        history=np.zeros((int(hold + reach) + shift, 11)),
+        jumps=np.zeros((changes, 2)),
+        jump_looks=np.arange(changes) <= 2 * around,
+    )

@@ -1,0 +1,293 @@
+"""From a recording with gaps to joint angles."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import params
+from jgait.duty_cycle import power
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh, fillers
+from jgait.duty_cycle.recording import SEGMENTS, schedule_of
+from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment, SegmentEstimate
+from jgait.estimators.duty_cycled_gyro.params import (
+    DEFAULT,
+    PAPER,
+    TRANSFORMS,
+    DutyCycledInputs,
+    DutyCycledOptions,
+    DutyCycledParams,
+    GapLeg,
+    GapSegment,
+    filter_params,
+    one_side,
+    pad,
+    params_of,
+    transforms_of,
+    with_body,
+)
+from jgait.estimators.duty_cycled_gyro.prepare import LOST, Preparation, prepare
+from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
+
+BUCKET = 512
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "DutyCycledOptions",
+    "DutyCycledParams",
+    "estimate",
+    "estimator",
+    "params_of",
+    "prepared",
+    "run",
+    "transforms_of",
+    "with_body",
+]
+
+
+class _Seen(NamedTuple):
+    """A segment's rate without gaps and bias, how each sample was had, and what the filter made of it."""
+
+    filled: Filled
+    found: SegmentEstimate
+
+
+class _LegResult(NamedTuple):
+    """One leg: its segments, and its angles if both are worn."""
+
+    thigh: _Seen | None
+    shank: _Seen | None
+    trajectory: LegTrajectory | None
+    deviation: LegTrajectory | None
+
+
+def _fill(p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, options: DutyCycledOptions) -> Filled:
+    """The rate of one segment without its bias and without gaps."""
+    rate = jnp.asarray(one.gyr) - one.bias
+    if not options.gaps:
+        none = jnp.zeros(rate.shape, jnp.int32)
+        return Filled(rate, none + MEASURED, none[0])
+    acc = jnp.asarray(one.acc) if options.felt else None
+    return fillers()[options.filler].fill(
+        rate, jnp.asarray(one.on), acc, options.sampling_rate_hz, p.filler, thigh=thigh
+    )  # fmt: skip
+
+
+def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Any) -> PlanarSegment:
+    """What the filter of one segment takes: a filled rate with its own variance, and no held one."""
+    acc, persists = jnp.asarray(one.acc), 1.0 / jnp.maximum(jnp.asarray(dt), 1e-3)
+    excess = jnp.where(filled.how == FILLED, p.filled_noise**2 * persists, 0.0).astype(filled.rate.dtype)
+    told = filled.how != HELD
+    return PlanarSegment(
+        filled.rate + one.bias, acc[:, 0], acc[:, 1], jnp.ones_like(told), told, excess, one.bias, one.variance
+    )
+
+
+def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: DutyCycledOptions) -> _LegResult:
+    """Fill and filter one leg, with parameters of its side."""
+    rates = dict[str, Filled]()
+    above = None
+    for segment, one in zip(SEGMENTS, leg, strict=True):
+        if one is not None:
+            rates[segment] = _fill(p, one, above, options)
+            if segment == "thigh" and options.above and options.felt:
+                above = Thigh(rates[segment].rate, jnp.asarray(one.acc))
+    planar = {
+        segment: None if one is None else _planar(p, one, rates[segment], inputs.dt)
+        for segment, one in zip(SEGMENTS, leg, strict=True)
+    }
+    told = DutyInputs(
+        planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
+    )
+    found = duty_model.run(filter_params(p), told, options.filters)
+    thigh, shank = (
+        None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
+    )
+    if found.thigh is None or found.shank is None:
+        return _LegResult(thigh, shank, None, None)
+    return _LegResult(thigh, shank, *_joints(p, found.thigh, found.shank))
+
+
+def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
+    """Hip, knee and ankle of two segments, and their standard deviations, errors of the two taken as independent."""
+    sin1, cos1, sin2, cos2 = jnp.sin(thigh.angle), jnp.cos(thigh.angle), jnp.sin(shank.angle), jnp.cos(shank.angle)
+    a1, a2 = p.thigh_length, p.shank_length
+    var1, var2 = thigh.angle_stddev**2, shank.angle_stddev**2
+    place = LegTrajectory(thigh.angle, thigh.angle - shank.angle, a1 * sin1 + a2 * sin2, -a1 * cos1 - a2 * cos2)
+    return place, LegTrajectory(
+        thigh.angle_stddev,
+        jnp.sqrt(var1 + var2),
+        jnp.sqrt((a1 * cos1) ** 2 * var1 + (a2 * cos2) ** 2 * var2),
+        jnp.sqrt((a1 * sin1) ** 2 * var1 + (a2 * sin2) ** 2 * var2),
+    )
+
+
+def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_LegResult | None]:
+    """Both legs; side by side in one program where the same is worn on both."""
+    both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
+    worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
+    if None in worn or worn[0] != worn[1]:
+        return [None if one is None else _leg(one[0], one[1], inputs, options) for one in both]
+    stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
+    result = jax.vmap(lambda one: _leg(one[0], one[1], inputs, options))(stacked)
+    return [jax.tree.map(lambda v, side=side: v[side], result) for side in range(2)]
+
+
+def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters; `p.filler` are those of the options' filler.
+        inputs: from `prepared`; stacked along a new first axis for `jax.vmap`.
+        options: from `prepared`; static under jit.
+
+    Returns:
+        Angles with standard deviations; `diagnostics` as the module says, with the log-likelihood of the innovations
+        and their mean normalised square for every sensor, and the filler's latency [s].
+    """
+    results = _legs(p, inputs, options)
+    valid: Any = jnp.asarray(inputs.valid)
+    diagnostics: dict[str, Any] = {}
+    for side, leg in zip(SIDES, results, strict=True):
+        for segment, seen in () if leg is None else (("thigh", leg.thigh), ("shank", leg.shank)):
+            if seen is None:
+                continue
+            name, one = f"{segment}_{side}", seen.found
+            diagnostics |= {
+                f"angle_{name}": one.angle,
+                f"angle_stddev_{name}": one.angle_stddev,
+                f"rate_{name}": one.rate,
+                f"gyro_{name}": seen.filled.rate,
+                f"how_{name}": seen.filled.how,
+                f"log_likelihood_{name}": jnp.sum(one.log_likelihood),
+                f"nis_{name}": jnp.sum(one.nis) / jnp.maximum(jnp.sum(one.count), 1.0),
+                "latency": seen.filled.latency.astype(one.angle.dtype) / options.sampling_rate_hz,
+            }
+            valid = valid & one.valid
+    legs = Legs(*(None if leg is None else leg.trajectory for leg in results))
+    spread = Legs(*(None if leg is None else leg.deviation for leg in results))
+    return Estimate(inputs.time, legs, None if spread == (None, None) else spread, None, valid, diagnostics)
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(
+    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
+) -> Preparation:
+    """The inputs and options of `run` for a recording; arguments and errors as of `duty_gyro_calibration.prepare`."""
+    return prepare(recording, options, gyro_on)
+
+
+def estimator(options: DutyCycledOptions = DEFAULT) -> Estimator[DutyCycledParams, DutyCycledInputs]:
+    """This estimator as a record of functions, for cohorts; what sleeps is told by masks and the options' schedule.
+
+    Raises:
+        ValueError: no such filler.
+    """
+
+    def ready(recording: Recording) -> Prepared[DutyCycledInputs]:
+        preparation = prepared(recording, options)
+        return Prepared(preparation.inputs, preparation.options, preparation.notes, preparation.standing)
+
+    return Estimator("duty_cycled_gyro", params_of(options), transforms_of(options), ready, pad, run, with_body)
+
+
+def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, Any]:
+    """What the worn sensors draw over the recording, and how long a battery feeds them.
+
+    Args:
+        preparation: from `prepared`, with the same options.
+        options: which sensors and battery, and the schedule.
+
+    Returns:
+        `gyro_energy_saved` [1], part of the energy that the gyroscopes would need always on; `mean_power` [W] of all
+        sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and of
+        a schedule that is followed for long, `schedule_saving` [1].
+    """
+    used, rate_hz, gyro = preparation.used, preparation.options.sampling_rate_hz, options.gyroscope
+    seconds = len(preparation.inputs.time) / rate_hz
+    drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
+    always = gyro.on * seconds * len(used)
+    felt = options.accelerometer.on * len(used) if preparation.options.felt else 0.0
+    told: dict[str, Any] = {
+        "gyro_energy_saved": 1.0 - drawn / always,
+        "mean_power": drawn / seconds + felt,
+        "battery_life": float(options.battery.life(drawn / seconds, felt)),
+        "battery_life_always_on": float(options.battery.life(always / seconds, felt)),
+        "usable_share": float(np.mean([np.mean(masks.usable) for masks in used.values()])),
+    }
+    schedule = schedule_of(options.schedule, gyro)
+    return told if schedule is None else told | {"schedule_saving": power.saving(schedule, gyro)}
+
+
+def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
+    """(T,) bool, where a sensor's rate is held for longer than a few lost samples are missing."""
+    held = np.asarray(result.diagnostics[f"how_{name}"]) == HELD
+    for start, stop in true_runs(held):
+        if stop - start < LOST * rate_hz:
+            held[start:stop] = False
+    return held
+
+
+def _held(result: Estimate, preparation: Preparation) -> list[str]:
+    """In words, where too little was measured before a gap to fill it."""
+    said = []
+    for name in preparation.used:
+        gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
+        if gone.size and preparation.options.filler != "hold":
+            first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
+            said.append(
+                f"{name}: {gone.size} samples from {first:.2f} to {last:.2f} s hold the last measured rate, are not "
+                "told to the filter, and their angles are not stated: too few strides were measured before for the "
+                "filler; a longer warm-up measures more"
+            )
+    return said
+
+
+def estimate(
+    p: DutyCycledParams, recording: Recording, options: DutyCycledOptions = DEFAULT, *,
+    gyro_on: Mapping[str, Any] | None = None,
+) -> Estimate:  # fmt: skip
+    """Leg angles of one recording whose gyroscopes sleep, and what that saves.
+
+    Args:
+        p: parameters; with another filler than the usual one, from `params_of`.
+        recording: thigh or shank sensors of one or both legs.
+        options: which parts are on, and the schedule.
+        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
+
+    Returns:
+        An `Estimate`; `diagnostics` as of `run` and `energy`, `notes` in words, `standing`.
+
+    Raises:
+        RecordingError: see `duty_gyro_calibration.prepare`.
+        ValueError: a parameter outside its range, those of another filler, a duty cycle outside (0, 1], a wake-up
+            longer than the on-time, a mask of the wrong shape.
+    """
+    ranges = transforms_of(options)
+    if type(p.filler) is not type(ranges.filler):
+        raise ValueError(
+            f"the filler {options.filler!r} takes parameters of type {type(ranges.filler).__name__}, see params_of; "
+            f"got {type(p.filler).__name__}"
+        )
+    params.check_params(p, ranges)
+    preparation = prepared(recording, options, gyro_on)
+    samples = preparation.inputs.time.size
+    padded = pad(preparation.inputs, bucket(samples, BUCKET))
+    result = jax.tree.map(np.asarray, _run_jit(p, padded, preparation.options))
+    result = jax.tree.map(lambda v: v[:samples] if np.ndim(v) else v, result)
+    notes = (*recording.notes, *preparation.notes, *_held(result, preparation))
+    held = [_held_long(result, name, preparation.options.sampling_rate_hz) for name in preparation.used]
+    if preparation.options.filler != "hold":
+        result = result._replace(valid=result.valid & ~np.any(held, axis=0))
+    told = result.diagnostics | energy(preparation, options) | {"notes": notes, "standing": preparation.standing}
+    return result._replace(diagnostics=told)

@@ -1,0 +1,342 @@
+r"""The thigh's and the shin's filter of Udaya Shankar et al. on named scalars, corrected, under a gyroscope mask.
+
+A sensor d from its joint, x downward and z forward of the hip. The segment hangs at θ from the vertical. Between
+samples position, velocity and acceleration follow x ← x + T ẋ + T²/2 ẍ, ẋ ← ẋ + T ẋ̇, and θ ← θ + T ω. A rigid link ties
+them, and the sensors read
+
+    x = d cos θ,       ẋ = −d sin θ ω,     f_up      = (g − ẍ) cos θ − z̈ sin θ,
+    z = d sin θ,       ż =  d cos θ ω,     f_forward = (g − ẍ) sin θ + z̈ cos θ,      ω_g = ω − v / d.
+
+For the shin's sensor the thigh's link a₁ comes before its own: x = a₁ cos θ₁ + d cos θ₂, and so on; θ₁ and ω₁ come from
+the thigh's filter. Left out is the joint's own acceleration, which makes the accelerometer's noise while walking.
+
+A gyroscope that is off is an observation that is masked; then gravity, the rigid link and a loose pull to the vertical
+hold rate and angle. Filling the gaps from the strides before is another matter, and does better. While the person
+stands, accelerations are told to be 0.
+
+One axis of the gyroscope knows no turns: on the straight part of `neura_sparse` the shank is within 1.4° (left) and
+2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
+`leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
+
+Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
+gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8. `duty_literal` has the printed
+matrices, and numbers the deviations from them.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from jgait import filtering
+from jgait.estimators.duty_cycled_gyro import literal as duty_literal
+from jgait.estimators.duty_cycled_gyro.model_params import (
+    DEFAULT,
+    DutyControl,
+    DutyEstimate,
+    DutyInputs,
+    DutyOptions,
+    DutyParams,
+    LinkParams,
+    PlanarSegment,
+    SegmentEstimate,
+    ShinObservation,
+    ShinState,
+    ThighObservation,
+    ThighState,
+)
+from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.vectors import GRAVITY
+
+
+def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl, dt: Any) -> ThighState:
+    """Section 8.1 with T²/2, and without the stray θ in z (deviations 3 and 4)."""
+    del params, control
+    return state._replace(
+        down=state.down + dt * state.down_velocity + 0.5 * dt * dt * state.down_acceleration,
+        down_velocity=state.down_velocity + dt * state.down_acceleration,
+        forward=state.forward + dt * state.forward_velocity + 0.5 * dt * dt * state.forward_acceleration,
+        forward_velocity=state.forward_velocity + dt * state.forward_acceleration,
+        angle=state.angle + dt * state.rate,
+    )
+
+
+def shin_transition(params: LinkParams, state: ShinState, control: DutyControl, dt: Any) -> ShinState:
+    """The same for the shin, whose thigh turns too (deviation 5)."""
+    moved = thigh_transition(params, _own(state), control, dt)
+    return _behind(moved, state.thigh_angle + dt * state.thigh_rate, state.thigh_rate)
+
+
+def _own(state: ShinState) -> ThighState:
+    """The shin's state without the thigh's angle and rate."""
+    return ThighState(*state[:7], state.angle, state.rate)
+
+
+def _behind(own: ThighState, thigh_angle: Any, thigh_rate: Any) -> ShinState:
+    """The shin's state from its own and the thigh's angle and rate."""
+    return ShinState(*own[:7], thigh_angle, thigh_rate, *own[7:])
+
+
+def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Any, dt: Any) -> Covariance:
+    """Q: integrated white jerk, integrated white angular acceleration, a walking bias (deviations 1 and 2)."""
+    s, w = params.acceleration_noise, params.angle_noise
+    entries = {("velocity_bias", "velocity_bias"): params.bias_noise * dt}
+    for way in ("down", "forward"):
+        velocity, acceleration = f"{way}_velocity", f"{way}_acceleration"
+        entries |= {
+            (way, way): s * dt**5 / 20.0,
+            (way, velocity): s * dt**4 / 8.0,
+            (way, acceleration): s * dt**3 / 6.0,
+            (velocity, velocity): s * dt**3 / 3.0,
+            (velocity, acceleration): s * dt**2 / 2.0,
+            (acceleration, acceleration): s * dt,
+        }
+    for angle, rate in pairs:
+        entries |= {(angle, angle): w * dt**3 / 3.0, (angle, rate): w * dt**2 / 2.0, (rate, rate): w * dt}
+    return Covariance.from_variances(like(*(0.0 for _ in like._fields))).with_entries(entries)
+
+
+def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyControl, dt: Any) -> Covariance:
+    """Q of the thigh: σ [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T] twice, the bias, the angle."""
+    del state, control
+    return _noise(params, (("angle", "rate"),), ThighState, dt)
+
+
+def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyControl, dt: Any) -> Covariance:
+    """Q of the shin: 11 × 11, with a block for each angle."""
+    del state, control
+    return _noise(params, (("thigh_angle", "thigh_rate"), ("angle", "rate")), ShinState, dt)
+
+
+def _read(params: LinkParams, state: ThighState, joint: tuple[Any, Any, Any, Any]) -> ThighObservation:
+    """What the segment's own sensors read, given position and velocity of its joint (x, z, ẋ, ż)."""
+    sin, cos = jnp.sin(state.angle), jnp.cos(state.angle)
+    d, lighter = params.lever, GRAVITY - state.down_acceleration
+    return ThighObservation(
+        acc_up=lighter * cos - state.forward_acceleration * sin,
+        acc_forward=lighter * sin + state.forward_acceleration * cos,
+        gyro=state.rate - state.velocity_bias / d,
+        link_down=state.down - joint[0] - d * cos,
+        link_forward=state.forward - joint[1] - d * sin,
+        link_down_velocity=state.down_velocity - joint[2] + d * sin * state.rate,
+        link_forward_velocity=state.forward_velocity - joint[3] - d * cos * state.rate,
+        rest_down=state.down_acceleration,
+        rest_forward=state.forward_acceleration,
+        swing=state.angle,
+    )
+
+
+def thigh_observation(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
+    """Section 8.2 with gravity, and the rigid link in place of velocities that come from the gyroscope."""
+    del control
+    return _read(params, state, (0.0, 0.0, 0.0, 0.0))
+
+
+def shin_observation(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
+    """The same for the shin, whose joint is the knee, and the thigh's angle and rate."""
+    del control
+    a, sin, cos = params.thigh_length, jnp.sin(state.thigh_angle), jnp.cos(state.thigh_angle)
+    knee = (a * cos, a * sin, -a * sin * state.thigh_rate, a * cos * state.thigh_rate)
+    return ShinObservation(*_read(params, _own(state), knee), state.thigh_angle, state.thigh_rate)
+
+
+def thigh_observation_noise(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
+    """R: the sensors' variances at this sample, and the rigid link's."""
+    del state
+    acc, rest = control.acc_variance, control.rest_variance
+    place, speed = params.position_variance, params.velocity_variance
+    return ThighObservation(
+        acc, acc, control.gyro_variance, place, place, speed, speed, rest, rest, control.swing_variance
+    )
+
+
+def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
+    """The same, and the variances that the thigh's filter states."""
+    own = thigh_observation_noise(params, _own(state), control)
+    return ShinObservation(*own, control.thigh_angle_variance, control.thigh_rate_variance)
+
+
+def thigh_standing(params: LinkParams, angle: Any, bias: Any, angle_variance: Any) -> Belief:
+    """The belief before the first sample: at rest, on the rigid link.
+
+    Args:
+        params: of the segment.
+        angle: θ [rad].
+        bias: of the gyroscope [rad/s].
+        angle_variance: [rad²].
+    """
+    zero, d = jnp.zeros_like(jnp.asarray(bias) + angle), params.lever
+    still = (zero, zero)
+    mean = ThighState(zero + d * jnp.cos(angle), *still, d * jnp.sin(angle), *still, -d * bias, zero + angle, zero)
+    place, bias_variance = d * d * angle_variance + params.position_variance, 1e-5 * d * d
+    # The angle's error moves the sensor along the link; said once, in the angle's own variance, and loosely here.
+    variances = ThighState(place, 1e-4, 1.0, place, 1e-4, 1.0, bias_variance, angle_variance, 1e-4)
+    return Belief(mean, Covariance.from_variances(variances))
+
+
+def shin_standing(params: LinkParams, angle: Any, bias: Any, angle_variance: Any, thigh_angle: Any = 0.0) -> Belief:
+    """The same for the shin behind a thigh at rest."""
+    own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
+    m, v = own.mean, own.cov.variances()
+    zero = jnp.zeros_like(m.angle)
+    moved = m._replace(down=m.down + a * jnp.cos(thigh_angle), forward=m.forward + a * jnp.sin(thigh_angle))
+    wider = v._replace(down=v.down + a * a * angle_variance, forward=v.forward + a * a * angle_variance)
+    variances = _behind(wider, v.angle, v.rate)
+    return Belief(_behind(moved, zero + thigh_angle, zero), Covariance.from_variances(variances))
+
+
+def _thigh_initial(params: LinkParams) -> Belief:
+    return thigh_standing(params, 0.0, 0.0, 1e-4)
+
+
+def _shin_initial(params: LinkParams) -> Belief:
+    return shin_standing(params, 0.0, 0.0, 1e-4)
+
+
+THIGH = Model(_thigh_initial, thigh_transition, thigh_transition_noise, thigh_observation, thigh_observation_noise)
+"""Nine states, one segment hung on a joint: the thigh on the hip, or a shank worn alone on the knee."""
+
+SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observation, shin_observation_noise)
+"""Eleven states: the shank behind the thigh."""
+
+
+def observability_matrix(model: Model, params: Any, state: Any, control: Any, dt: Any, seen: Any = None) -> np.ndarray:
+    """[H; H A; …; H Aⁿ⁻¹] of a model linearised at a state (n m, n), by autodiff, in float64 on the host.
+
+    Args:
+        model: state-space model without manifold.
+        params: of the model.
+        state: tuple of n scalars, where to linearise.
+        control: of the model.
+        dt: interval [s].
+        seen: observation tuple of m bools: rows that count; None: all.
+    """
+    flat, back = ravel_pytree(jax.tree.map(lambda v: jnp.asarray(v, jnp.result_type(float)), state))
+
+    def moved(x: Any) -> Any:
+        return ravel_pytree(model.transition(params, back(x), control, dt))[0]
+
+    def read(x: Any) -> Any:
+        return ravel_pytree(model.observation(params, back(x), control))[0]
+
+    step = np.asarray(jax.jacfwd(moved)(flat), np.float64)
+    row = np.asarray(jax.jacfwd(read)(flat), np.float64)
+    if seen is not None:
+        row = row[np.asarray(jax.tree.leaves(seen), bool)]
+    rows = [row]
+    for _ in range(flat.size - 1):
+        rows.append(rows[-1] @ step)
+    return np.concatenate(rows)
+
+
+def observability_rank(model: Model, params: Any, state: Any, control: Any, dt: Any, seen: Any = None) -> int:
+    """How many directions of the state the observations can tell: the rank of `observability_matrix`.
+
+    Arguments as there. Directions that are seen only through a billionth of another do not count.
+    """
+    matrix = observability_matrix(model, params, state, control, dt, seen)
+    return int(np.linalg.matrix_rank(matrix, rtol=1e-9 if jnp.result_type(float) == jnp.float64 else 1e-6))
+
+
+def link_params(p: DutyParams, lever: Any) -> LinkParams:
+    """The model's parameters for a sensor that far from its joint [m]."""
+    return LinkParams(
+        p.thigh_length, lever, p.angle_noise, p.acceleration_noise, p.bias_noise,
+        p.position_closure**2, p.velocity_closure**2,
+    )  # fmt: skip
+
+
+def observe(
+    p: DutyParams, segment: PlanarSegment, dt: Any, still: Any, valid: Any, options: DutyOptions = DEFAULT
+) -> tuple[ThighObservation, DutyControl, ThighObservation]:
+    """What the filter of one segment is told: observation, control and mask; for a recording or for one sample."""
+    zero = jnp.zeros_like(segment.gyr)
+    rest = p.standing_acceleration**2
+    acc = rest + jnp.where(still, 0.0, p.joint_acceleration**2)
+    persists = 1.0 / jnp.maximum(dt, 1e-3)
+    control = DutyControl(
+        zero + acc, zero + rest, p.gyro_noise * segment.variance + segment.excess, zero + p.swing_noise**2 * persists,
+        zero + 1.0, zero + 1.0,
+    )  # fmt: skip
+    arrived = segment.measured & valid
+    felt = arrived if options.gravity else jnp.zeros_like(arrived)
+    turned = arrived & segment.gyro_on
+    unknown, at_rest = valid & ~turned, valid & still
+    told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
+    return told, control, ThighObservation(felt, felt, turned, *(valid,) * 4, at_rest, at_rest, unknown)
+
+
+def observe_shin(
+    p: DutyParams, segment: PlanarSegment, thigh: SegmentEstimate, dt: Any, still: Any, valid: Any,
+    options: DutyOptions = DEFAULT,
+) -> tuple[ShinObservation, DutyControl, ShinObservation]:  # fmt: skip
+    """The same for the shin's filter, with what the thigh's filter found at the same samples."""
+    told, control, mask = observe(p, segment, dt, still, valid, options)
+    # Errors of the thigh's angle persist for about a second: as white noise they weigh one over the interval.
+    spread = 1.0 / jnp.maximum(dt, 1e-3)
+    control = control._replace(
+        thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
+    )
+    return ShinObservation(*told, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
+
+
+def _filtered(
+    model: Model, params: LinkParams, told: Any, initial: Belief, inputs: DutyInputs, options: DutyOptions
+) -> SegmentEstimate:
+    """Filter, or smooth, and read off the segment's angle and rate."""
+    observations, controls, mask = told
+    settings = {"controls": controls, "dt": inputs.dt, "mask": mask, "method": options.method, "initial": initial}
+    settings["execution"] = options.execution
+    if options.smooth:
+        smoothed = filtering.kalman_smoother(model, params, observations, **settings)
+        mean, cov, posterior = smoothed.mean, smoothed.cov, smoothed.filtered
+    else:
+        posterior = filtering.kalman_filter(model, params, observations, **settings)
+        mean, cov = posterior.mean, posterior.cov
+    deviation = cov.stddev()
+    return SegmentEstimate(
+        mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / params.lever,
+        posterior.nis, posterior.count, posterior.log_likelihood, posterior.valid,
+    )  # fmt: skip
+
+
+def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions = DEFAULT) -> DutyEstimate:
+    """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
+
+    A shank worn alone is taken for a segment hung on a joint, as the thigh is.
+
+    Args:
+        p: parameters.
+        inputs: of a recording; stacked along a new first axis for `jax.vmap`.
+        options: how the filters run; static under jit.
+
+    Returns:
+        Estimates of the segments that are worn.
+
+    Raises:
+        ValueError: if none is.
+    """
+    if inputs.thigh is None and inputs.shank is None:
+        raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")
+    if options.literal:
+        return duty_literal.run(p, inputs, options)
+    start = inputs.start_variance
+    thigh = shank = None
+    if inputs.thigh is not None:
+        own = link_params(p, p.thigh_sensor)
+        prior = thigh_standing(own, 0.0, inputs.thigh.bias, start)
+        told = observe(p, inputs.thigh, inputs.dt, inputs.still, inputs.valid, options)
+        thigh = _filtered(THIGH, own, told, prior, inputs, options)
+    if inputs.shank is not None:
+        own = link_params(p, p.shank_sensor)
+        if thigh is None:
+            prior = thigh_standing(own, 0.0, inputs.shank.bias, start)
+            told = observe(p, inputs.shank, inputs.dt, inputs.still, inputs.valid, options)
+            shank = _filtered(THIGH, own, told, prior, inputs, options)
+        else:
+            prior = shin_standing(own, 0.0, inputs.shank.bias, start)
+            seen = observe_shin(p, inputs.shank, thigh, inputs.dt, inputs.still, inputs.valid, options)
+            shank = _filtered(SHIN, own, seen, prior, inputs, options)
+    return DutyEstimate(thigh, shank)

@@ -1,0 +1,381 @@
+"""What the duty-cycled filters are told and tell, by name: parameters, options, inputs, states, estimates."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait import filtering, params
+from jgait.estimators.interface import lengthened
+from jgait.estimators.leg_ekf.inputs import Segment
+from jgait.filtering.execution import Execution
+from jgait.geometry.vectors import GRAVITY
+
+
+class DutyParams(NamedTuple):
+    """Parameters of the thigh's and the shin's filter, in natural units.
+
+    Attributes:
+        thigh_length: hip to knee [m].
+        thigh_sensor: d_s1, hip to the thigh's sensor [m].
+        shank_sensor: d_s2, knee to the shin's sensor [m].
+        angle_noise: σ of the angles, spectral density of the angular acceleration [rad²/s³].
+        acceleration_noise: σ of the positions, spectral density of the jerk [m²/s⁵].
+        bias_noise: σ of the velocity bias, spectral density of its random walk [m²/s³].
+        gyro_noise: multiplies R, the gyroscope's variance while standing [1].
+        joint_acceleration: standard deviation of the joint's own acceleration, which the model leaves out [m/s²].
+        standing_acceleration: standard deviation of accelerations about 0 while standing [m/s²].
+        position_closure: standard deviation of the sensor's position about the rigid link's [m].
+        velocity_closure: the same of its velocity [m/s].
+        swing_noise: how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so
+            that no gap turns it over [rad √s].
+    """
+
+    thigh_length: Any = 0.43
+    thigh_sensor: Any = 0.215
+    shank_sensor: Any = 0.215
+    angle_noise: Any = 100.0
+    acceleration_noise: Any = 1e5
+    bias_noise: Any = 1e-10
+    gyro_noise: Any = 1.0
+    joint_acceleration: Any = GRAVITY
+    standing_acceleration: Any = 0.1
+    position_closure: Any = 0.03
+    velocity_closure: Any = 0.03
+    swing_noise: Any = 0.13
+
+
+TRANSFORMS = DutyParams(
+    thigh_length=params.interval(0.2, 0.7),
+    thigh_sensor=params.interval(0.02, 0.7),
+    shank_sensor=params.interval(0.02, 0.7),
+    angle_noise=params.positive,
+    acceleration_noise=params.positive,
+    bias_noise=params.positive,
+    gyro_noise=params.positive,
+    joint_acceleration=params.positive,
+    standing_acceleration=params.positive,
+    position_closure=params.positive,
+    velocity_closure=params.positive,
+    swing_noise=params.positive,
+)
+"""The range of every parameter."""
+
+
+class DutyOptions(NamedTuple):
+    """How the filters run.
+
+    Attributes:
+        gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
+        smooth: Rauch–Tung–Striebel smoothing (offline).
+        literal: the printed matrices, misprints included; always filters, causal.
+        method: how the filters linearise, see `jgait.filtering`.
+        execution: how they compute, see `jgait.filtering`.
+    """
+
+    gravity: bool = True
+    smooth: bool = False
+    literal: bool = False
+    method: Any = filtering.EKF()
+    execution: Execution = "auto"
+
+
+DEFAULT = DutyOptions()
+"""Causal, with accelerometer."""
+
+LITERAL = DutyOptions(literal=True)
+"""The paper as printed."""
+
+
+class ThighState(NamedTuple):
+    """The paper's nine states: sensor relative to hip in the sagittal plane, x downward, z forward; angle, rate.
+
+    Attributes:
+        down: x [m].
+        down_velocity: ẋ [m/s].
+        down_acceleration: ẍ [m/s²].
+        forward: z [m].
+        forward_velocity: ż [m/s].
+        forward_acceleration: z̈ [m/s²].
+        velocity_bias: v, by which the gyroscope falls short, as velocity of the sensor [m/s].
+        angle: θ₁ from hanging straight down, positive forward [rad].
+        rate: ω₁ [rad/s].
+    """
+
+    down: Any
+    down_velocity: Any
+    down_acceleration: Any
+    forward: Any
+    forward_velocity: Any
+    forward_acceleration: Any
+    velocity_bias: Any
+    angle: Any
+    rate: Any
+
+
+class ShinState(NamedTuple):
+    """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles.
+
+    Attributes:
+        down: x [m].
+        down_velocity: ẋ [m/s].
+        down_acceleration: ẍ [m/s²].
+        forward: z [m].
+        forward_velocity: ż [m/s].
+        forward_acceleration: z̈ [m/s²].
+        velocity_bias: v of the shin's gyroscope [m/s].
+        thigh_angle: θ₁ [rad].
+        thigh_rate: ω₁ [rad/s].
+        angle: θ₂, of the shank from hanging straight down, positive forward [rad].
+        rate: ω₂ [rad/s].
+    """
+
+    down: Any
+    down_velocity: Any
+    down_acceleration: Any
+    forward: Any
+    forward_velocity: Any
+    forward_acceleration: Any
+    velocity_bias: Any
+    thigh_angle: Any
+    thigh_rate: Any
+    angle: Any
+    rate: Any
+
+
+class LinkParams(NamedTuple):
+    """Parameters of one filter's model; units as of `DutyParams`.
+
+    Attributes:
+        thigh_length: a₁ [m]; the shin's filter only.
+        lever: d, from the segment's joint to its sensor [m].
+        angle_noise: [rad²/s³].
+        acceleration_noise: [m²/s⁵].
+        bias_noise: [m²/s³].
+        position_variance: of the rigid link [m²].
+        velocity_variance: of the rigid link [m²/s²].
+    """
+
+    thigh_length: Any
+    lever: Any
+    angle_noise: Any
+    acceleration_noise: Any
+    bias_noise: Any
+    position_variance: Any
+    velocity_variance: Any
+
+
+class ThighObservation(NamedTuple):
+    """What a filter of one segment can be told.
+
+    Attributes:
+        acc_up: along the segment, to its joint [m/s²].
+        acc_forward: across it [m/s²].
+        gyro: [rad/s].
+        link_down: always 0: x minus the rigid link's [m].
+        link_forward: always 0: z minus the rigid link's [m].
+        link_down_velocity: always 0 [m/s].
+        link_forward_velocity: always 0 [m/s].
+        rest_down: always 0: ẍ, while the person stands [m/s²].
+        rest_forward: always 0: z̈, while the person stands [m/s²].
+        swing: always 0: the angle, while the gyroscope is off [rad].
+    """
+
+    acc_up: Any
+    acc_forward: Any
+    gyro: Any
+    link_down: Any
+    link_forward: Any
+    link_down_velocity: Any
+    link_forward_velocity: Any
+    rest_down: Any
+    rest_forward: Any
+    swing: Any
+
+
+class ShinObservation(NamedTuple):
+    """What the shin's filter can be told: as `ThighObservation`, and what the thigh's filter found.
+
+    Attributes:
+        acc_up: [m/s²].
+        acc_forward: [m/s²].
+        gyro: [rad/s].
+        link_down: always 0 [m].
+        link_forward: always 0 [m].
+        link_down_velocity: always 0 [m/s].
+        link_forward_velocity: always 0 [m/s].
+        rest_down: always 0 [m/s²].
+        rest_forward: always 0 [m/s²].
+        swing: always 0 [rad].
+        thigh_angle: θ₁ [rad].
+        thigh_rate: ω₁ [rad/s].
+    """
+
+    acc_up: Any
+    acc_forward: Any
+    gyro: Any
+    link_down: Any
+    link_forward: Any
+    link_down_velocity: Any
+    link_forward_velocity: Any
+    rest_down: Any
+    rest_forward: Any
+    swing: Any
+    thigh_angle: Any
+    thigh_rate: Any
+
+
+class DutyControl(NamedTuple):
+    """How good the sensors are at this sample.
+
+    Attributes:
+        acc_variance: [m²/s⁴].
+        rest_variance: of the accelerations while standing [m²/s⁴].
+        gyro_variance: [rad²/s²].
+        swing_variance: [rad²].
+        thigh_angle_variance: [rad²]; the shin's filter only.
+        thigh_rate_variance: [rad²/s²]; the shin's filter only.
+    """
+
+    acc_variance: Any
+    rest_variance: Any
+    gyro_variance: Any
+    swing_variance: Any = 1.0
+    thigh_angle_variance: Any = 1.0
+    thigh_rate_variance: Any = 1.0
+
+
+class PlanarSegment(NamedTuple):
+    """One sensor's signals in the sagittal plane of its segment.
+
+    Attributes:
+        gyr: (T,) rate, positive when the distal end swings forward [rad/s]; any finite number where the gyroscope
+            is off.
+        acc_forward: (T,) specific force along the segment's forward axis [m/s²].
+        acc_up: (T,) specific force along its axis to the proximal end, +g standing [m/s²].
+        measured: (T,) bool, the sample arrived.
+        gyro_on: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
+        excess: (T,) variance of the rate beyond the gyroscope's own [rad²/s²]; 0 where it was measured.
+        bias: gyroscope bias at rest [rad/s].
+        variance: gyroscope variance at rest [rad²/s²].
+    """
+
+    gyr: Any
+    acc_forward: Any
+    acc_up: Any
+    measured: Any
+    gyro_on: Any
+    excess: Any
+    bias: Any
+    variance: Any
+
+
+class DutyInputs(NamedTuple):
+    """All that `duty_model.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+
+    Attributes:
+        thigh: the thigh's sensor, or None.
+        shank: the shin's sensor, or None.
+        time: (T,) [s].
+        dt: (T,) time from the sample before [s]; 0 at the first.
+        still: (T,) bool, the person stands.
+        valid: (T,) bool, False for padding.
+        start_variance: of the angles at the first sample [rad²]; small when the recording starts standing.
+    """
+
+    thigh: PlanarSegment | None
+    shank: PlanarSegment | None
+    time: Any
+    dt: Any
+    still: Any
+    valid: Any
+    start_variance: Any
+
+
+class SegmentEstimate(NamedTuple):
+    """One segment over time.
+
+    Attributes:
+        angle: (T,) from hanging straight down, positive when the distal end is forward [rad].
+        rate: (T,) its rate, the gyroscope's bias taken out [rad/s].
+        angle_stddev: (T,) [rad].
+        rate_stddev: (T,) [rad/s].
+        gyro: (T,) what the gyroscope would read, bias included [rad/s].
+        nis: (T,) normalised innovation squared.
+        count: (T,) observations used.
+        log_likelihood: (T,) [nat].
+        valid: (T,) bool, False where the numbers broke down and the prediction was kept.
+    """
+
+    angle: Any
+    rate: Any
+    angle_stddev: Any
+    rate_stddev: Any
+    gyro: Any
+    nis: Any
+    count: Any
+    log_likelihood: Any
+    valid: Any
+
+
+class DutyEstimate(NamedTuple):
+    """What the filters found; a segment that was not worn is None."""
+
+    thigh: SegmentEstimate | None
+    shank: SegmentEstimate | None
+
+
+def planar(segment: Segment, gyro_on: Any = None, excess: Any = None) -> PlanarSegment:
+    """The sagittal plane of a leg's segment, as `leg_calibration` gives it, under a gyroscope mask.
+
+    Args:
+        segment: in segment axes (forward, up, right), accelerations in units of gravity.
+        gyro_on: (T,) bool, see `PlanarSegment`; None: always.
+        excess: (T,) see `PlanarSegment` [rad²/s²]; None: none.
+
+    Raises:
+        ValueError: if a mask does not have the length of the signals.
+    """
+    samples = segment.gyr.shape[0]
+    for name, values in (("gyro_on", gyro_on), ("excess", excess)):
+        if values is not None and np.shape(values) != (samples,):
+            raise ValueError(f"{name} must have shape ({samples},), one for each sample; got {np.shape(values)}")
+    return PlanarSegment(
+        segment.gyr[:, 2],
+        GRAVITY * segment.acc[:, 0],
+        GRAVITY * segment.acc[:, 1],
+        segment.measured,
+        np.ones(samples, bool) if gyro_on is None else gyro_on,
+        np.zeros(samples, segment.gyr.dtype) if excess is None else excess,
+        segment.bias[2],
+        segment.variance,
+    )
+
+
+def pad(inputs: DutyInputs, samples: int) -> DutyInputs:
+    """The same recording with invalid samples behind it, the estimate before them unchanged.
+
+    Args:
+        inputs: of T samples.
+        samples: length wanted, T or more.
+
+    Raises:
+        ValueError: if `samples` is less than T.
+    """
+    have = np.shape(inputs.time)[0]
+    time = lengthened(inputs.time, samples)
+
+    def longer(values: Any, mode: Any = "constant") -> Any:
+        return values if np.ndim(values) == 0 else np.pad(np.asarray(values), (0, samples - have), mode=mode)
+
+    def segment(one: PlanarSegment | None) -> PlanarSegment | None:
+        return None if one is None else PlanarSegment(*(longer(values) for values in one))
+
+    return DutyInputs(
+        segment(inputs.thigh),
+        segment(inputs.shank),
+        time,
+        longer(inputs.dt, "edge"),
+        longer(inputs.still),
+        longer(inputs.valid),
+        inputs.start_variance,
+    )

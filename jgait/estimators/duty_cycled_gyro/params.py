@@ -1,0 +1,215 @@
+"""What `duty_cycled_gyro` is told, by name: parameters with their ranges, options, and signals that pad and stack."""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait import params
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
+from jgait.duty_cycle.fillers.neighbours import TRANSFORMS as NEIGHBOURS_TRANSFORMS
+from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
+from jgait.duty_cycle.recording import check_filler
+from jgait.estimators.duty_cycled_gyro import model_params as duty_params
+from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyParams
+from jgait.estimators.interface import grown, lengthened
+from jgait.estimators.leg_ekf import params as leg_params
+from jgait.estimators.leg_ekf.params import BySide
+
+_USUAL = DutyParams()
+
+
+class DutyCycledParams(NamedTuple):
+    """Parameters of `duty_cycled_gyro`, in natural units.
+
+    Attributes:
+        thigh_length: hip to knee [m].
+        shank_length: knee to ankle [m].
+        thigh_place: of the thigh's sensor, from hip to knee [1].
+        shank_place: of the shank's sensor, from knee to ankle [1].
+        angle_noise: see `DutyParams` [rad²/s³].
+        acceleration_noise: see `DutyParams` [m²/s⁵].
+        bias_noise: see `DutyParams` [m²/s³].
+        gyro_noise: multiplies the gyroscopes' variance while standing [1].
+        joint_acceleration: see `DutyParams` [m/s²].
+        standing_acceleration: see `DutyParams` [m/s²].
+        position_closure: see `DutyParams` [m].
+        velocity_closure: see `DutyParams` [m/s].
+        swing_noise: see `DutyParams`; used while the gyroscope is off and its rate is only held [rad √s].
+        filled_noise: of a filled rate beyond the gyroscope's own, as white noise [rad/√s].
+        filler: parameters of the filler, see there for their units.
+    """
+
+    thigh_length: Any = BySide(0.43, 0.43)
+    shank_length: Any = BySide(0.43, 0.43)
+    thigh_place: Any = 0.5
+    shank_place: Any = 0.5
+    angle_noise: Any = _USUAL.angle_noise
+    acceleration_noise: Any = _USUAL.acceleration_noise
+    bias_noise: Any = _USUAL.bias_noise
+    gyro_noise: Any = _USUAL.gyro_noise
+    joint_acceleration: Any = _USUAL.joint_acceleration
+    standing_acceleration: Any = _USUAL.standing_acceleration
+    position_closure: Any = _USUAL.position_closure
+    velocity_closure: Any = _USUAL.velocity_closure
+    swing_noise: Any = _USUAL.swing_noise
+    filled_noise: Any = 0.1
+    filler: Any = NEIGHBOURS
+
+
+_LENGTH = BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7))
+
+TRANSFORMS = DutyCycledParams(
+    thigh_length=_LENGTH,
+    shank_length=_LENGTH,
+    thigh_place=params.interval(0.05, 1.0),
+    shank_place=params.interval(0.05, 1.0),
+    filled_noise=params.positive,
+    filler=NEIGHBOURS_TRANSFORMS,
+    **{name: getattr(duty_params.TRANSFORMS, name) for name in DutyCycledParams._fields if name in DutyParams._fields
+       and name != "thigh_length"},
+)  # fmt: skip
+"""The range of every parameter, with the usual filler; `transforms_of` has those of another."""
+
+
+class DutyCycledOptions(NamedTuple):
+    """Which parts are on.
+
+    Attributes:
+        filler: of the gaps, by name, see `gap_filling.fillers`; all but "ridge_later" are causal. The usual one is the
+            best of them on a treadmill and for a shank alone; over ground with the thigh's sensor "blend" errs less.
+        schedule: that hides samples as if asleep, a `power.Schedule` or a duty cycle [1]; None: what is masked only.
+        asleep: which segments follow the schedule, "shank", "thigh" or both.
+        warm_up: how long gyroscopes are on before the schedule, which is then off first [s]; fillers need two strides,
+            and until they were measured rates are only held.
+        above: tell the shank's filler the signals of the thigh, where it is worn.
+        filters: how the Kalman filters run; `duty_params.LITERAL`: the paper's matrices as printed.
+        gyroscope: what it draws and how long it takes to wake up.
+        accelerometer: what it draws; it never sleeps.
+        battery: what feeds all sensors; one watt-hour, so that lives are those per watt-hour.
+        sampling_rate_hz: of the samples [Hz]; told by `prepared`, as what follows.
+        gaps: whether any gyroscope's sample is missing.
+        felt: whether every sensor has an accelerometer.
+    """
+
+    filler: str = "neighbours"
+    schedule: Schedule | float | None = None
+    asleep: tuple[str, ...] = ("shank",)
+    warm_up: float = 0.0
+    above: bool = True
+    filters: DutyOptions = duty_params.DEFAULT
+    gyroscope: Sensor = GYROSCOPE
+    accelerometer: Sensor = ACCELEROMETER
+    battery: Battery = Battery.from_watt_hours(1.0)
+    sampling_rate_hz: float = 50.0
+    gaps: bool = True
+    felt: bool = True
+
+
+ENDLESS = 1e9
+"""[s] What a ranged parameter can say of an infinite time."""
+
+DEFAULT = DutyCycledOptions()
+"""Corrected filters behind nearest neighbours."""
+
+PAPER = DutyCycledOptions(filler="replicate", above=False, filters=duty_params.LITERAL)
+"""The paper: the last cycle once more, and the filters as they are printed."""
+
+
+def params_of(options: DutyCycledOptions) -> DutyCycledParams:
+    """The usual parameters, with those of the options' filler; a time constant without end becomes thirty years."""
+    usual = check_filler(options.filler).params
+    return DutyCycledParams(filler=jax.tree.map(lambda value: min(value, ENDLESS), usual))
+
+
+def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:
+    """The ranges of the parameters, with those of the options' filler."""
+    return TRANSFORMS._replace(filler=check_filler(options.filler).transforms)
+
+
+def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
+    """The parameters of one leg (0 right, 1 left): each `BySide` gives way to its value."""
+    return DutyCycledParams(*(value[side] if isinstance(value, BySide) else value for value in p))
+
+
+def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
+    """The parameters with a person's own lengths put in, see `leg_params.with_body`; sensors keep their share."""
+    own: Any = leg_params.with_body
+    found: DutyCycledParams = own(p, body)
+    return found
+
+
+def filter_params(p: DutyCycledParams) -> DutyParams:
+    """The Kalman filters' own parameters, of one side."""
+    same = {name: getattr(p, name) for name in DutyParams._fields if name in DutyCycledParams._fields}
+    places = {"thigh_sensor": p.thigh_place * p.thigh_length, "shank_sensor": p.shank_place * p.shank_length}
+    return DutyParams(**same, **places)
+
+
+class GapSegment(NamedTuple):
+    """One sensor's signals in its segment's axes (forward, up, right).
+
+    Attributes:
+        gyr: (T,) rate about the right axis, positive when the distal end swings forward [rad/s]; 0 where it is off.
+        acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
+        on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
+        bias: of the gyroscope at rest [rad/s].
+        variance: of the gyroscope at rest [rad²/s²].
+    """
+
+    gyr: Any
+    acc: Any
+    on: Any
+    bias: Any
+    variance: Any
+
+
+class GapLeg(NamedTuple):
+    """Thigh and shank of one leg; None where no sensor was worn."""
+
+    thigh: GapSegment | None
+    shank: GapSegment | None
+
+
+class DutyCycledInputs(NamedTuple):
+    """All that `duty_cycled_gyro.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+
+    Attributes:
+        right: right leg, or None.
+        left: left leg, or None.
+        time: (T,) [s].
+        dt: (T,) time from the sample before [s]; 0 at the first.
+        still: (T,) bool, the person stands.
+        valid: (T,) bool, False for padding.
+        start_variance: of the angles at the first sample [rad²].
+    """
+
+    right: GapLeg | None
+    left: GapLeg | None
+    time: Any
+    dt: Any
+    still: Any
+    valid: Any
+    start_variance: Any
+
+
+def pad(inputs: DutyCycledInputs, samples: int) -> DutyCycledInputs:
+    """The same recording with invalid samples behind it, the estimate before them unchanged.
+
+    Args:
+        inputs: of T samples.
+        samples: length wanted, T or more.
+
+    Raises:
+        ValueError: if `samples` is less than T.
+    """
+    time = lengthened(inputs.time, samples)
+    more = samples - np.shape(inputs.time)[0]
+
+    def segment(one: GapSegment) -> GapSegment:
+        return grown(one, more, 0, per_sample=("gyr", "acc", "on"), held=("acc",))
+
+    legs = jax.tree.map(segment, (inputs.right, inputs.left), is_leaf=lambda node: isinstance(node, GapSegment))
+    bare = inputs._replace(right=None, left=None)
+    longer = grown(bare, more, 0, per_sample=("dt", "still", "valid"), held=("dt",))
+    return longer._replace(right=legs[0], left=legs[1], time=time)

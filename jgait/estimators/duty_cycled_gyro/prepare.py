@@ -1,0 +1,210 @@
+"""From a recording whose gyroscopes sleep to `duty_cycled_gyro`'s inputs: decisions, on the host.
+
+Standing, axes, signs and biases are told by the samples at which the gyroscopes were on, and by no other: what a
+schedule hides is not looked at.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.duty_cycle.fillers.base import RATES
+from jgait.duty_cycle.power import Masks
+from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
+from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
+from jgait.estimators.leg_ekf import prepare as leg_calibration
+from jgait.estimators.leg_ekf.inputs import Segment
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+
+NAME = "duty_cycled_gyro"
+
+LOST = 0.1
+"""[s] Fewer samples that are missing in a row are not taken for moving."""
+
+MOVES = 10.0
+"""[rad/s] Stands in for a rate that nobody measured, where it must not be taken for standing."""
+
+
+class Preparation(NamedTuple):
+    """Inputs, what the recording decides at compile time, in words what was noticed, and when gyroscopes were on.
+
+    Attributes:
+        inputs: of `duty_cycled_gyro.run`.
+        options: of `duty_cycled_gyro.run`: what the program depends on, with what the recording decides put in.
+        notes: in words.
+        standing: half-open range of samples that calibrated.
+        used: placement → masks (T,).
+    """
+
+    inputs: DutyCycledInputs
+    options: DutyCycledOptions
+    notes: tuple[str, ...]
+    standing: tuple[int, int]
+    used: dict[str, Masks]
+
+
+def worn(recording: Recording) -> list[str]:
+    """The thighs and shanks that are worn, in the order of `SIDES` and `SEGMENTS`.
+
+    Raises:
+        RecordingError: if there is none.
+    """
+    names = [f"{segment}_{side}" for side in SIDES for segment in SEGMENTS]
+    names = [name for name in names if name in recording.sensors]
+    if not names:
+        raise RecordingError(
+            f"{NAME} needs 'thigh_right' or 'shank_right', or those of the left leg; the recording has "
+            f"{sorted(recording.sensors)}"
+        )
+    return names
+
+
+def _checked(recording: Recording, names: list[str], options: DutyCycledOptions) -> np.ndarray:
+    """The time that the sensors share, with everything checked that arrays and options can be checked for."""
+    schedule_of(options.schedule, options.gyroscope)
+    check_filler(options.filler)
+    time = as_float(recording.sensors[names[0]].time)
+    if time.size < 3:
+        raise RecordingError(f"{NAME} needs a walk; '{names[0]}' has {time.size} samples")
+    time = common_time(recording, names, NAME, "the legs' sensors", acc=False)
+    check_nominal_rate(time, names[0], recording.sampling_rate_hz)
+    if not RATES[0] <= recording.sampling_rate_hz <= RATES[1]:
+        raise RecordingError(
+            f"{NAME} needs {RATES[0]:g} to {RATES[1]:g} Hz; the recording has {recording.sampling_rate_hz:g} Hz"
+        )
+    return time
+
+
+def find_standing(
+    sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
+) -> tuple[np.ndarray, tuple[int, int], list[str]]:
+    """Which samples are standing, and the stretch that calibrates, in which every gyroscope is on.
+
+    A sample counts as standing when no gyroscope that is on moves, and one is.
+
+    Raises:
+        RecordingError: if the person never stands still with all gyroscopes on.
+    """
+    some = np.any([m.usable for m in used.values()], axis=0)
+    most = LOST / float(np.median(np.diff(time)))
+
+    def instead(name: str, unknown: np.ndarray) -> Imu:
+        on, gyr = used[name].usable, as_float(sensors[name].gyr)
+        for start, stop in true_runs(~on):
+            if start > 0 and stop - start < most:
+                on, gyr = on.copy(), gyr.copy()
+                on[start:stop], gyr[start:stop] = True, gyr[start - 1]
+        return sensors[name]._replace(gyr=np.where(on[:, None], gyr, unknown[:, None]))
+
+    try:
+        strict = {name: instead(name, np.full(time.size, MOVES)) for name in sensors}
+        still, standing, notes = leg_calibration.find_standing(strict, time)
+    except RecordingError as error:
+        whole = all(m.usable.all() for m in used.values())
+        more = "" if whole else f"; its gyroscopes are on together for {_together(used, time):.1f} s"
+        raise RecordingError(str(error).replace("leg_ekf", NAME, 1) + more) from error
+    loose = {name: instead(name, np.where(some, 0.0, MOVES)) for name in sensors}
+    return still | leg_calibration.find_standing(loose, time)[0], standing, notes
+
+
+def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
+    """For how long all gyroscopes were on [s]."""
+    return float(np.all([m.usable for m in used.values()], axis=0).sum() * np.median(np.diff(time)))
+
+
+def _leg(
+    recording: Recording,
+    side: str,
+    used: Mapping[str, Masks],
+    still: np.ndarray,
+    standing: slice,
+    gyro_on: Mapping[str, Any],
+) -> tuple[GapLeg, list[str]]:
+    """One leg's signals in segment axes; a segment worn alone is told from its own swing, the faster one forward."""
+    own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
+    asleep = ~np.all([used[name].usable for name in own.values()], axis=0)
+
+    def awake(name: str) -> Imu:
+        imu, on = recording.sensors[name], used[name].usable
+        gyr = as_float(imu.gyr)
+        # Where it is off it turns as at rest, so that it adds nothing to any sum of what it turns.
+        return imu._replace(
+            gyr=np.where(on[:, None], gyr, gyr[standing].mean(axis=0)), mask=on, acc=acc_of(imu, gyro_on.get(name))
+        )
+
+    # Alone, it takes both places, of which the shank's knows its sign by itself.
+    alone = next(iter(own.values())) if len(own) == 1 else None
+    both = {f"{segment}_{side}": awake(alone or own[segment]) for segment in SEGMENTS}
+    rate_hz = recording.sampling_rate_hz
+    try:
+        found, notes = leg_calibration.orient(both, side, standing, still | asleep, rate_hz, perpendicular=True)
+    except RecordingError as error:
+        raise RecordingError(str(error).replace("leg_ekf", NAME, 1)) from error
+
+    def segment_of(one: Segment) -> GapSegment:
+        gyr = np.where(one.measured, one.gyr[:, 2], 0.0)
+        return GapSegment(gyr, GRAVITY * one.acc, one.measured, one.bias[2], one.variance)
+
+    if alone is not None:
+        if "thigh" in own:
+            notes = [*notes, f"{alone} is worn alone: which way is forward is told from its swing"]
+        alone_is = segment_of(found.shank)
+        return GapLeg(**{segment: alone_is if segment in own else None for segment in SEGMENTS}), notes
+    return GapLeg(segment_of(found.thigh), segment_of(found.shank)), notes
+
+
+def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Any] | None = None) -> Preparation:
+    """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
+
+    Args:
+        recording: with a thigh or shank sensor, standing still at some time with all gyroscopes on.
+        options: which parts are on; its schedule hides samples.
+        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
+
+    Returns:
+        Inputs in segment axes, options, notes in words.
+
+    Raises:
+        RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
+        ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, no such filler.
+    """
+    names = worn(recording)
+    time = _checked(recording, names, options)
+    used = gyroscope_masks(
+        recording, names, schedule=options.schedule, gyro_on=gyro_on, asleep=options.asleep, warm_up=options.warm_up,
+        sensor=options.gyroscope,
+    )  # fmt: skip
+    sensors = {name: recording.sensors[name] for name in names}
+    gaps = not all(m.usable.all() for m in used.values())
+    bare = [name for name in names if sensors[name].acc is None]
+    if gaps and bare and check_filler(options.filler).needs_acc:
+        raise RecordingError(
+            f"the filler {options.filler!r} is told from the accelerometer; '{bare[0]}' has only a gyroscope: take "
+            f"another filler"
+        )
+    still, (start, stop), notes = find_standing(sensors, used, time)
+    legs = dict[str, GapLeg]()
+    for side in SIDES:
+        if any(name.endswith(side) for name in names):
+            legs[side], more = _leg(recording, side, used, still, slice(start, stop), gyro_on or {})
+            notes += more
+    if bare:
+        notes.append("no accelerometer on every segment: angles come from the gyroscopes alone and drift")
+    if not still[0]:
+        notes.append("the recording does not start standing still; its first angles are uncertain")
+    dt = np.concatenate([[0.0], np.diff(time)])
+    inputs = DutyCycledInputs(
+        legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
+        np.asarray(1e-4 if still[0] else 0.1),
+    )  # fmt: skip
+    filters = options.filters._replace(gravity=options.filters.gravity and not bare)
+    # What only masks and energies depend on is no matter of the program.
+    told = DutyCycledOptions(
+        filler=options.filler, above=options.above, filters=filters,
+        sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,
+    )  # fmt: skip
+    return Preparation(inputs, told, tuple(notes), (start, stop), used)

@@ -1,0 +1,294 @@
+r"""One foot's inertial sensor as a state-space model: strapdown integration, and a foot that stands.
+
+State: where the sensor is and how it moves in a world with z up, its attitude, and what its gyroscope and
+accelerometer read too much. Errors of the attitude are rotation vectors in the world, δ with q' = exp(δ) q.
+
+    p' = p + h v + h²/2 a        a = R(q ω̃ half an interval on) (f − b_a) − g
+    v' = v + h a
+    q' = q exp(h (ω − b_g))
+
+Where the foot stands it turns about a point on the ground, a height r under the sensor, and the ground is level:
+
+    v − ω_w × (0, 0, r) = 0,    p_z = 0
+
+Positions are counted from the last foothold: at each the position starts again at zero. Nothing observes where the
+walk is as a whole, so nothing is lost; the belief at the next foothold is that of the stride, with its covariance,
+and numbers stay small enough for float32 however long the walk.
+
+Source: error-state navigation with zero-velocity updates after E. Foxlin, "Pedestrian tracking with shoe-mounted
+inertial sensors", IEEE CG&A 25(6), 2005, and the smoother's use in gait after Potter et al., who name such a filter as
+the source of their foot trajectories. The pivot and noise that follows the signal are this library's own.
+"""
+
+from typing import Any, NamedTuple
+
+from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
+
+
+class FootState(NamedTuple):
+    """The sensor: position [m] from the last foothold, velocity [m/s], attitude q_ws, biases [rad/s], [m/s²]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Quaternion
+    gyr_bias: Vector
+    acc_bias: Vector
+
+
+class FootError(NamedTuple):
+    """Its error: as `FootState`, the attitude's a rotation vector in the world [rad]."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Vector
+    gyr_bias: Vector
+    acc_bias: Vector
+
+
+class FootControl(NamedTuple):
+    """What the sensor reads over one interval, and how far to trust it.
+
+    Attributes:
+        gyr: mean angular rate [rad/s].
+        acc: mean specific force [m/s²].
+        gyr_density: spectral density of the rate's error [rad²/s].
+        acc_density: spectral density of the force's error [m²/s³].
+        velocity_variance: of the zero velocity at this sample [m²/s²].
+        restart: 1 where the interval begins at a foothold from which positions count anew, else 0.
+    """
+
+    gyr: Vector
+    acc: Vector
+    gyr_density: Any
+    acc_density: Any
+    velocity_variance: Any
+    restart: Any
+
+
+class FootObservation(NamedTuple):
+    """What holds while a foot stands: velocity beside that of the pivot [m/s], height [m]; both zero."""
+
+    velocity: Vector
+    height: Any
+
+
+class FootVelocity(NamedTuple):
+    """The same where nothing is known of the ground: velocity beside that of the pivot [m/s], zero."""
+
+    velocity: Vector
+
+
+class FootModelParams(NamedTuple):
+    """What the model needs to know.
+
+    Attributes:
+        pivot_height: r, of the sensor over the point that it turns about while standing [m].
+        gyr_bias_walk: spectral density of the bias's walk [rad²/s³].
+        acc_bias_walk: the same of the accelerometer [m²/s⁵].
+        height_variance: of level ground from one foothold to the next [m²].
+    """
+
+    pivot_height: Any
+    gyr_bias_walk: Any
+    acc_bias_walk: Any
+    height_variance: Any
+
+
+AGAIN = 1e-12
+"""Variance of the position where it starts anew [m²]: a micrometre, so that covariances keep their rank."""
+
+
+def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> FootState:
+    """Strapdown integration over one interval, the force turned by the attitude half way."""
+    del p
+    half, middle, force = _midway(s, u, dt)
+    acceleration = Vector(force.x, force.y, force.z - GRAVITY)
+    went = add(scale(dt, s.velocity), scale(0.5 * dt * dt, acceleration))
+    since = scale(1.0 - u.restart, s.position)
+    return FootState(
+        position=add(since, went),
+        velocity=add(s.velocity, scale(dt, acceleration)),
+        attitude=_near_unit(product(middle, half)),
+        gyr_bias=s.gyr_bias,
+        acc_bias=s.acc_bias,
+    )
+
+
+def _midway(s: FootState, u: FootControl, dt: Any) -> tuple[Quaternion, Quaternion, Vector]:
+    """The turn of half an interval, the attitude after it, and the specific force there, in the world."""
+    half = _small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
+    middle = product(s.attitude, half)
+    return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
+
+
+def _small_turn(v: Vector) -> Quaternion:
+    """`rotation.exponential` of less than a radian, to 1e-10 of it; what its length is off is left to the caller."""
+    a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
+    half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
+    w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
+    return Quaternion(w, half * v.x, half * v.y, half * v.z)
+
+
+def _near_unit(q: Quaternion) -> Quaternion:
+    """A quaternion of nearly unit length at unit length, by Newton's step to 1/√: no root, no quotient."""
+    factor = 1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
+
+
+def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+    """First the velocity's error and half of the position's, δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
+
+    With φ = h (ω − b_g) and R half way, δ_a = δ_θm × R (f − b_a) − R δ_ba, δ_θm = δ_θ − h R (1/2 − φ×/8 + φ×²/48) δ_bg.
+    """
+    del p
+    _, middle, force = _midway(s, u, dt)
+    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
+    once = cross(phi, e.gyr_bias)
+    bias = add(scale(0.5, e.gyr_bias), subtract(scale(1.0 / 48.0, cross(phi, once)), scale(0.125, once)))
+    attitude = subtract(e.attitude, scale(dt, rotated(middle, bias)))
+    acceleration = subtract(cross(attitude, force), rotated(middle, e.acc_bias))
+    since = scale(1.0 - u.restart, e.position)
+    return e._replace(
+        position=add(since, scale(0.5 * dt, e.velocity)), velocity=add(e.velocity, scale(dt, acceleration))
+    )
+
+
+def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+    """Then the rest: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
+    del p
+    _, middle, _ = _midway(s, u, dt)
+    phi = scale(dt, subtract(u.gyr, s.gyr_bias))
+    bias = add(e.gyr_bias, scale(1.0 / 24.0, cross(phi, cross(phi, e.gyr_bias))))
+    return e._replace(
+        position=add(e.position, scale(0.5 * dt, e.velocity)),
+        attitude=subtract(e.attitude, scale(dt, rotated(middle, bias))),
+    )
+
+
+def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> Covariance:
+    """White noise of both sensors, the same in all directions, and walking biases."""
+    del s
+    a = u.acc_density * dt
+    every = FootError(
+        position=_three(a * dt * dt / 3.0 + AGAIN * u.restart),
+        velocity=_three(a),
+        attitude=_three(u.gyr_density * dt),
+        gyr_bias=_three(p.gyr_bias_walk * dt),
+        acc_bias=_three(p.acc_bias_walk * dt),
+    )
+    crossed = {(f"position.{axis}", f"velocity.{axis}"): 0.5 * a * dt for axis in "xyz"}
+    return Covariance.from_variances(every).with_entries(crossed)
+
+
+def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
+    """Velocity beside that of a foot which turns about its pivot, and height over the last foothold."""
+    rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
+    r = p.pivot_height
+    v = s.velocity
+    return FootObservation(Vector(v.x - r * rate.y, v.y + r * rate.x, v.z), s.position.z)
+
+
+def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootObservation:
+    """By how much an error changes the observation: δ_ω = δ_θ × R (ω − b_g) − R δ_bg shows in the pivot's velocity."""
+    rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
+    change = subtract(cross(e.attitude, rate), rotated(s.attitude, e.gyr_bias))
+    r = p.pivot_height
+    v = e.velocity
+    return FootObservation(Vector(v.x - r * change.y, v.y + r * change.x, v.z), e.position.z)
+
+
+def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
+    """Of the zero velocity as it comes, and of the level ground."""
+    del s
+    return FootObservation(_three(u.velocity_variance), p.height_variance)
+
+
+def retract(s: FootState, e: FootError) -> FootState:
+    """The state at an error from another."""
+    return FootState(
+        add(s.position, e.position),
+        add(s.velocity, e.velocity),
+        _near_unit(product(exponential(e.attitude), s.attitude)),
+        add(s.gyr_bias, e.gyr_bias),
+        add(s.acc_bias, e.acc_bias),
+    )
+
+
+def local(reference: FootState, s: FootState) -> FootError:
+    """The error of a state about another."""
+    return FootError(
+        subtract(s.position, reference.position),
+        subtract(s.velocity, reference.velocity),
+        logarithm(product(s.attitude, conjugate(reference.attitude))),
+        subtract(s.gyr_bias, reference.gyr_bias),
+        subtract(s.acc_bias, reference.acc_bias),
+    )
+
+
+def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootError:
+    """An error beside another: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ).
+
+    J = I + (1 − cos θ)/θ² δ× + (θ − sin θ)/θ³ δ×² with θ = |δ|, as series of θ²: to 1e-6 up to 1 rad.
+    """
+    del reference
+    d = delta.attitude
+    a = d.x * d.x + d.y * d.y + d.z * d.z
+    once = cross(d, e.attitude)
+    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
+    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
+    return e._replace(attitude=add(e.attitude, add(scale(first, once), scale(second, cross(d, once)))))
+
+
+def initial(p: FootModelParams) -> Belief:
+    """At rest and level, with the sensor's z axis up."""
+    del p
+    return standing_belief(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), FootError(*map(_three, _START)))
+
+
+_START = (1e-8, 1e-6, 4e-4, 1e-7, 4e-4)
+
+
+def standing_belief(attitude: Quaternion, gyr_bias: Vector, variances: FootError) -> Belief:
+    """The belief about a sensor at rest, before the first sample.
+
+    Args:
+        attitude: of the sensor.
+        gyr_bias: [rad/s].
+        variances: of the errors.
+    """
+    zero = _three(0.0 * gyr_bias.x)
+    return Belief(FootState(zero, zero, attitude, gyr_bias, zero), Covariance.from_variances(variances))
+
+
+def _three(value: Any) -> Vector:
+    return Vector(value, value, value)
+
+
+MODEL = Model(
+    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
+    (turn_error, move_error), error_observation, error_shift,
+)  # fmt: skip
+"""One foot."""
+
+
+def velocity_alone(p: FootModelParams, s: FootState, u: FootControl) -> FootVelocity:
+    """`observation` without the height."""
+    return FootVelocity(observation(p, s, u).velocity)
+
+
+def error_velocity(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootVelocity:
+    """`error_observation` without the height."""
+    return FootVelocity(error_observation(p, s, e, u).velocity)
+
+
+def velocity_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootVelocity:
+    """`observation_noise` without the height."""
+    return FootVelocity(observation_noise(p, s, u).velocity)
+
+
+ANYWHERE = MODEL._replace(
+    observation=velocity_alone, observation_noise=velocity_noise, error_observation=error_velocity
+)
+"""One foot on any ground: a third less to compute than `MODEL` with its height left out."""

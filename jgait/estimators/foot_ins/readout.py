@@ -1,0 +1,245 @@
+"""From one foot's smoothed states to its strides, each with a standard deviation; JAX, smooth given the footholds."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.estimators.foot_ins.inputs import FootSignals
+from jgait.estimators.foot_ins.model import FootState
+from jgait.estimators.foot_ins.params import FootParams
+from jgait.filtering import Covariance
+from jgait.geometry.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.vectors import Vector
+from jgait.types import FootTrajectory, Strides
+
+SHORTEST = 0.1
+"""[m] From foothold to foothold; less is a foot that is set down again where it stood."""
+
+STRAIGHT_FROM = 0.4
+"""[m] From this length on a stride tells where the foot's front is."""
+
+
+TIMING = 0.02
+"""[s] Standard deviation of the duration of a stride, two contacts of 15 ms each."""
+
+
+class Path(NamedTuple):
+    """One foot's whole way.
+
+    Attributes:
+        trajectory: position from the first foothold, velocity, attitude, x along the first stride.
+        stddev: of the position since the last foothold, the velocity, and the attitude (a rotation vector).
+        strides: one row for each foothold that another follows.
+        strides_stddev: standard deviations of them.
+        pitch: (T,) pitch of the foot against standing, toes up positive [rad].
+    """
+
+    trajectory: FootTrajectory
+    stddev: FootTrajectory
+    strides: Strides
+    strides_stddev: Strides
+    pitch: Any
+
+
+FLAT_RISE, FLAT_STEP = 0.015, 0.08
+"""[m] Ground whose strides rise by less than this on average, and by less than that each, cannot be told from level."""
+
+
+def path_of(
+    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
+) -> Path:
+    """Trajectory and strides of one foot.
+
+    Args:
+        p: parameters.
+        foot: its inputs.
+        time: (T,) [s].
+        state: smoothed (or filtered) states, (T,) leaves; positions from the last foothold.
+        cov: their covariance.
+        side: 0 right, 1 left.
+        flatten: where the ground cannot be told from level, put footholds at one height in the trajectory.
+    """
+    here, there = foot.foothold[:-1], foot.foothold[1:]
+    real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
+    way = _at(state.position, there)
+    length = root(way.x * way.x + way.y * way.y)
+    valid = real & (length > SHORTEST) & foot.whole[:-1]
+    forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
+    heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
+    strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid)
+    tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
+    way_since = _accumulated(state.position, foot)
+    if flatten:
+        way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
+    since = jnp.stack(_turned(way_since, heading), axis=1)
+    start = since[foot.foothold[0]]
+    trajectory = FootTrajectory(
+        position=jnp.where(foot.valid[:, None], since - start[None, :], jnp.zeros_like(since)),
+        velocity=jnp.stack(_turned(state.velocity, heading), axis=1),
+        orientation=jnp.stack(_yawed(state.attitude, heading), axis=1),
+    )
+    spread = cov.stddev()
+    deviation = FootTrajectory(
+        *(jnp.stack(_rotated_stddev(cov, part, heading, getattr(spread, part)), axis=1)
+          for part in ("position", "velocity", "attitude"))
+    )  # fmt: skip
+    return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)))
+
+
+def walked(strides: Strides, rows: Any, time: Any) -> Any:
+    """Way along the footholds (T,) [m], each stride's length spread evenly over its swing.
+
+    Args:
+        strides: of one foot, in order.
+        rows: how many of them are real.
+        time: (T,) [s].
+    """
+    if not strides.length.shape[0]:
+        return jnp.zeros_like(time)
+    lengths = jnp.where(strides.valid, strides.length, 0.0)
+    knots = jnp.stack([strides.final_contact, jnp.maximum(strides.end, strides.final_contact + 1e-6)], axis=1).ravel()
+    done = jnp.cumsum(lengths)
+    values = jnp.stack([done - lengths, done], axis=1).ravel()
+    real = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2) < rows
+    # behind the last stride the knots go on, each a little later, where nothing more is walked
+    beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
+    total = jnp.where(real, values, done[jnp.maximum(rows - 1, 0)])
+    return jnp.interp(time, jnp.where(real, knots, beyond), total)
+
+
+def _strides(
+    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int, forward: Vector,
+    valid: Any,
+) -> tuple[Strides, Strides]:  # fmt: skip
+    """Strides of one foot and their standard deviations."""
+    here, there = foot.foothold[:-1], foot.foothold[1:]
+    final, initial = foot.final_contact[:-1], foot.initial_contact[:-1]
+    way = _at(state.position, there)
+    length = root(way.x * way.x + way.y * way.y)
+    between = {name: cov[f"position.{name[0]}", f"position.{name[1]}"][there] for name in ("xx", "xy", "yy", "zz")}
+    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
+    along = x * x * between["xx"] + 2.0 * x * y * between["xy"] + y * y * between["yy"]
+    unknown = (p.stride_noise * length) ** 2
+    spread = _spread(forward, state.attitude.w)
+    axis = rotated(state.attitude, spread)
+    standing_pitch = jnp.arcsin(jnp.clip(axis.z, -1.0, 1.0))
+    yaw = jnp.arctan2(axis.y, axis.x)
+    turn = wrapped(yaw[there] - yaw[here])
+    yaw_variance = cov["attitude.z", "attitude.z"]
+    pitch_deviation = root(_across(cov, axis))
+    departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
+    # the stride before this one ended with this one's first contact; a first stride starts when the toes leave
+    start = jnp.concatenate([time[final[:1]], time[initial[:-1]]])
+    began = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
+    start = jnp.where(began, start, time[final])
+    duration = jnp.maximum(jnp.where(began, time[initial] - start, lands - departs), 1e-3)
+    nothing = jnp.full_like(length, jnp.nan)
+    numbers = jnp.full(length.shape, side, jnp.int32)
+    strides = Strides(
+        side=numbers, start=start, final_contact=time[final], end=time[initial], length=length, width=nothing,
+        height=way.z, valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
+        lift=_lift(state.position.z, foot, way.z), contact_angle=standing_pitch[initial] - standing_pitch[there],
+        push_off_angle=standing_pitch[final] - standing_pitch[here], step_length=nothing,
+    )  # fmt: skip
+    length_stddev = root(along + unknown)
+    speed_stddev = root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
+    deviations = Strides(
+        side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,
+        height=root(between["zz"] + unknown), valid=valid, speed=speed_stddev,
+        turn=root(jnp.abs(yaw_variance[there] - yaw_variance[here])), contact_angle=pitch_deviation[initial],
+        push_off_angle=pitch_deviation[final], step_length=nothing,
+    )  # fmt: skip
+    return strides, deviations
+
+
+def _flattened(height: Any, foot: FootSignals, time: Any, rise: Any, valid: Any) -> Any:
+    """Heights (T,) with every foothold at zero, if the ground cannot be told from level."""
+    count = jnp.maximum(jnp.sum(valid), 1).astype(rise.dtype)
+    mean = jnp.sum(jnp.where(valid, rise, 0.0)) / count
+    most = jnp.max(jnp.where(valid, jnp.abs(rise), 0.0))
+    flat = (jnp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
+    # rows behind the last foothold repeat it: an interpolation needs times that grow
+    behind = jnp.maximum(jnp.arange(foot.foothold.shape[0], dtype=jnp.int32) - foot.count + 1, 0)
+    knots = time[foot.foothold] + behind.astype(time.dtype)
+    return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
+
+
+def _lift(height: Any, foot: FootSignals, rise: Any) -> Any:
+    """How far the sensor rises above the higher foothold of each stride (K − 1,) [m]."""
+    rows = foot.foothold.shape[0]
+    stride = jnp.cumsum(foot.restart).astype(jnp.int32)
+    highest = jnp.zeros(rows + 1, height.dtype).at[jnp.clip(stride, 0, rows)].max(jnp.where(foot.valid, height, 0.0))
+    return highest[1:rows] - jnp.maximum(rise, 0.0)
+
+
+def _forward(attitude: Quaternion, way: Vector, length: Any, here: Any, straight: Any) -> Vector:
+    """The foot's front in the sensor's axes: the mean direction of its strides as it stands before them."""
+    unit = jnp.maximum(length, SHORTEST)
+    ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
+    own = rotated(conjugate(_at(attitude, here)), ahead)
+    weight = straight.astype(length.dtype)
+    mean = Vector(*(jnp.sum(weight * part) for part in own))
+    norm = jnp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
+    return Vector(mean.x / norm, mean.y / norm, mean.z / norm)
+
+
+def _accumulated(position: Vector, foot: FootSignals) -> Vector:
+    """Positions from the start of the recording."""
+    again = foot.restart[1:] > 0.5
+
+    def whole(part: Any) -> Any:
+        steps = jnp.where(again, part[:-1], jnp.zeros_like(part[:-1]))
+        return part + jnp.concatenate([jnp.zeros_like(part[:1]), jnp.cumsum(steps)])
+
+    return Vector(*(whole(part) for part in position))
+
+
+def _turned(v: Vector, heading: Any) -> Vector:
+    """In a world whose x axis lies along a heading."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return Vector(c * v.x + s * v.y, c * v.y - s * v.x, v.z)
+
+
+def _yawed(q: Quaternion, heading: Any) -> Quaternion:
+    c, s = jnp.cos(0.5 * heading), jnp.sin(0.5 * heading)
+    return Quaternion(c * q.w + s * q.z, c * q.x + s * q.y, c * q.y - s * q.x, c * q.z - s * q.w)
+
+
+def _rotated_stddev(cov: Covariance, part: str, heading: Any, spread: Vector) -> Vector:
+    """Standard deviations along the axes of the world that `_turned` gives."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
+    return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),
+                  spread.z)  # fmt: skip
+
+
+def _across(cov: Covariance, axis: Vector) -> Any:
+    """Variance of the rotation about the horizontal axis to the left of the foot's front (T,) [rad²]."""
+    norm = jnp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
+    x, y = -axis.y / norm, axis.x / norm
+    xx, yy, xy = (cov[f"attitude.{a}", f"attitude.{b}"] for a, b in ("xx", "yy", "xy"))
+    return x * x * xx + 2.0 * x * y * xy + y * y * yy
+
+
+def _at(values: Any, index: Any) -> Any:
+    return type(values)(*(part[index] for part in values))
+
+
+def _spread(v: Vector, like: Any) -> Vector:
+    return Vector(*(jnp.broadcast_to(part, like.shape) for part in v))
+
+
+def _first(values: Any, valid: Any) -> Any:
+    """The value of the first valid row; of the first row if there is none."""
+    return values[jnp.argmax(valid)]
+
+
+def wrapped(angle: Any) -> Any:
+    """An angle from −π to π [rad]."""
+    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
+
+
+def root(square: Any) -> Any:
+    """The root, 0 with gradient 0 where there is none."""
+    positive = square > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)

@@ -1,0 +1,206 @@
+"""Long recordings of a foot in windows that overlap: as much memory as one takes, and every core at work.
+
+A stride's length is told by its own stances and a few around it; heading and position only add up. So a recording of
+an hour is cut at footholds into windows that overlap by `OVERLAP`, each is estimated by itself, and their middles are
+put together: each next world is turned and shifted onto the one before at a foothold that both have seen for half the
+overlap. Lengths differ from those of one run over all of it by a tenth of a millimetre, at worst one. What a window
+learns of the gyroscope's bias is not carried into the next: headings drift, and are stated to drift, somewhat more.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jgait.estimators.foot_ins.inputs import FootSignals, capacity
+from jgait.estimators.foot_ins.readout import Path
+from jgait.types import FootTrajectory
+
+WINDOW = 2**16
+"""[samples] Five minutes and a half at 200 Hz."""
+
+OVERLAP = 4096
+"""[samples] Some twenty strides at 200 Hz."""
+
+_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
+_TIMES = ("start", "final_contact", "end", "standing", "standing_end")
+_OF_FOOT = ("attitude", "gyr_bias", "acc_bias", "up", "still_time", "count")
+
+
+class Window(NamedTuple):
+    """A part of a recording.
+
+    Attributes:
+        start: first sample.
+        stop: one past the last.
+        first: first sample that is taken.
+        last: one past the last that is taken.
+        holds: indices of the footholds in it.
+        join: index of the foothold at which the part that is taken begins.
+    """
+
+    start: int
+    stop: int
+    first: int
+    last: int
+    holds: np.ndarray
+    join: int
+
+
+def windows(foot: FootSignals, samples: int) -> list[Window] | None:
+    """How a recording is cut; None if it cannot be, because the foot does not stand for most of a window.
+
+    Args:
+        foot: of T samples, on the host.
+        samples: T.
+    """
+    count = int(foot.count)
+    holds = np.asarray(foot.foothold)[:count]
+    found: list[Window] = []
+    begin, first, joins = 0, 0, 0
+    while True:
+        start = int(holds[begin]) if begin else 0
+        if samples - start <= WINDOW:
+            found.append(Window(start, samples, first, samples, np.arange(begin, count), joins))
+            return found
+        end = int(np.searchsorted(holds, start + WINDOW - 1))
+        join = int(np.searchsorted(holds, holds[end - 1] - OVERLAP // 2)) if end else 0
+        after = int(np.searchsorted(holds, holds[join] - OVERLAP // 2)) if join else 0
+        if join <= begin or after <= begin or join >= end:
+            return None
+        last = int(holds[join])
+        found.append(Window(start, start + WINDOW, first, last, np.arange(begin, end), joins))
+        begin, first, joins = after, last, join
+
+
+def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndarray]) -> FootSignals:
+    """The inputs of a window, all of one size.
+
+    Args:
+        foot: of the whole recording.
+        window: which part.
+        level: specific force → q_ws.
+    """
+    part = slice(window.start, window.stop)
+    missing = WINDOW - (window.stop - window.start)
+    rows = capacity(WINDOW)
+    fields: dict[str, Any] = {}
+    for name, values in foot._asdict().items():
+        values = np.asarray(values)
+        if name in _OF_FOOT:
+            fields[name] = values
+        elif name in _PER_FOOTHOLD:
+            own = values[window.holds]
+            if name != "whole":
+                own = np.clip(own - window.start, 0, WINDOW - 1).astype(np.int32)
+            fields[name] = np.pad(own, (0, rows - len(own)), mode="edge")
+        else:
+            widths = [(0, missing)] + [(0, 0)] * (values.ndim - 1)
+            fields[name] = np.pad(values[part], widths, mode="edge" if name in ("gyr", "acc") else "constant")
+    fields["count"] = np.asarray(len(window.holds), np.int32)
+    if window.start:
+        at = window.start
+        up = np.asarray(foot.acc)[max(at - 2, 0) : at + 3].mean(axis=0) - foot.acc_bias
+        fields |= {"attitude": level(up), "up": up / np.linalg.norm(up)}
+        fields["dt"][0] = 0.0
+    return FootSignals(**fields)
+
+
+class Joined(NamedTuple):
+    """What windows come to: a `Path` on the host, and how far the filter's innovations are from what it expects."""
+
+    path: Path
+    nis: float
+    valid: np.ndarray
+
+
+def joined(
+    foot: FootSignals, time: np.ndarray, parts: list[Window], level: Callable[[np.ndarray], np.ndarray],
+    estimate: Callable[[FootSignals, np.ndarray], tuple[Path, Any, Any]],
+) -> Joined:  # fmt: skip
+    """Estimate every window, as many at once as there are cores, and put them together.
+
+    Args:
+        foot: of the whole recording.
+        time: (T,) [s].
+        parts: from `windows`.
+        level: specific force → q_ws.
+        estimate: (inputs of a window, its times) → path, nis, valid (T,); compiled once.
+    """
+    step = float(np.median(np.diff(time)))
+
+    def one(window: Window) -> Any:
+        own = time[window.start : window.stop] - time[window.start]
+        more = own[-1] + step * np.arange(1, WINDOW - own.size + 1)
+        path, nis, valid = estimate(cut(foot, window, level), np.concatenate([own, more]))
+        path, nis, valid = jax.tree.map(np.asarray, (path, nis, valid))
+        later = {name: getattr(path.strides, name) + time[window.start] for name in _TIMES}
+        return path._replace(strides=path.strides._replace(**later)), nis, valid
+
+    with ThreadPoolExecutor(max_workers=min(len(parts), os.cpu_count() or 1)) as pool:
+        results = list(pool.map(one, parts))
+    return _together(results, parts)
+
+
+class _Pose(NamedTuple):
+    """Where the foot is at a join, how it is turned, and how unsure its heading is [rad]."""
+
+    position: np.ndarray
+    orientation: np.ndarray
+    unsure: float
+
+
+def _together(results: list[Any], parts: list[Window]) -> Joined:
+    pieces: list[list[np.ndarray]] = []
+    tables, spreads, pitches, flags = [], [], [], []
+    join: _Pose | None = None
+    for number, ((path, _, valid), window) in enumerate(zip(results, parts, strict=True)):
+        position, velocity, orientation = path.trajectory
+        of_heading = path.stddev.orientation[:, 2] ** 2
+        here, end = window.first - window.start, window.last - window.start
+        turn, shift, known, unsure = 0.0, np.zeros(3), 0.0, 0.0
+        if join is not None:
+            turn = _turn_between(join.orientation, orientation[here])
+            shift = join.position - _turned(position[here], turn)
+            known, unsure = of_heading[here], join.unsure
+        own = slice(here, end)
+        spread = np.array(path.stddev.orientation[own])
+        spread[:, 2] = np.sqrt(np.maximum(of_heading[own] - known, 0.0) + unsure**2)
+        pieces.append([
+            _turned(position[own], turn) + shift, _turned(velocity[own], turn), _yawed(orientation[own], turn),
+            path.stddev.position[own], path.stddev.velocity[own], spread,
+        ])  # fmt: skip
+        last = min(end, len(position) - 1)
+        angle = float(np.sqrt(max(of_heading[last] - known, 0.0) + unsure**2))
+        join = _Pose(_turned(position[last], turn) + shift, _yawed(orientation[last], turn), angle)
+        low = window.join - window.holds[0]
+        high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
+        tables.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides))
+        spreads.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides_stddev))
+        pitches.append(path.pitch[own])
+        flags.append(valid[own])
+    whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
+    strides, deviations = (jax.tree.map(lambda *v: np.concatenate(v), *many) for many in (tables, spreads))
+    path = Path(FootTrajectory(*whole[:3]), FootTrajectory(*whole[3:]), strides, deviations, np.concatenate(pitches))
+    return Joined(path, float(np.mean([nis for _, nis, _ in results])), np.concatenate(flags))
+
+
+def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:
+    """The turn about the vertical that takes one attitude to another of the same tilt [rad]."""
+    w = wanted @ q
+    z = wanted[3] * q[0] - wanted[0] * q[3] + wanted[2] * q[1] - wanted[1] * q[2]
+    return float(2.0 * np.arctan2(z, w))
+
+
+def _turned(v: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1], v[..., 2]], axis=-1)
+
+
+def _yawed(q: np.ndarray, angle: float) -> np.ndarray:
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)

@@ -1,0 +1,58 @@
+r"""Hip and knee angles, foot displacement and walked distance from gyroscopes on thigh and shin.
+
+The paper's extended Kalman filter, and around it what makes it hold on real walks: a functional sagittal axis,
+sensors put right, inclination from gravity, kinematic closure, standing, smoothing, and a distance read-out in
+which the stance leg carries the hip. Each of these is an argument (`LegOptions`), and `PAPER` turns all of them off.
+
+Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
+distance", ACC 2013. The model is in `leg_model`, decisions about a recording in `leg_calibration`.
+
+Sensors:
+    `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers where there are;
+    on one clock, 25 Hz or more, with half a second of quiet standing.
+
+Outputs:
+    Hip and knee flexion [rad], ankle relative to hip [m], standard deviations, walked distance [m].
+
+Deviations from the paper, their effect measured on the straight part of `neura_sparse` (right/left leg) by
+`experiments/leg_ekf.py`; `LegOptions.literal` brings the first two back:
+    1. Element C of equation 6 is the derivative of equation 3 (autodiff); as printed, and with Q as printed too, the
+       error of y grows from 4.8/3.5 to 29/18 cm (σ_θ = 0.01).
+    2. Q's angle blocks are σ_θ [T³/3, T²/2; T²/2, T] with the sample time T; as printed they hold powers of σ_θ, and
+       from σ_θ = 1 on the angles are lost (36° and more).
+    3. R holds variances; the text says standard deviations. Not measured apart.
+    4. x and y start on the forward kinematics instead of at 0, so that the closure can hold; displacements stay.
+    5. Knee angles come out flexion positive, hip angles from the vertical; the filter's own state keeps the paper's.
+    6. Distance "accumulates" Σ Δx⁺ + Σ |Δy|; the paper leaves open which vertical displacement. It falls 21 % short;
+       the default read-out, before any calibration, 4.5 %.
+"""
+
+from jgait.estimators.leg_ekf.estimator import (
+    DEFAULT,
+    PAPER,
+    TRANSFORMS,
+    BySide,
+    LegOptions,
+    LegParams,
+    estimate,
+    estimator,
+    one_side,
+    prepared,
+    run,
+    with_body,
+)
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "BySide",
+    "LegOptions",
+    "LegParams",
+    "estimate",
+    "estimator",
+    "one_side",
+    "prepared",
+    "run",
+    "with_body",
+]

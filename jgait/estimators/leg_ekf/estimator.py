@@ -1,0 +1,327 @@
+"""From prepared inputs to joint angles, foot positions and distance."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait import filtering, params
+from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf import model as leg_model
+from jgait.estimators.leg_ekf import readout as leg_distance
+from jgait.estimators.leg_ekf.inclination import Vector
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
+from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
+from jgait.estimators.leg_ekf.params import (
+    DEFAULT,
+    PAPER,
+    TRANSFORMS,
+    BySide,
+    LegOptions,
+    LegParams,
+    one_side,
+    with_body,
+)
+from jgait.estimators.leg_ekf.prepare import prepare
+from jgait.filtering import Belief, Covariance, Model, Posterior
+from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
+
+BUCKET = 512
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "BySide",
+    "LegOptions",
+    "LegParams",
+    "estimate",
+    "estimator",
+    "one_side",
+    "prepared",
+    "run",
+    "with_body",
+]
+
+
+def vector(values: Any) -> Vector:
+    """The last axis (3,) of an array as named components."""
+    return Vector(values[..., 0], values[..., 1], values[..., 2])
+
+
+def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
+    """The model's parameters for one leg, R from its gyroscopes at rest."""
+    return LegModelParams(
+        thigh_length=p.thigh_length,
+        shank_length=p.shank_length,
+        position_noise=p.position_noise,
+        angle_noise=p.angle_noise,
+        bias_noise=p.bias_noise,
+        gyro_variance_thigh=p.gyro_noise * leg.thigh.variance,
+        gyro_variance_shin=p.gyro_noise * leg.shank.variance,
+        closure_noise=p.closure_noise**2,
+    )
+
+
+def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
+    """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
+    return inclination.run(
+        p.inclination,
+        vector(segment.gyr),
+        vector(segment.acc),
+        inputs.still,
+        segment.measured & inputs.valid,
+        inputs.dt,
+        vector(segment.bias),
+        inputs.start_variance,
+        smooth=options.smooth,
+        standing=options.standing,
+        execution=options.execution,
+    )
+
+
+def _each(function: Callable[..., Any], options: LegOptions, stacked: Any) -> Any:
+    """Map over legs or segments: side by side, or in turn where filters run over components.
+
+    There, recordings fill the vectors of the processor; an axis of two inside would take their place.
+    """
+    mapped = jax.vmap(function) if options.execution != "fast" else lambda one: jax.lax.map(function, one)
+    return mapped(stacked)
+
+
+def observe(
+    p: LegParams,
+    leg: LegSignals,
+    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
+    inputs: LegInputs,
+    options: LegOptions,
+) -> tuple[LegObservation, LegControl, LegObservation]:
+    """What the leg filter is told: observation, control and mask; for a whole recording or for one sample."""
+    hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
+    zero, off = jnp.zeros_like(inputs.dt), jnp.zeros_like(inputs.valid)
+    if inclinations is not None:
+        thigh, shank = inclinations
+        # Errors of the inclination persist for about a second: as white noise they weigh one over the interval.
+        spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
+        control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
+        angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
+        rates = (gain * thigh.rate, shank.rate)
+        tilted: Any = inputs.valid
+    else:
+        # Standing again means the standing pose again, to about three degrees.
+        control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
+        angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
+        rates = (leg.thigh.gyr[..., 2], leg.shank.gyr[..., 2])
+        tilted = inputs.still & inputs.valid if options.standing else off
+    measured = leg.thigh.measured & leg.shank.measured & inputs.valid
+    closed = inputs.valid if options.closure else off
+    observation = LegObservation(*rates, zero, zero, *angles)
+    return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
+
+
+def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> Belief:
+    """The belief before the first sample: standing, with the gyroscopes' biases at rest.
+
+    With gravity the inclination filter has taken the biases out already.
+    """
+    zero = jnp.zeros_like(start_variance)
+    thigh_bias, shin_bias = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
+    return leg_model.standing_belief(
+        model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
+    )
+
+
+def told(
+    p: LegParams,
+    leg: LegSignals,
+    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
+    inputs: LegInputs,
+    options: LegOptions,
+) -> tuple[Model, Any, LegControl, Any]:
+    """The model, corrected or as printed, and what it is told: observation, control and mask.
+
+    Where the options leave nothing to observe but rates, the model observes nothing else, and computes sooner.
+    """
+    model = leg_model.LITERAL if options.literal else leg_model.MODEL
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    if options.gravity or options.closure or options.standing:
+        return model, observations, controls, mask
+    rates = (leg_model.LegRates(*both[:2]) for both in (observations, mask))
+    return leg_model.only_rates(model), next(rates), controls, next(rates)
+
+
+def _leg(
+    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions
+) -> tuple[LegState, Covariance, Posterior]:
+    """Mean and covariance of one leg's state, and the filter's posterior."""
+    inclinations = None
+    if options.gravity:
+        segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
+        pair = _each(lambda segment: _incline(p, segment, inputs, options), options, segments)
+        inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
+    model, observations, controls, mask = told(p, leg, inclinations, inputs, options)
+    settings = {
+        "controls": controls,
+        "dt": inputs.dt,
+        "mask": mask,
+        "method": options.method,
+        "initial": prior_of(p, leg, inputs.start_variance, options),
+        "execution": options.execution,
+    }
+    if options.smooth:
+        smoothed = filtering.kalman_smoother(model, model_params(p, leg), observations, **settings)
+        return smoothed.mean, smoothed.cov, smoothed.filtered
+    posterior = filtering.kalman_filter(model, model_params(p, leg), observations, **settings)
+    return posterior.mean, posterior.cov, posterior
+
+
+def trajectory_of(state: LegState) -> LegTrajectory:
+    """The filter's state in the library's angles: flexion positive, hip from the vertical."""
+    return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
+
+
+def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Any:
+    """Of one component; smoothing lowers a variance, and where rounding says otherwise the filter's stands for it."""
+    own = cov[name, name]
+    if filtered is None:
+        return own
+    most = filtered[name, name]
+    return jnp.where((own >= 0.0) & (own <= most), own, most)
+
+
+def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
+    """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics.
+
+    Args:
+        p: parameters of the leg.
+        state: (T,) its state.
+        cov: (T,) covariance, perhaps smoothed.
+        filtered: (T,) the filter's, where `cov` is smoothed: in float32 little may be left of a smoothed one.
+    """
+    thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
+    shin = state.thigh_angle + state.knee_angle
+    a1, a2 = p.thigh_length, p.shank_length
+    along = (a1 * jnp.sin(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.sin(shin)) ** 2 * shank
+    upward = (a1 * jnp.cos(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.cos(shin)) ** 2 * shank
+    return LegTrajectory(
+        jnp.sqrt(_variance("thigh_angle", cov, filtered) + thigh),
+        jnp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank),
+        jnp.sqrt(_variance("x", cov, filtered) + along),
+        jnp.sqrt(_variance("y", cov, filtered) + upward),
+    )
+
+
+def walked(p: LegParams, legs: Legs, still: Any, options: LegOptions) -> Any:
+    """Distance walked [m] at every sample; see `leg_distance`."""
+    if options.distance == "stance":
+        return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
+    if options.distance not in ("accumulate", "forward"):
+        raise ValueError(f"distance must be 'stance', 'accumulate' or 'forward'; got {options.distance!r}")
+    ways = [leg_distance.accumulated(leg, vertical=options.distance == "accumulate") for leg in legs if leg is not None]
+    return p.distance_scale * sum(ways[1:], ways[0]) / len(ways)
+
+
+def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
+        options: which improvements are on; static under jit.
+
+    Returns:
+        Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
+        innovations and the mean normalised innovation squared of each leg.
+    """
+    worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
+    own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
+    signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
+    results = _each(lambda one: _one_leg(one, inputs, options), options, (own, signals))
+    trajectories: list[LegTrajectory | None] = [None, None]
+    deviations: list[LegTrajectory | None] = [None, None]
+    diagnostics = {}
+    for number, (side, _) in enumerate(worn):
+        leg = jax.tree.map(lambda v, number=number: v[number], results)
+        trajectories[side], deviations[side] = leg.trajectory, leg.deviation
+        diagnostics[f"log_likelihood_{SIDES[side]}"] = leg.log_likelihood
+        diagnostics[f"nis_{SIDES[side]}"] = leg.nis
+    legs = Legs(*trajectories)
+    valid = inputs.valid & jnp.all(results.valid, axis=0)
+    return Estimate(inputs.time, legs, Legs(*deviations), walked(p, legs, inputs.still, options), valid, diagnostics)
+
+
+class _LegResult(NamedTuple):
+    """One leg's part of the estimate."""
+
+    trajectory: LegTrajectory
+    deviation: LegTrajectory
+    log_likelihood: Any
+    nis: Any
+    valid: Any
+
+
+def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions) -> _LegResult:
+    p, leg = worn
+    mean, cov, posterior = _leg(p, leg, inputs, options)
+    return _LegResult(
+        trajectory_of(mean),
+        deviation_of(p, mean, cov, posterior.cov if options.smooth else None),
+        jnp.sum(posterior.log_likelihood),
+        jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0),
+        posterior.valid,
+    )
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation:
+    """The inputs of `run` for a recording, under the options' preprocessing.
+
+    Raises:
+        RecordingError: see `leg_calibration.prepare`.
+    """
+    return prepare(recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis)
+
+
+def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
+    """This estimator as a record of functions, for cohorts; without accelerometers gravity is left out."""
+
+    def ready(recording: Recording) -> Prepared[LegInputs]:
+        preparation = prepared(recording, options)
+        gravity = options.gravity and has_gravity(preparation.inputs)
+        return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes, preparation.standing)
+
+    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:
+    """Hip and knee angles, foot position and distance of one recording.
+
+    Without accelerometers the gravity part of the pipeline is left out, and the notes say so.
+
+    Args:
+        p: parameters; at least the leg lengths should be the person's own.
+        recording: thigh and shank sensors of one or both legs.
+        options: which improvements are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way.
+
+    Raises:
+        RecordingError: missing placement, clocks that differ, no standing, no walking.
+        ValueError: a parameter outside its range.
+    """
+    params.check_params(p, TRANSFORMS)
+    preparation = prepared(recording, options)
+    if options.gravity and not has_gravity(preparation.inputs):
+        options = options._replace(gravity=False)
+    samples = preparation.inputs.time.size
+    padded = pad(preparation.inputs, bucket(samples, BUCKET))
+    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
+    result = jax.tree.map(lambda v: v[:samples] if jnp.ndim(v) else v, result)
+    diagnostics = dict(result.diagnostics, notes=(*recording.notes, *preparation.notes), standing=preparation.standing)
+    return result._replace(diagnostics=diagnostics)

@@ -1,0 +1,117 @@
+"""The leg estimator a sample at a time, for a device that shows angles while the person walks.
+
+The same filter steps as `leg_ekf.run` without smoothing, with the same results; what the host decides beforehand
+(axes, signs, biases at rest) comes from a calibration recording through `leg_calibration.prepare`.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait import filtering
+from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf.estimator import (
+    LegOptions,
+    LegParams,
+    deviation_of,
+    model_params,
+    prior_of,
+    told,
+    trajectory_of,
+    vector,
+)
+from jgait.estimators.leg_ekf.inclination import Vector
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
+from jgait.filtering import Belief
+from jgait.types import LegTrajectory
+
+
+class OnlineState(NamedTuple):
+    """What is carried from sample to sample.
+
+    Attributes:
+        thigh: belief about the thigh's inclination.
+        shank: belief about the shank's inclination.
+        leg: belief about the leg.
+        rates: the last rates of thigh and shank [rad/s], for the mean over the interval.
+    """
+
+    thigh: Belief
+    shank: Belief
+    leg: Belief
+    rates: tuple[Vector, Vector]
+
+
+class OnlineStep(NamedTuple):
+    """The state to carry on, the leg now, and its standard deviations."""
+
+    state: OnlineState
+    leg: LegTrajectory
+    stddev: LegTrajectory
+
+
+def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> OnlineState:
+    """The state before the first sample.
+
+    Args:
+        p: parameters of this leg, see `one_side`.
+        leg: calibrated signals; only biases, variances and the first rates are used.
+        start_variance: of the pose at the first sample [rad²].
+        options: as of `leg_ekf`; smoothing cannot be had online.
+
+    Returns:
+        Beliefs in the standing pose.
+    """
+    beliefs = [inclination.prior(vector(segment.bias), start_variance) for segment in leg]
+    rates = tuple(vector(segment.gyr[0]) for segment in leg)
+    return OnlineState(beliefs[0], beliefs[1], prior_of(p, leg, start_variance, options), (rates[0], rates[1]))
+
+
+def _incline(
+    p: LegParams, belief: Belief, before: Vector, segment: Segment, inputs: LegInputs, options: LegOptions
+) -> tuple[Belief, inclination.Inclination]:
+    rate = vector(segment.gyr)
+    measured = segment.measured & inputs.valid
+    still = inputs.still if options.standing else jnp.zeros_like(inputs.still)
+    mean = Vector(*(0.5 * (a + b) for a, b in zip(rate, before, strict=True)))
+    observation, mask = inclination.observe(rate, vector(segment.acc), still, measured)
+    result = filtering.step(
+        inclination.MODEL, p.inclination, belief, observation,
+        control=inclination.InclinationControl(mean, still, measured), dt=inputs.dt, mask=mask,
+    )  # fmt: skip
+    return result.belief, inclination.read_out(result.belief.mean, result.belief.cov, rate)
+
+
+@partial(jax.jit, static_argnames=("options",))
+def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
+    """One sample of one leg.
+
+    Args:
+        p: parameters of this leg, see `one_side`.
+        state: from `start` or the step before.
+        sample: gyr (3,) [rad/s] and acc (3,) [g] in segment axes, measured; bias and variance from the calibration.
+        inputs: dt [s], still and valid of this sample; its legs are not used.
+        options: as of `leg_ekf`.
+
+    Returns:
+        The state to carry on, the leg's angles and foot position, and their standard deviations.
+    """
+    thigh, shank, inclinations = state.thigh, state.shank, None
+    if options.gravity:
+        thigh, upper = _incline(p, state.thigh, state.rates[0], sample.thigh, inputs, options)
+        shank, lower = _incline(p, state.shank, state.rates[1], sample.shank, inputs, options)
+        inclinations = (upper, lower)
+    model, observation, control, mask = told(p, sample, inclinations, inputs, options)
+    result = filtering.step(
+        model, model_params(p, sample), state.leg, observation,
+        control=control, dt=inputs.dt, mask=mask, method=options.method,
+    )  # fmt: skip
+    belief = result.belief
+    rates = (vector(sample.thigh.gyr), vector(sample.shank.gyr))
+    return OnlineStep(
+        OnlineState(thigh, shank, belief, rates),
+        trajectory_of(belief.mean),
+        deviation_of(p, belief.mean, belief.cov),
+    )

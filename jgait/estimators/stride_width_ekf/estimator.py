@@ -1,0 +1,261 @@
+"""From the feet's paths and the range between them to stride widths."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import filtering, params
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.stride_width_ekf import model as stride_width_model
+from jgait.estimators.stride_width_ekf import readout as stride_width_readout
+from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
+from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged, pad
+from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
+from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, Particles, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
+from jgait.filtering import Belief, Covariance
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
+
+BUCKET = 128
+"""Recordings are padded to this many moments times a power of two, so that few programs are compiled."""
+
+SWAP = 6.0
+"""Evidence from which on the feet are said to be exchanged, or not to be [nat]."""
+
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "TRANSFORMS",
+    "Particles",
+    "WidthInputs",
+    "WidthOptions",
+    "WidthParams",
+    "estimate",
+    "estimate_from_feet",
+    "estimator",
+    "pad",
+    "prepare_from_feet",
+    "run",
+    "with_body",
+]
+
+
+def model_params(p: WidthParams) -> WidthModelParams:
+    """The model's parameters: variances."""
+    return WidthModelParams(
+        p.position_noise**2, p.heading_noise**2, p.turn_noise**2, p.range_noise**2, p.passing_noise**2
+    )
+
+
+def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
+    """The belief before the first moment: side by side, both feet's first strides in the directions given."""
+    right, left = inputs.start_heading[0], inputs.start_heading[1]
+    return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
+
+
+def _filtered(p: WidthParams, inputs: WidthInputs, options: WidthOptions, *, smooth: bool) -> Any:
+    """What the filter, or the smoother over it, gives."""
+    model = stride_width_model.LITERAL if options.literal else stride_width_model.MODEL
+    across = inputs.distance + p.range_offset
+    settings: dict[str, Any] = {
+        "controls": WidthControl(inputs.right, inputs.left),
+        "mask": inputs.seen & inputs.valid,
+        "initial": prior_of(p, inputs),
+    }
+    told = WidthObservation(across, jnp.zeros_like(across) + p.passing_offset)
+    if isinstance(options.method, Particles):
+        settings |= {"particles": options.method.count, "key": jax.random.key(options.method.seed)}
+        take: Any = filtering.particle_smoother if smooth else filtering.particle_filter
+    else:
+        settings |= {"method": options.method, "execution": options.execution}
+        take = filtering.kalman_smoother if smooth else filtering.kalman_filter
+    return take(model, model_params(p), told, **settings)
+
+
+def _belief(p: WidthParams, inputs: WidthInputs, options: WidthOptions) -> tuple[WidthState, Covariance, Any]:
+    found = _filtered(p, inputs, options, smooth=options.smooth)
+    return (found.mean, found.cov, found.filtered) if options.smooth else (found.mean, found.cov, found)
+
+
+def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, posterior: Any) -> Any:
+    """How many nats better the ranges are explained by the feet as labelled than exchanged.
+
+    Where even the better explanation leaves innovations larger than they should be, they count for less.
+    """
+    other = _filtered(p, exchanged(inputs), options, smooth=False)
+    gained = jnp.sum(posterior.log_likelihood) - jnp.sum(other.log_likelihood)
+    if isinstance(options.method, Particles):
+        return gained
+    return gained / jnp.maximum(jnp.minimum(_nis(posterior), _nis(other)), 1.0)
+
+
+def _nis(posterior: Any) -> Any:
+    return jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
+
+
+def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare_from_feet`; stacked along a new first axis for `jax.vmap`.
+        options: how to estimate; static under jit.
+
+    Returns:
+        Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (places in one world,
+        each at its own height; no velocity or orientation). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
+        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; `ranges` used;
+        `log_likelihood` of the innovations and their mean normalised square `nis` (of particles the least
+        `effective_size`); `swap_evidence`.
+    """
+    mean, cov, posterior = _belief(p, inputs, options)
+    values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
+    diagnostics = {
+        **stride_width_readout.distances(p, mean, cov),
+        "double_support": inputs.double_support,
+        "turning": inputs.turning,
+        "width_valid": jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
+        "ranges": jnp.sum(inputs.seen & inputs.valid),
+        "log_likelihood": jnp.sum(posterior.log_likelihood),
+    }
+    if isinstance(options.method, Particles):
+        diagnostics["effective_size"] = jnp.min(posterior.effective_size)
+    else:
+        diagnostics["nis"] = _nis(posterior)
+    if options.check_swap and not options.literal:  # as printed, turns come out wrong with either labels
+        diagnostics["swap_evidence"] = _evidence(p, inputs, options, posterior)
+    deviation = cov.stddev()
+    heights = (inputs.height_right, inputs.height_left)
+    feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)
+    valid = inputs.valid & posterior.valid
+    return Estimate(
+        inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
+    )  # fmt: skip
+
+
+def _feet(state: WidthState, heights: tuple[Any, Any]) -> Feet:
+    """Both feet's places; nothing is said of velocity and orientation."""
+    right = jnp.stack([state.x_right, state.y_right, heights[0]], axis=1)
+    left = jnp.stack([state.x_left, state.y_left, heights[1]], axis=1)
+    return Feet(FootTrajectory(right, None, None), FootTrajectory(left, None, None))
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
+    """The parameters with a person's own measure put in.
+
+    Args:
+        p: parameters.
+        body: "range_offset" and "passing_offset" [m], as far as known.
+
+    Raises:
+        ValueError: if it names anything else.
+    """
+    unknown = [name for name in body if name not in ("range_offset", "passing_offset")]
+    if unknown:
+        raise ValueError(
+            f"the stride width estimator takes range_offset and passing_offset of a person; got {unknown[0]!r}"
+        )
+    return p._replace(**body)
+
+
+def estimator(
+    options: WidthOptions = DEFAULT,
+    foot_params: FootParams = FootParams(),
+    foot_options: FootOptions = foot_ins.DEFAULT,
+) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
+    """This estimator as a record of functions, for cohorts: trajectories are made while a recording is prepared.
+
+    Args:
+        options: how to estimate widths.
+        foot_params: of the trajectories.
+        foot_options: how to estimate them.
+    """
+
+    def ready(recording: Recording) -> Prepared[WidthInputs]:
+        own, stances = feet_of(recording, foot_params, foot_options)
+        assert own.feet is not None
+        found = prepare_from_feet(own.time, own.feet, stances, recording.feet_range, options)
+        return found._replace(notes=(*own.diagnostics["notes"], *found.notes), standing=own.diagnostics["standing"])
+
+    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+def estimate(
+    p: WidthParams, recording: Recording, options: WidthOptions = DEFAULT, *, foot_params: FootParams = FootParams(),
+    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
+) -> Estimate:  # fmt: skip
+    """Both feet in one world, with stride widths, from the sensors of one recording.
+
+    Args:
+        p: parameters; at least the range's offset should be the person's own.
+        recording: sensors on both feet, and `feet_range`; without a range every width is flagged.
+        options: how to estimate widths.
+        foot_params: of the feet's trajectories, see `foot_ins`.
+        foot_options: how to estimate them.
+        start_heading: see `prepare_from_feet`.
+
+    Returns:
+        As `foot_ins.estimate`, trajectories in one world and strides with width and step length; of the diagnostics
+        that `run` gives, `width_valid` goes by stride, and `z1` and the others by `moment_time`.
+
+    Raises:
+        RecordingError: see `foot_ins.estimate` and `prepare_from_feet`.
+        ValueError: a parameter outside its range.
+    """
+    own, stances = feet_of(recording, foot_params, foot_options)
+    assert own.feet is not None
+    together = estimate_from_feet(
+        p, own.time, own.feet, stances, recording.feet_range, options, start_heading=start_heading
+    )
+    return merged(own, stances, together)
+
+
+def estimate_from_feet(
+    p: WidthParams, time: Any, feet: Feet, stances: tuple[Any, Any], feet_range: RangeReadings | None,
+    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
+) -> Estimate:  # fmt: skip
+    """Stride widths of one recording, given both feet's trajectories.
+
+    Args:
+        p: parameters; at least the range's offset should be the person's own.
+        time: (T,) [s].
+        feet: trajectories, each in a horizontal world of its own.
+        stances: for the right and the left foot the samples in the middle of its stances.
+        feet_range: distance from the inner side of the left ankle to the right leg, or None.
+        options: how to estimate.
+        start_heading: see `prepare_from_feet`.
+
+    Returns:
+        As `run`, strides without padding; `diagnostics["notes"]` says in words what was noticed on the way.
+
+    Raises:
+        RecordingError: see `prepare_from_feet`.
+        ValueError: a parameter outside its range.
+    """
+    params.check_params(p, TRANSFORMS)
+    prepared = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
+    moments = prepared.inputs.time.size
+    padded = pad(prepared.inputs, bucket(moments, BUCKET))
+    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
+    rows = int(np.sum(prepared.inputs.strides.valid))
+    by_stride = {"width_valid": result.diagnostics["width_valid"][:rows]}
+    strides, spread = (jax.tree.map(lambda v: v[:rows], of) for of in (result.strides, result.strides_stddev))
+    result = result._replace(strides=None, strides_stddev=None)
+    result = jax.tree.map(lambda v: v[:moments] if jnp.ndim(v) else v, result)
+    notes = (*prepared.notes, *_about_swap(result.diagnostics))
+    diagnostics = {**result.diagnostics, **by_stride, "notes": notes}
+    return result._replace(diagnostics=diagnostics, strides=strides, strides_stddev=spread)
+
+
+def _about_swap(diagnostics: dict[str, Any]) -> tuple[str, ...]:
+    evidence = diagnostics.get("swap_evidence")
+    if evidence is None or float(evidence) > -SWAP:
+        return ()
+    return (f"left and right foot seem to be exchanged: so the ranges are {-float(evidence):.0f} nats likelier",)

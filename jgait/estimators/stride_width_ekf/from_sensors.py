@@ -1,0 +1,120 @@
+"""From sensors on both feet to what the stride width filter takes, and its result back onto the feet's own; NumPy."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins.estimator import FootOptions, FootParams
+from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
+
+
+def feet_of(
+    recording: Recording, p: FootParams, options: FootOptions
+) -> tuple[Estimate, tuple[np.ndarray, np.ndarray]]:
+    """Both feet's own trajectories, and the samples of their footholds.
+
+    Raises:
+        RecordingError: if a foot wears no sensor, or as `foot_ins.estimate`.
+    """
+    missing = [f"foot_{side}" for side in SIDES if f"foot_{side}" not in recording.sensors]
+    if missing:
+        wanted = " and ".join(repr(name) for name in missing)
+        raise RecordingError(f"stride_width_ekf needs {wanted}; the recording has {sorted(recording.sensors)}")
+    own = foot_ins.estimate(p, recording, options)
+    right, left = (own.diagnostics[f"footholds_{side}"] for side in SIDES)
+    return own, (right, left)
+
+
+def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:
+    """The feet's own estimate, in one world and with widths.
+
+    Args:
+        own: from `foot_ins.estimate`, each foot in a world of its own.
+        stances: samples of its footholds, right and left.
+        together: from `stride_width_ekf`, at moments.
+
+    Returns:
+        Trajectories of `own` put onto the footholds of `together`, stride by stride; strides of `own` with width and
+        step length; diagnostics of both.
+    """
+    feet = Feet(*(
+        _placed(own, side, stances[number], together) for number, side in enumerate(SIDES)
+    ))  # fmt: skip
+    strides, spread, found = _strides(own, stances, together)
+    known = found >= 0
+    trusted = np.zeros(len(found), bool)
+    trusted[known] = np.asarray(together.diagnostics["width_valid"])[found[known]]
+    by_moment = ("z1", "z2", "z1_stddev", "z2_stddev", "double_support", "turning")
+    moments = {name: np.asarray(together.diagnostics[name]) for name in by_moment}
+    rest = {name: value for name, value in together.diagnostics.items() if name not in (*by_moment, "notes")}
+    diagnostics = {
+        **own.diagnostics,
+        **{name: np.asarray(value) for name, value in rest.items()},
+        **moments,
+        "moment_time": np.asarray(together.time),
+        "width_valid": trusted,
+        "notes": (*own.diagnostics["notes"], *together.diagnostics["notes"]),
+    }
+    return own._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
+
+
+def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> FootTrajectory:
+    """One foot's trajectory, each stride turned and stretched so that it begins and ends on the common footholds."""
+    assert own.feet is not None
+    assert together.feet is not None
+    trajectory, common = getattr(own.feet, side), getattr(together.feet, side).position
+    time, position = own.time, np.array(trajectory.position, np.float64)
+    velocity, orientation = (np.array(part, np.float64) for part in (trajectory.velocity, trajectory.orientation))
+    place = np.stack([np.interp(time[mids], together.time, common[:, axis]) for axis in (0, 1)], axis=1)
+    here = position[mids, 0] + 1j * position[mids, 1]
+    there = place[:, 0] + 1j * place[:, 1]
+    factor = np.ones(max(len(mids) - 1, 1), complex)
+    for k, (way, wanted) in enumerate(zip(np.diff(here), np.diff(there), strict=True)):
+        # a foot that hardly moved keeps the heading it had
+        factor[k] = wanted / way if abs(way) > 0.15 and abs(wanted) > 0.15 else (factor[k - 1] if k else 1.0)
+    stride = np.clip(np.searchsorted(mids, np.arange(len(time)), side="right") - 1, 0, len(factor) - 1)
+    turn = factor / np.abs(factor)
+    placed = there[stride] + (position[:, 0] + 1j * position[:, 1] - here[stride]) * factor[stride]
+    moving = (velocity[:, 0] + 1j * velocity[:, 1]) * turn[stride]
+    half = 0.5 * np.angle(turn[stride])
+    c, s = np.cos(half), np.sin(half)
+    w, x, y, z = orientation.T
+    turned = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=1)
+    return FootTrajectory(
+        np.stack([placed.real, placed.imag, position[:, 2]], axis=1),
+        np.stack([moving.real, moving.imag, velocity[:, 2]], axis=1),
+        turned,
+    )
+
+
+def _strides(
+    own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate
+) -> tuple[Strides, Strides, np.ndarray]:
+    """The feet's strides with what the filter says of them, and the row of the filter's for each, −1 for none."""
+    ours, theirs, certain = own.strides, together.strides, together.strides_stddev
+    found = np.full(len(ours.side), -1)
+    for number in range(2):
+        rows = np.flatnonzero(ours.side == number)
+        index = np.flatnonzero((np.asarray(theirs.side) == number) & np.asarray(theirs.valid))
+        if not index.size:
+            continue
+        starts = np.asarray(theirs.standing)[index]
+        place = np.clip(np.searchsorted(starts, ours.standing[rows] + 1e-6, side="right") - 1, 0, index.size - 1)
+        inside = (ours.standing[rows] + 1e-6 >= starts[place]) & (
+            ours.standing_end[rows] - 1e-6 <= np.asarray(theirs.standing_end)[index][place]
+        )
+        found[rows] = np.where(inside, index[place], -1)
+    known = found >= 0
+
+    def taken(values: Any, otherwise: Any) -> np.ndarray:
+        result = np.array(np.broadcast_to(otherwise, found.shape), np.float64)
+        result[known] = np.asarray(values)[found[known]]
+        return result
+
+    nothing = np.full(found.shape, np.nan)
+    strides = ours._replace(width=taken(theirs.width, nothing), step_length=taken(theirs.step_length, nothing))
+    spread = own.strides_stddev._replace(
+        width=taken(certain.width, nothing), step_length=taken(certain.step_length, nothing)
+    )
+    return strides, spread, found

@@ -1,0 +1,304 @@
+"""From two feet's trajectories and a range to moments and strides: NumPy, on the host.
+
+Everything here is a decision: which readings are used, what is a turn, how late the range's clock is. What follows
+(`stride_width_ekf.run`) is smooth given these decisions.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.estimators.interface import Prepared
+from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
+from jgait.estimators.stride_width_ekf.model import FootControl
+from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
+from jgait.estimators.stride_width_ekf.trajectories import Foot, Pair, checked_feet, contact_times
+from jgait.types import Feet, RangeReadings, RecordingError
+
+TOGETHER = 0.12  # s; readings closer than this are of one passing
+HALF_PASSING = 0.12  # s; a foot that passes is nearest within this of when it is heard nearest
+NEARLY = 0.1  # m; readings so much above the nearest are of the same passing
+COMES_AND_GOES = 0.06  # m; readings of one passing that differ by more hear the foot come and go
+FEWEST_ON_PARABOLA = 3  # readings
+NEIGHBOURS = 4  # passings on either side that a reading is compared with
+LATEST = 0.15  # s; the range's clock cannot be told farther off than this
+FEWEST_PAIRS = 6  # pairs of passings that its lag is estimated from
+
+
+class Ranges(NamedTuple):
+    """Readings that can be used.
+
+    Attributes:
+        time: (n,) [s], on the feet's clock.
+        distance: (n,) [m].
+        delay: how late the range's clock was, taken off [s].
+        delay_stddev: its standard deviation [s]; infinite where it could not be told.
+        notes: what was left out, in words.
+    """
+
+    time: np.ndarray
+    distance: np.ndarray
+    delay: float
+    delay_stddev: float
+    notes: tuple[str, ...]
+
+
+def prepare_from_feet(
+    time: Any, feet: Feet, stances: tuple[Any, Any], feet_range: RangeReadings | None,
+    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
+) -> Prepared[WidthInputs]:  # fmt: skip
+    """Make the inputs of `stride_width_ekf.run`; it does not matter how the trajectories were made.
+
+    Args:
+        time: (T,) [s], of both feet, strictly increasing.
+        feet: trajectories, each in a horizontal world of its own; rows that are not finite are bridged.
+        stances: for the right and the left foot the samples in the middle of its stances, increasing.
+        feet_range: distance from the inner side of the left ankle to the right leg, or None.
+        options: which readings are used.
+        start_heading: heading of the first right and left stride in one world [rad]; None: they are parallel, as
+            people begin to walk with both feet in one direction.
+
+    Returns:
+        Inputs and options. `notes` says what was left out, how late the range's clock was, and whether there are
+        strides at all.
+
+    Raises:
+        RecordingError: a foot is missing, shapes differ, time runs backwards, stances are no samples or not in order.
+    """
+    pair, notes = checked_feet(time, feet, stances)
+    notes = [*notes]
+    turning = [_turns(foot, options.turn) for foot in pair]
+    ranges = _usable(pair, turning, feet_range, options)
+    notes += ranges.notes
+    strides = min(len(foot.mids) - 1 for foot in pair)
+    if strides < 2:
+        notes.append(f"a foot has {max(strides, 0)} strides, and two of each are needed: no widths")
+    inputs = _inputs(pair, turning, ranges, options, start_heading, strides >= 2)
+    return Prepared(inputs, options, tuple(notes))
+
+
+def _turns(foot: Foot, limit: float) -> list[tuple[float, float]]:
+    """From when to when a foot turns [s]: the two strides between which its heading changes."""
+    change = np.abs(np.diff(foot.heading))
+    return [(foot.mids[k], foot.mids[k + 2]) for k in np.flatnonzero(change > limit)]
+
+
+def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
+    found = np.zeros(times.shape, bool)
+    for start, end in spans:
+        found |= (times >= start) & (times <= end)
+    return found
+
+
+def _usable(
+    pair: Pair, turning: list[list[tuple[float, float]]], read: RangeReadings | None, options: WidthOptions
+) -> Ranges:
+    """The readings that are of the other leg passing, one for each time it does."""
+    none = Ranges(np.zeros(0), np.zeros(0), 0.0, np.inf, ())
+    if read is None:
+        return none._replace(notes=("there is no range between the feet: widths cannot be told",))
+    times, distances, mask = (np.asarray(v) for v in read)
+    if not times.shape == distances.shape == mask.shape or times.ndim != 1:
+        raise RecordingError(
+            "a range needs times, distances and mask of one length; got shapes "
+            f"{times.shape}, {distances.shape} and {mask.shape}"
+        )
+    heard = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
+    near = heard & (distances > 0.0) & (distances <= options.longest_range)
+    if not near.any():
+        what = "heard nothing" if not heard.any() else f"heard nothing within {options.longest_range:g} m"
+        return none._replace(notes=(f"the range sensor {what}: widths cannot be told",))
+    times, distances = _passings(times[near].astype(float), distances[near].astype(float))
+    odd = _outliers(distances, options.outlier)
+    times, distances = times[~odd], distances[~odd]
+    delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
+    times = times - delay
+    known = np.ones(times.shape, bool)
+    for foot in pair:
+        known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
+    turned = _inside(times, [span for of in turning for span in of])
+    usable = known & ~turned
+    left_out = {
+        "beyond": (int(np.sum(heard & ~near)), f"ranges above {options.longest_range:g} m"),
+        "odd": (int(np.sum(odd)), "ranges unlike those around them"),
+        "turned": (int(np.sum(turned)), "ranges in turns"),
+        "unknown": (int(np.sum(~known & ~turned)), "ranges at which the feet were not known"),
+    }
+    notes = [f"left out {count} {what}" for count, what in left_out.values() if count]
+    if abs(delay) > max(0.01, 3.0 * stddev):
+        notes.append(f"the range's clock is {1e3 * delay:.0f} ± {1e3 * stddev:.0f} ms late; taken off")
+    if not usable.any():
+        notes.append("no range is left: widths cannot be told")
+    return Ranges(times[usable], distances[usable], delay, stddev, tuple(notes))
+
+
+def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One reading for each time the feet pass: when they are nearest, and how far apart they are then.
+
+    Readings of one passing are not independent: the same passing is not z₂ = 0 twice. Feet that stand side by side are
+    heard all the time; they too count once. A sensor that looks one way hears only those that are near: the middle of
+    them, and their median. One that looks all ways also hears the foot come and go, when the distance is not across
+    the walk: there d² is a parabola of time, and its lowest point the passing; too few readings for one are left out.
+    """
+    order = np.argsort(times, kind="stable")
+    times, distances = times[order], distances[order]
+    groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
+    found = [one for g in groups for one in _nearest(times[g], distances[g])]
+    return np.array([time for time, _ in found]), np.array([distance for _, distance in found])
+
+
+def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:
+    """The passings in one row of readings: (time, distance) each."""
+    median = (0.5 * (times[0] + times[-1]), float(np.median(distances)))
+    if np.ptp(distances) < COMES_AND_GOES:
+        return [median]
+    found = []
+    left = np.ones(distances.size, bool)
+    while left.any():
+        lowest = np.flatnonzero(left)[np.argmin(distances[left])]
+        around = np.abs(times - times[lowest]) <= HALF_PASSING
+        near = around & (distances <= distances[lowest] + NEARLY)
+        inside = 0 < lowest < distances.size - 1
+        if inside and near.sum() >= FEWEST_ON_PARABOLA:
+            since = times[near] - times[lowest]
+            curve, slope, level = np.polyfit(since, distances[near] ** 2, 2)
+            at = -0.5 * slope / curve if curve > 0.0 else 0.0
+            square = level + 0.5 * slope * at
+            if curve > 0.0 and abs(at) < HALF_PASSING and square > 0.0:
+                found.append((float(times[lowest] + at), float(np.sqrt(square))))
+        # the next passing is at least a quarter of a stride away
+        left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
+        left &= distances <= distances[lowest] + 2.0 * NEARLY
+    return found
+
+
+def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
+    """Whether a passing is unlike the median of those around it: a late echo."""
+    count = distances.size
+    if count < 3 or not np.isfinite(limit):
+        return np.zeros(count, bool)
+    around = [distances[max(0, k - NEIGHBOURS) : k + NEIGHBOURS + 1] for k in range(count)]
+    return np.abs(distances - np.array([np.median(v) for v in around])) > limit
+
+
+def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarray) -> tuple[float, float]:
+    """How late the range's clock is [s], and the standard deviation of that.
+
+    Right and left feet pass each other in turns, the one forwards, the other backwards. So with a clock late by τ the
+    way between the feet, v τ at the time that is read, alternates; the constant between the trajectories cancels.
+    """
+    spans = [span for of in turning for span in of]
+    found = 0.0
+    stddev = np.inf
+    for _ in range(3):
+        at = times - found
+        ahead, speed = (right - left for right, left in zip(*(foot.forward(at) for foot in pair), strict=True))
+        alternate = np.abs(np.diff(speed)) > 2.0
+        near = (np.diff(at) < 2.0) & ~(_inside(at, spans)[1:] | _inside(at, spans)[:-1])
+        pairs = alternate & near
+        if np.sum(pairs) < FEWEST_PAIRS:
+            return 0.0, np.inf
+        lags = np.diff(ahead)[pairs] / np.diff(speed)[pairs]
+        middle = float(np.median(lags))
+        # Neighbouring pairs share a passing, which makes the median of n of them as good as that of n / 2.
+        stddev = float(1.4826 * np.median(np.abs(lags - middle)) * 1.2533 / np.sqrt(0.5 * lags.size))
+        found += middle
+        if abs(found) > LATEST:
+            return 0.0, np.inf
+    return found, stddev
+
+
+def _inputs(
+    pair: Pair, turning: list[list[tuple[float, float]]], ranges: Ranges, options: WidthOptions,
+    start_heading: tuple[float, float] | None, walks: bool,
+) -> WidthInputs:  # fmt: skip
+    """Put everything that happens in order."""
+    both = _double_supports(pair) if walks else np.zeros(0)
+    samples = pair.right.time if options.every_sample else pair.right.time[[0, -1]]
+    kinds = [pair.right.mids, pair.left.mids, ranges.time, both, samples]
+    time = np.concatenate(kinds)
+    kind = np.repeat(np.arange(len(kinds)), [len(times) for times in kinds])
+    order = np.lexsort((kind, time))
+    time, kind = time[order], kind[order]
+    distance = np.zeros(time.shape)
+    distance[kind == 2] = ranges.distance
+    if start_heading is None:
+        start_heading = (0.0, 0.0)
+    inputs = WidthInputs(
+        time,
+        _control(pair.right, time, kind == 0),
+        _control(pair.left, time, kind == 1),
+        pair.right.height(time),
+        pair.left.height(time),
+        distance,
+        kind == 2,
+        _inside(time, [span for of in turning for span in of]),
+        kind == 3,
+        np.asarray(start_heading, float),
+        _no_rows(time.size),
+        np.full(time.shape, walks),
+    )
+    return inputs._replace(strides=_rows(pair, time, kind)) if walks else inputs
+
+
+def _control(foot: Foot, time: np.ndarray, mid: np.ndarray) -> FootControl:
+    """What a foot does from moment to moment; an interval lies within one stride, since stances are moments."""
+    before = np.maximum(np.arange(time.size) - 1, 0)
+    stride = np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))
+    heading = foot.heading[stride]
+    step = np.diff(foot.place(time), axis=0, prepend=foot.place(time[:1]))
+    c, s = np.cos(heading), np.sin(heading)
+    leaves = mid[before] & (np.arange(time.size) > 0)
+    return FootControl(
+        c * step[:, 0] + s * step[:, 1],
+        c * step[:, 1] - s * step[:, 0],
+        np.diff(heading, prepend=heading[:1]),
+        np.hypot(*step.T),
+        leaves.astype(float),
+    )
+
+
+def _double_supports(pair: Pair) -> np.ndarray:
+    """Moments between the stances of one foot and the other at which both are stillest [s]."""
+    mids = np.concatenate([foot.mids for foot in pair])
+    side = np.repeat([0, 1], [len(foot.mids) for foot in pair])
+    order = np.argsort(mids, kind="stable")
+    mids, side = mids[order], side[order]
+    time = pair.right.time
+    speed = np.maximum(*(foot.speed() for foot in pair))
+    found = []
+    for k in np.flatnonzero(np.diff(side) != 0):
+        first, last = np.searchsorted(time, [mids[k], mids[k + 1]])
+        if last - first > 2:
+            found.append(time[first + 1 + int(np.argmin(speed[first + 1 : last]))])
+    return np.array(found)
+
+
+def _no_rows(count: int) -> StrideRows:
+    zero, off = np.zeros(count), np.zeros(count, bool)
+    index = np.zeros(count, np.int32)
+    return StrideRows(index, index, zero, zero, zero, zero, zero, zero, zero, off, off)
+
+
+def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray) -> StrideRows:
+    """Strides of both feet in the order in which they end."""
+    table = []
+    for side, foot in enumerate(pair):
+        other = pair[1 - side].mids
+        moments = np.flatnonzero(kind == side)
+        height = foot.height(foot.mids)
+        leave, land = contact_times(foot)
+        for k in range(len(foot.mids) - 1):
+            first, last = foot.mids[k], foot.mids[k + 1]
+            begin = land[k - 1] if k else leave[k]
+            turn = foot.heading[k] - foot.heading[k - 1] if k else 0.0
+            passed = int(np.sum((other > first) & (other < last))) == 1
+            table.append((side, moments[k + 1], begin, leave[k], land[k], first, last, height[k + 1] - height[k], turn,
+                          passed, True))  # fmt: skip
+    table.sort(key=lambda row: row[6])
+    rows = _no_rows(time.size)
+    columns = zip(*table, strict=True)
+    return StrideRows(*(
+        np.concatenate([np.asarray(column).astype(empty.dtype), empty[len(table) :]])
+        for column, empty in zip(columns, rows, strict=True)
+    ))  # fmt: skip

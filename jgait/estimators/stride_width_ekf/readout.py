@@ -1,0 +1,135 @@
+"""What is read off the two feet's state: widths, steps and distances between the feet, each with its deviation."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jgait.estimators.stride_width_ekf.inputs import StrideRows
+from jgait.estimators.stride_width_ekf.model import WidthState, between
+from jgait.estimators.stride_width_ekf.params import WidthParams
+from jgait.filtering import Covariance
+from jgait.types import Strides
+
+SHORTEST_LINE = 0.15
+"""Two stances nearer than this give no line to measure a width from [m]."""
+
+
+def with_stddev(read: Callable[[WidthState], Any], states: WidthState, cov: Covariance) -> tuple[Any, Any]:
+    """A read-out of one state at every moment, and the standard deviation that its linearisation gives.
+
+    Args:
+        read: state → scalar.
+        states: of (N,) arrays.
+        cov: its covariance.
+
+    Returns:
+        Both (N,).
+    """
+    value, slope = jax.vmap(jax.value_and_grad(read))(states)
+    g = jnp.stack(jax.tree.leaves(slope), axis=-1)
+    variance = jnp.sum(g[:, :, None] * cov.dense() * g[:, None, :], axis=(1, 2))
+    positive = variance > 0.0
+    return value, jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
+
+
+def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:
+    """The paper's z₁ and z₂ at every moment [m], and their standard deviations; at double support, base of support."""
+    z1, z1_stddev = with_stddev(lambda state: between(state).across, states, cov)
+    z2, z2_stddev = with_stddev(lambda state: between(state).along, states, cov)
+    return {
+        "z1": z1,
+        "z2": z2,
+        "z1_stddev": jnp.hypot(z1_stddev, _like(p.offset_noise, z1)),
+        "z2_stddev": jnp.hypot(z2_stddev, _like(p.passing_offset_noise, z2)),
+    }
+
+
+def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covariance) -> tuple[Strides, Strides]:
+    """Strides of both feet, and their standard deviations.
+
+    At the end of a stride the state tells all three places that it takes: where the foot stands, where it stood
+    before, and where the other stood in between. So their joint covariance is that of the state.
+
+    Args:
+        p: parameters.
+        rows: which moments make strides.
+        states: of (N,) arrays.
+        cov: its covariance.
+
+    Returns:
+        Values and standard deviations, fields (N,). `width` is negative where the feet cross over; it and
+        `step_length` are NaN where the other foot did not stand just once in between.
+    """
+    at, left = rows.moment, rows.side == 1
+    ends = jax.tree.map(lambda v: v[at], (states, cov))
+    own = jax.tree.map(lambda b, a: jnp.where(left, b, a), _ordered(ends[0], left=True), _ordered(ends[0], left=False))
+
+    def dense(side: bool) -> Any:
+        order = jnp.asarray(_ORDER[side])
+        return ends[1].dense()[:, order][:, :, order]
+
+    turned = Covariance.from_dense(jnp.where(left[:, None, None], dense(True), dense(False)), own)
+    length, length_stddev = with_stddev(_length, own, turned)
+    line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
+    width, width_stddev = with_stddev(_width, own, turned)
+    step, step_stddev = with_stddev(_step, own, turned)
+    side = jnp.where(left, -1.0, 1.0).astype(width.dtype)
+    nothing = jnp.nan
+    zero = jnp.zeros_like(width)
+    values = Strides(
+        rows.side, rows.start, rows.final_contact, rows.end, jnp.where(rows.valid, length, zero),
+        jnp.where(line, side * width, nothing), rows.height, rows.valid, rows.standing, rows.standing_end,
+        jnp.where(rows.valid, length / jnp.where(rows.valid, rows.standing_end - rows.standing, 1.0), zero),
+        rows.turn, step_length=jnp.where(line, step, nothing),
+    )  # fmt: skip
+    spread = Strides(
+        rows.side, zero, zero, zero, jnp.where(rows.valid, length_stddev, zero),
+        jnp.where(line, jnp.hypot(width_stddev, _like(p.offset_noise, zero)), zero), zero, rows.valid,
+        step_length=jnp.where(line, jnp.hypot(step_stddev, _like(p.passing_offset_noise, zero)), zero),
+    )  # fmt: skip
+    return values, spread
+
+
+def _like(value: Any, array: Any) -> Any:
+    return jnp.zeros_like(array) + value
+
+
+_PLACES = {field: number for number, field in enumerate(WidthState._fields)}
+_ORDER = (
+    tuple(range(10)),
+    tuple(
+        _PLACES[f.replace("right", "left") if "right" in f else f.replace("left", "right")] for f in WidthState._fields
+    ),
+)
+
+
+def _ordered(state: WidthState, *, left: bool) -> WidthState:
+    """The state with the foot that strides as the right one."""
+    return WidthState(*(state[k] for k in _ORDER[left]))
+
+
+def _line(state: WidthState) -> tuple[Any, Any, Any, Any, Any]:
+    """Of the right foot's stride: its way, its length, and the way from its start to where the left foot stood."""
+    x, y = state.moved_x_right, state.moved_y_right
+    square = x * x + y * y
+    some = square > 0.0
+    length = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 1e-6)
+    other_x = state.x_left - state.moved_x_left - state.x_right + x
+    other_y = state.y_left - state.moved_y_left - state.y_right + y
+    return x, y, length, other_x, other_y
+
+
+def _length(state: WidthState) -> Any:
+    return _line(state)[2]
+
+
+def _width(state: WidthState) -> Any:
+    x, y, length, other_x, other_y = _line(state)
+    return (x * other_y - y * other_x) / length
+
+
+def _step(state: WidthState) -> Any:
+    x, y, length, other_x, other_y = _line(state)
+    return (x * other_x + y * other_y) / length

@@ -1,0 +1,121 @@
+"""From contacts and standing to bouts and nodes, instants at which something is known; NumPy, on the host."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.events import trunk as trunk_events
+from jgait.types import as_float
+
+PAUSE_STEPS, PAUSE_S = 2.2, 2.0
+"""[steps], [s] Contacts further apart than both are of different bouts."""
+
+START_S = 2.5
+"""[s] A bout begins from standing if the person stood so long before its first contact, or less; likewise its end."""
+
+
+class Node(NamedTuple):
+    """One node, see `WaistInputs`.
+
+    Attributes:
+        at: its instant [samples, and parts of them].
+        contact: it is an initial contact.
+        side: of which foot, 0 right, 1 left; 0 of a node that is none.
+        moves: the person walks up to it from the node before.
+        step: from contact to contact.
+        stands: the person stands still.
+        fresh: a bout begins.
+    """
+
+    at: float
+    contact: bool
+    side: int
+    moves: bool
+    step: bool
+    stands: bool
+    fresh: bool
+
+
+def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float) -> list[list[Node]]:
+    """Contacts parted into bouts, with the standing before and behind each as nodes of their own.
+
+    Args:
+        contacts: in order [s].
+        still: half-open ranges of samples in which the person stands.
+        rate: of the samples [Hz].
+    """
+    at, side = as_float(contacts.time) * rate, np.asarray(contacts.side)
+    if not len(at):
+        return []
+    pause = np.maximum(PAUSE_STEPS / np.maximum(as_float(contacts.step_frequency), 0.5), PAUSE_S) * rate
+    cut = np.flatnonzero(np.diff(at) > pause[1:]) + 1
+    found: list[list[Node]] = []
+    stood = -1.0
+    for rows in np.split(np.arange(len(at)), cut):
+        first, last = at[rows[0]], at[rows[-1]]
+        before = max((b - 1.0 for a, b in still if b - 1.0 < first), default=-1.0)
+        behind = min((float(a) for a, b in still if a > last), default=np.inf)
+        nodes: list[Node] = []
+        from_rest = before >= stood and before >= 0.0 and first - before <= START_S * rate
+        if from_rest:
+            nodes.append(Node(before, False, 0, False, False, True, True))
+        for number, row in enumerate(rows):
+            fresh = number == 0 and not from_rest
+            nodes.append(Node(at[row], True, int(side[row]), not fresh, number > 0, False, fresh))
+        if behind - last <= START_S * rate:
+            nodes.append(Node(behind, False, 0, True, False, True, False))
+            stood = behind
+        else:
+            stood = last
+        found.append(nodes)
+    return found
+
+
+def nodes(bouts: list[list[Node]], time: Any = (0.0,)) -> dict[str, np.ndarray]:
+    """The bouts as columns of `WaistInputs`, each of as many rows as there are nodes.
+
+    Args:
+        bouts: from `bouts`.
+        time: (T,) of the samples [s].
+    """
+    flat = [node for bout in bouts for node in bout]
+    stood = np.array([bout[0].stands for bout in bouts for _ in bout], bool)
+    alone = np.array([sum(node.step for node in bout) for bout in bouts for _ in bout], float)
+    instant = np.array([node.at for node in flat], float)
+    at = np.rint(instant).astype(np.int32)
+    # two nodes on one sample: the later one is moved on, at the end of the recording the earlier one back
+    for row in range(1, len(at)):
+        at[row] = max(at[row], at[row - 1] + 1)
+    at = np.minimum(at, np.arange(len(time) - len(at), len(time))).astype(np.int32)
+    columns = {
+        name: np.array([getattr(node, name[:-1] if name in ("contacts", "steps") else name) for node in flat], kind)
+        for name, kind in (("side", np.int32), ("contacts", bool), ("steps", bool), ("moves", bool), ("stands", bool),
+                           ("fresh", bool))
+    }  # fmt: skip
+    steps, side, contacts = columns["steps"], columns["side"], columns["contacts"]
+    stride = np.zeros(len(flat), bool)
+    stride[2:] = steps[2:] & steps[1:-1] & (side[2:] == side[:-2]) & (side[1:-1] != side[2:]) & contacts[:-2]
+    index = np.arange(len(time), dtype=float)
+    contact = np.interp(instant, index, as_float(time)) if len(flat) else np.zeros(0)
+    foot = side[np.flatnonzero(stride)[0]] if stride.any() else 0
+    ends = np.flatnonzero(stride & (side == foot))
+    return {
+        **columns, "at": at, "contact": contact, "stride": stride, "stood": stood, "alone": alone,
+        "cycle_begin": at[ends - 2], "cycle_end": at[ends],
+    }  # fmt: skip
+
+
+def said(nodes: dict[str, np.ndarray], contacts: int) -> list[str]:
+    """What is to be said of the bouts."""
+    if not contacts:
+        return ["nobody walks: no initial contact was found"]
+    fresh = np.flatnonzero(nodes["fresh"])
+    notes = []
+    for number, row in enumerate(fresh, start=1):
+        if not nodes["stands"][row]:
+            when = nodes["contact"][row]
+            notes.append(
+                f"bout {number} of {len(fresh)}, from {when:.1f} s, does not begin from standing: what integration "
+                f"says of its speed is not to be relied on"
+            )
+    return notes

@@ -1,0 +1,204 @@
+"""From prepared inputs to contacts, steps and distance of the waist."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import params
+from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.waist import motion as waist_motion
+from jgait.estimators.waist import readout as waist_distance
+from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.inputs import WaistInputs, pad
+from jgait.estimators.waist.params import (
+    DEFAULT,
+    PAPER,
+    TRANSFORMS,
+    WaistOptions,
+    WaistParams,
+    check_options,
+    with_body,
+)
+from jgait.estimators.waist.prepare import Preparation, prepare
+from jgait.estimators.waist.readout import Walked, earlier
+from jgait.estimators.waist.steps import Intervals
+from jgait.types import Estimate, Legs, Recording, Strides
+
+BUCKET = 1024
+"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
+
+TURNING = 0.35
+"""[rad] A stride over which the walk turns by more (20°) is flagged as part of a turn."""
+
+FLAGS = ("turning", "unsure")
+"""What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
+
+_PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_noise", "edge_noise")
+_EXCURSION = ("excursion_hz", "pendulum_length", "excursion_power", "surge_power", "turn_shortening")
+_SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
+_FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
+_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold", "update.width")
+UNUSED = {
+    "fused": ("update_noise", "update"),
+    "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),
+    "update": _ALONE,
+    "frozen": _ALONE,
+    "integrated": (*_ALONE, "update.highest_hz", "update.beta"),
+}
+"""Way of measuring → parameters on which neither distance nor its deviation depends, so that their gradient is zero;
+"fused" where it does not hear the update, whose gate decides."""
+
+__all__ = [
+    "DEFAULT",
+    "FLAGS",
+    "PAPER",
+    "TRANSFORMS",
+    "UNUSED",
+    "WaistOptions",
+    "WaistParams",
+    "estimate",
+    "estimator",
+    "prepared",
+    "run",
+    "with_body",
+]
+
+
+def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:
+    """Estimate from prepared inputs: pure, for jit, vmap and grad.
+
+    Args:
+        p: parameters.
+        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
+        options: which parts are on; static under jit.
+
+    Returns:
+        `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `FLAGS` for each
+        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side` and `initial_contact_valid`, and of the
+        fused way the pendulum's constant, the accelerometer's bias, log-likelihood and mean normalised innovation.
+
+    Raises:
+        ValueError: options that are none.
+    """
+    check_options(options)
+    seen = waist_motion.motion(p, inputs, smooth=options.smooth, execution=options.execution)
+    found = waist_steps.intervals(p, inputs, seen)
+    if options.distance == "fused":
+        walked = waist_distance.fused(p, inputs, seen, found, options)
+    elif options.distance == "pendulum":
+        walked = waist_distance.by_pendulum(p, inputs, found)
+    else:
+        walked = waist_distance.by_integration(p, inputs, seen, found, options.distance)
+    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    there = row < inputs.count
+    distance, spread = (_along(inputs, values, there) for values in (walked.distance, walked.distance_sd))
+    strides, deviations, flags = _strides(inputs, found, walked, there)
+    diagnostics = {
+        **walked.told,
+        **flags,
+        "distance_stddev": spread,
+        "initial_contact": inputs.contact,
+        "initial_contact_side": inputs.side,
+        "initial_contact_valid": inputs.contacts & there,
+    }
+    return Estimate(
+        inputs.time, Legs(None, None), None, distance, inputs.valid, diagnostics, strides,
+        strides_stddev=deviations,
+    )  # fmt: skip
+
+
+def _along(inputs: WaistInputs, values: Any, there: Any) -> Any:
+    """(T,) what is known at nodes, evenly between them."""
+    row = jnp.arange(values.shape[0], dtype=jnp.int32).astype(values.dtype)
+    final = values[jnp.maximum(inputs.count - 1, 0)]
+    beyond = inputs.time[-1] + 1.0 + row
+    when = jnp.where(there, inputs.time[inputs.at], beyond)
+    return jnp.interp(inputs.time, when, jnp.where(there, values, jnp.where(inputs.count > 0, final, 0.0)))
+
+
+def _strides(inputs: WaistInputs, found: Intervals, walked: Walked, there: Any) -> tuple[Strides, Strides, Any]:
+    """Strides of both feet, their standard deviations and flags; a row a node."""
+    valid = inputs.stride & there
+    start, end = earlier(inputs.contact, 2), inputs.contact
+    duration = jnp.maximum(end - start, 1e-3)
+    turn = found.turn + earlier(found.turn, 1)
+    nothing = jnp.full_like(end, jnp.nan)
+    strides = Strides(
+        side=inputs.side, start=start, final_contact=nothing, end=end, length=walked.stride, width=nothing,
+        height=nothing, valid=valid, speed=walked.stride / duration, turn=turn, step_length=earlier(walked.step, 1),
+    )  # fmt: skip
+    deviations = strides._replace(
+        start=None, final_contact=None, end=None, length=walked.stride_sd, speed=walked.stride_sd / duration, turn=None,
+        step_length=None,
+    )  # fmt: skip
+    flags = {"turning": valid & (jnp.abs(turn) > TURNING), "unsure": valid & walked.unsure}
+    return strides, deviations, flags
+
+
+_run_jit = jax.jit(run, static_argnames=("options",))
+
+
+def prepared(recording: Recording, options: WaistOptions = DEFAULT) -> Preparation:
+    """The inputs of `run` for a recording; raises `RecordingError` as `waist_calibration.prepare`."""
+    return prepare(recording, options)
+
+
+def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistInputs]:
+    """This estimator as a record of functions, for cohorts."""
+
+    def ready(recording: Recording) -> Prepared[WaistInputs]:
+        preparation = prepared(recording, options)
+        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
+
+    return Estimator("waist_ofdri", WaistParams(), TRANSFORMS, ready, pad, run, with_body)
+
+
+DOUBTFUL = 0.25
+"""A distance whose deviation is a greater part of it is said to be none."""
+
+
+def _doubts(result: Estimate, options: WaistOptions) -> tuple[str, ...]:
+    """In words, that a distance cannot be relied on."""
+    way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
+    if not np.any(result.strides.valid) or (spread <= DOUBTFUL * abs(way) and way > 0.0):
+        return ()
+    of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
+    return (f"the distance{of} of {way:.1f} m is only known to within {2.0 * spread:.1f} m: it should not be used",)
+
+
+def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
+    """Contacts, strides and distance of one recording.
+
+    Args:
+        p: parameters.
+        recording: a sensor at the waist, on the lower back or on the pelvis.
+        options: which parts are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `initial_contact` and
+        `initial_contact_side` (0 right, 1 left) are the contacts in order [s].
+
+    Raises:
+        RecordingError: see `waist_calibration.prepare`.
+        ValueError: a parameter outside its range, an option that is none.
+    """
+    params.check_params(p, TRANSFORMS)
+    preparation = prepared(recording, options)
+    samples = preparation.inputs.time.size
+    padded = pad(preparation.inputs, bucket(samples, BUCKET))
+    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
+    rows = np.flatnonzero(result.strides.valid)
+    strides, deviations = jax.tree.map(lambda column: column[rows], (result.strides, result.strides_stddev))
+    told = {name: value[rows] if name in FLAGS else value for name, value in result.diagnostics.items()}
+    contacts = np.flatnonzero(told.pop("initial_contact_valid"))
+    for name in ("initial_contact", "initial_contact_side"):
+        told[name] = told[name][contacts]
+    told["distance_stddev"] = told["distance_stddev"][:samples]
+    notes = (*preparation.notes, *_doubts(result, options))
+    told |= {"notes": notes, "standing": preparation.standing}
+    return result._replace(
+        time=result.time[:samples], distance=result.distance[:samples], valid=result.valid[:samples], diagnostics=told,
+        strides=strides, strides_stddev=deviations,
+    )  # fmt: skip

@@ -1,0 +1,139 @@
+r"""How the trunk is turned in the world: a Kalman filter on attitude and the biases of both sensors.
+
+State: the attitude q_ws in a world with z up, and what gyroscope and accelerometer read too much. Errors of the
+attitude are rotation vectors in the world, δ with q' = exp(δ) q. Over an interval h with the mean rate ω,
+
+    q' = q exp(h (ω − b_g)),        z = R(q) (f − b_a) = (0, 0, g) + noise.
+
+The noise of z is what the trunk accelerates: large while walking, so that tilt is the gyroscope's over seconds and
+gravity's over longer, small while standing. An accelerometer's bias looks like a lean that turns with the trunk; a turn
+of the walk tells the two apart. Heading has no reference and is not needed.
+
+The belief at the start is narrow where the person stands: a loose one takes the push of the first step for a lean.
+
+Source: gravity as reference of a Kalman filter on attitude after A. M. Sabatini, "Kalman-filter-based orientation
+determination using inertial/magnetic sensors", Sensors 11(10), 2011; Köse and others cite their own, whose equations
+and parameters are not printed.
+"""
+
+from typing import Any, NamedTuple
+
+from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, add, scale, subtract
+
+
+class TrunkState(NamedTuple):
+    """Attitude q_ws, biases of gyroscope [rad/s] and accelerometer [m/s²] in the sensor's axes."""
+
+    attitude: Quaternion
+    gyr_bias: Vector
+    acc_bias: Vector
+
+
+class TrunkError(NamedTuple):
+    """Its error: as `TrunkState`, the attitude's a rotation vector in the world [rad]."""
+
+    attitude: Vector
+    gyr_bias: Vector
+    acc_bias: Vector
+
+
+class TrunkControl(NamedTuple):
+    """What the sensor reads, and how far to trust it.
+
+    Attributes:
+        gyr: mean angular rate over the interval [rad/s].
+        acc: specific force at the sample [m/s²].
+        gyr_density: spectral density of the rate's error [rad²/s].
+        acc_variance: of what the trunk accelerates, as if white from sample to sample [m²/s⁴].
+    """
+
+    gyr: Vector
+    acc: Vector
+    gyr_density: Any
+    acc_variance: Any
+
+
+class TrunkObservation(NamedTuple):
+    """Specific force in the world beside gravity [m/s²], zero on average."""
+
+    force: Vector
+
+
+class TrunkNoise(NamedTuple):
+    """What the model needs to know.
+
+    Attributes:
+        gyr_bias_walk: spectral density of the bias's walk [rad²/s³].
+        acc_bias_walk: the same of the accelerometer [m²/s⁵].
+    """
+
+    gyr_bias_walk: Any
+    acc_bias_walk: Any
+
+
+def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Any) -> TrunkState:
+    """The attitude turned by the rate over one interval."""
+    del p
+    turned = product(s.attitude, exponential(scale(dt, subtract(u.gyr, s.gyr_bias))))
+    return TrunkState(turned, s.gyr_bias, s.acc_bias)
+
+
+def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Any) -> TrunkError:
+    """Of the rate over the interval, and of both biases."""
+    del s
+    turned, gyr, acc = u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt
+    return TrunkError(Vector(turned, turned, turned), Vector(gyr, gyr, gyr), Vector(acc, acc, acc))
+
+
+def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
+    """The specific force in the world, without gravity."""
+    del p
+    force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
+    return TrunkObservation(Vector(force.x, force.y, force.z - GRAVITY))
+
+
+def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
+    """What the trunk accelerates."""
+    del p, s
+    return TrunkObservation(Vector(u.acc_variance, u.acc_variance, u.acc_variance))
+
+
+def retract(s: TrunkState, e: TrunkError) -> TrunkState:
+    """The state at an error from another."""
+    return TrunkState(product(exponential(e.attitude), s.attitude), add(s.gyr_bias, e.gyr_bias),
+                      add(s.acc_bias, e.acc_bias))  # fmt: skip
+
+
+def local(reference: TrunkState, s: TrunkState) -> TrunkError:
+    """The error of a state about another."""
+    return TrunkError(
+        logarithm(product(s.attitude, conjugate(reference.attitude))),
+        subtract(s.gyr_bias, reference.gyr_bias),
+        subtract(s.acc_bias, reference.acc_bias),
+    )
+
+
+def initial(p: TrunkNoise) -> Belief:
+    """Upright, the sensor's z axis up, nothing known of the biases but that they are small."""
+    del p
+    nothing = Vector(0.0, 0.0, 0.0)
+    return belief(Quaternion(1.0, 0.0, 0.0, 0.0), nothing, TrunkError(*(Vector(v, v, v) for v in (1e-3, 1e-4, 1e-2))))
+
+
+def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Belief:
+    """The belief before the first sample.
+
+    Args:
+        attitude: q_ws, heading arbitrary.
+        gyr_bias: [rad/s].
+        variances: of the errors.
+    """
+    zero = 0.0 * gyr_bias.x
+    mean = TrunkState(attitude, gyr_bias, Vector(zero, zero, zero))
+    return Belief(mean, Covariance.from_variances(variances))
+
+
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
+"""One sensor on the trunk."""

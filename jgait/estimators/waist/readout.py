@@ -1,0 +1,214 @@
+r"""How far each interval between nodes leads, by each of the ways of the waist's estimator.
+
+"fused": `waist_model`; "pendulum": its steps alone; "update", "frozen" and "integrated": the paper's, every
+bout anew from the speed with which it begins, zero from standing.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+
+from jgait import filtering
+from jgait.estimators.foot_ins.readout import root
+from jgait.estimators.waist import model as waist_model
+from jgait.estimators.waist import velocity_update
+from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.model import WaistControl, WaistModelParams, WaistObservation
+from jgait.estimators.waist.motion import TrunkMotion
+from jgait.estimators.waist.ofdri import Cycles
+from jgait.estimators.waist.params import WaistOptions, WaistParams
+from jgait.estimators.waist.steps import Intervals
+
+TURNED = 1.0
+"""[rad] After a turn by more, a bias of the accelerometer has turned round, and integration is not to be relied on."""
+
+EDGE_STEPS = 2
+"""So many intervals after standing, and before it, are of setting off and of stopping."""
+
+
+class Walked(NamedTuple):
+    """What was walked up to each node, and over the step and the stride that end there; (K,) each.
+
+    Attributes:
+        distance: [m].
+        distance_sd: [m].
+        step: [m].
+        stride: [m].
+        stride_sd: [m].
+        unsure: bool, integration is not to be relied on there.
+        told: name → scalar, of the whole recording.
+    """
+
+    distance: Any
+    distance_sd: Any
+    step: Any
+    stride: Any
+    stride_sd: Any
+    unsure: Any
+    told: dict[str, Any]
+
+
+def earlier(values: Any, rows: int) -> Any:
+    """(K,) what was some rows before; the first rows are their own."""
+    return jnp.concatenate([values[:rows], values[:-rows]])
+
+
+def model_params(p: WaistParams, stood: Any) -> WaistModelParams:
+    """The model's parameters; `stood` says whether any rest told the accelerometer's bias."""
+    known = jnp.where(stood, p.acc_bias, p.acc_bias_unknown)
+    return WaistModelParams(
+        p.speed_noise**2, known**2, p.acc_bias_walk**2, p.acc_bias_turn**2, p.start_speed,
+        p.start_speed_sd**2, p.standing_speed**2, jnp.log(p.pendulum_constant), p.pendulum_constant_sd**2,
+    )  # fmt: skip
+
+
+def begun(inputs: WaistInputs) -> Any:
+    """(K,) the row at which the bout of each node begins."""
+    row = jnp.arange(inputs.fresh.shape[0], dtype=jnp.int32)
+    return lax.cummax(jnp.where(inputs.fresh, row, 0))
+
+
+def _turned(inputs: WaistInputs, found: Intervals) -> Any:
+    """(K,) bool: the walk has turned round since the bout began."""
+    heading, first = jnp.cumsum(found.turn), begun(inputs)
+    row = jnp.arange(first.shape[0], dtype=jnp.int32)
+    away = jnp.abs(heading - heading[first]) > TURNED
+    return lax.cummax(jnp.where(away, row, -1)) >= first
+
+
+def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Any) -> tuple[Any, Any]:
+    """Where a speed is known because a bout begins (T,) bool, and which: none after standing, else a usual one [m/s].
+
+    Args:
+        p: parameters.
+        inputs: of the walk.
+        like: (T,) array of the type that speeds are to have.
+    """
+    at = jnp.where(inputs.fresh, inputs.at, like.shape[0])
+    known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
+    starts = jnp.where(inputs.stands, 0.0, p.start_speed)
+    return known, jnp.zeros_like(like).at[at].set(starts.astype(like.dtype), mode="drop")
+
+
+def _update_speed(
+    p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals, kind: str
+) -> tuple[Any, Any]:
+    """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was kept there."""
+    known, start = bouts_begin(p, inputs, seen.forward)
+    cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
+    way = {
+        "update": velocity_update.updated, "frozen": velocity_update.frozen, "integrated": velocity_update.integrated
+    }[kind]  # fmt: skip
+    told = way(p.update, seen.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
+    here = told.displacement[inputs.at]
+    duration = jnp.where(found.duration > 0.0, found.duration, 1.0)
+    ends = jnp.zeros_like(inputs.valid).at[inputs.cycle_end].max(told.kept > 0.5)
+    ended = ends[inputs.at]
+    held = ended | jnp.concatenate([ended[1:], jnp.zeros_like(ended[:1])])
+    return (here - earlier(here, 1)) / duration, held & inputs.steps
+
+
+def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Any:
+    """(K,) of the pendulum's steps [m²]: in turns, and in setting off and stopping, it says less."""
+    edge = inputs.stands
+    for _ in range(EDGE_STEPS):
+        none = jnp.zeros_like(edge[:1])
+        edge = edge | jnp.concatenate([none, edge[:-1]]) | jnp.concatenate([edge[1:], none])
+    turned = (p.turn_noise * found.turn) ** 2
+    return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
+
+
+def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, options: WaistOptions) -> Walked:
+    """The state-space model over a walk."""
+    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    there = row < inputs.count
+    unsure = ~inputs.stood | _turned(inputs, found)
+    dtype = found.gained.dtype
+    zero = jnp.zeros_like(found.gained)
+    speed, spread, heard = zero, zero + 1.0, jnp.zeros_like(there)
+    if options.updated:
+        speed, _ = _update_speed(p, inputs, seen, found, "update")
+        spread = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
+        heard = inputs.steps & ~unsure & there
+    controls = WaistControl(
+        gained=found.gained,
+        went=found.went,
+        walks=(inputs.moves & there).astype(dtype),
+        turn=found.turn,
+        pendulum=found.pendulum,
+        pendulum_variance=_step_variance(p, inputs, found),
+        update=speed,
+        update_variance=spread,
+        duration=found.duration,
+    )
+    stepped = inputs.steps & there & (found.pendulum > 0.0)
+    mask = WaistObservation(stepped, heard, inputs.stands & there)
+    observed = WaistObservation(zero, zero, zero)
+    known = model_params(p, jnp.any(inputs.still))
+    settings: dict[str, Any] = {
+        "controls": controls, "dt": found.duration, "mask": mask, "initial": waist_model.initial(known),
+        "execution": options.execution,
+    }  # fmt: skip
+    if options.smooth:
+        smooth = filtering.kalman_smoother(
+            waist_model.MODEL, known, observed, keep=("log_likelihood", "nis", "count", "valid"), **settings
+        )
+        mean, cov, posterior = smooth.mean, smooth.cov, smooth.filtered
+    else:
+        posterior = filtering.kalman_filter(waist_model.MODEL, known, observed, **settings)
+        mean, cov = posterior.mean, posterior.cov
+    spread = cov.stddev()
+    last = jnp.maximum(inputs.count - 1, 0)
+    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
+    told = {
+        "pendulum_constant": jnp.exp(mean.log_constant[last]),
+        "pendulum_constant_stddev": jnp.exp(mean.log_constant[last]) * spread.log_constant[last],
+        "acc_bias": mean.bias[last],
+        "log_likelihood": jnp.sum(posterior.log_likelihood),
+        "nis": nis,
+    }
+    return Walked(mean.distance, spread.distance, mean.step, mean.stride, spread.stride, unsure, told)
+
+
+def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked:
+    """The pendulum's steps alone; from and to standing half of the step beside it."""
+    own = jnp.where(inputs.steps, p.pendulum_constant * found.pendulum, 0.0)
+    beside = jnp.maximum(jnp.concatenate([own[1:], own[:1]]), jnp.concatenate([own[:1], own[:-1]]))
+    step = jnp.where(inputs.moves & ~inputs.steps, 0.5 * beside, own)
+    variance = jnp.where(inputs.moves, _step_variance(p, inputs, found), 0.0)
+    distance, share = jnp.cumsum(step), p.pendulum_constant_sd
+    stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
+    return Walked(
+        distance=distance,
+        distance_sd=root(jnp.cumsum(variance) + (share * distance) ** 2),
+        step=step,
+        stride=stride,
+        stride_sd=root(white + (share * stride) ** 2),
+        unsure=jnp.zeros_like(inputs.steps),
+        told={},
+    )
+
+
+def by_integration(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, kind: str) -> Walked:
+    """The paper's way, and how far it can be right.
+
+    A bias b of the forward acceleration makes the speed wrong by b t up to the cycle from which OFDRI holds the speed,
+    and no further; in a turn it turns round. A bout that does not begin from standing has a speed that nobody knows.
+    Errors of bouts are taken to add up, for the bias of one is that of the next.
+    """
+    speed, held = _update_speed(p, inputs, seen, found, kind)
+    held = jnp.ones_like(held) if kind == "frozen" else held & (kind != "integrated")
+    step = jnp.where(inputs.moves, found.duration * speed, 0.0)
+    distance = jnp.cumsum(step)
+    turned = _turned(inputs, found)
+    known = jnp.where(jnp.any(inputs.still), p.acc_bias, p.acc_bias_unknown)
+    free = jnp.where(inputs.moves & (~held | ~inputs.stood), found.duration, 0.0)
+    bias = known + jnp.where(turned, p.acc_bias_turn, 0.0)
+    # what is held from the first contact on holds the speed of somebody who is still setting off
+    first = p.start_speed_sd * jnp.where(inputs.stood & (kind != "frozen"), 0.0, 1.0)
+    drifted = jnp.cumsum(bias * free)
+    wrong = first + drifted - drifted[begun(inputs)]
+    off = jnp.cumsum(jnp.where(inputs.moves, wrong * found.duration, 0.0))
+    stride, two = step + earlier(step, 1), found.duration + earlier(found.duration, 1)
+    return Walked(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})

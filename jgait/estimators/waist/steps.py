@@ -1,0 +1,116 @@
+r"""What the accelerometer tells of each interval between nodes: change of speed, way, and the pendulum's step.
+
+Over a step the trunk rises and falls by h like an inverted pendulum of length ℓ, whose chord is 2√(2ℓh − h²)
+(Zijlstra and Hof), and its speed changes by V. Both grow with the step's length, and err differently between people, so
+
+    λ = ℓ · (2√(2h/ℓ − (h/ℓ)²))^α · (V/√(gℓ))^β,        α = 1, β = 0: Zijlstra and Hof.
+
+h is the range of the height, twice integrated and each time without what is slower than a cut-off; V that of the
+forward speed likewise.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+
+from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.motion import TrunkMotion
+from jgait.estimators.waist.params import WaistParams
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal import butterworth
+
+SURGE_HZ = 6.0
+"""[Hz] Of the low-pass on the forward acceleration, whose jolts at a contact are no change of the trunk's speed."""
+
+
+class Intervals(NamedTuple):
+    """Of the interval that ends at each node; (K,) each, 0 at the first and in padding.
+
+    Attributes:
+        duration: [s].
+        gained: integral of the forward acceleration [m/s].
+        went: integral of that [m].
+        excursion: h, range of the trunk's height [m].
+        surge: V, range of its forward speed [m/s].
+        pendulum: λ, shorter in turns [m].
+        turn: of the walk [rad].
+    """
+
+    duration: Any
+    gained: Any
+    went: Any
+    excursion: Any
+    surge: Any
+    pendulum: Any
+    turn: Any
+
+
+def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:
+    """What the accelerometer tells of each interval.
+
+    Args:
+        p: parameters.
+        inputs: decisions.
+        seen: how the trunk moves.
+    """
+    rate, last = inputs.rate_hz, inputs.last
+    steps = inputs.dt
+
+    def fast(x: Any, cutoff_hz: Any) -> Any:
+        return x - butterworth.low_pass_until(x, cutoff_hz, rate, last)
+
+    def integral(x: Any) -> Any:
+        return jnp.cumsum(0.5 * steps * (x + jnp.concatenate([x[:1], x[:-1]])))
+
+    upward = jnp.where(inputs.valid, seen.upward, 0.0)
+    forward = jnp.where(inputs.valid, seen.forward, 0.0)
+    height = fast(integral(fast(integral(fast(upward, p.excursion_hz)), p.excursion_hz)), p.excursion_hz)
+    gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
+    speed = fast(integral(fast(gentle, p.excursion_hz)), p.excursion_hz)
+    node = jnp.zeros_like(inputs.valid).at[inputs.at].set(True)
+    after = jnp.concatenate([jnp.ones_like(node[:1]), node[:-1]])
+
+    def one(carry: Any, sample: Any) -> Any:
+        change, way, top, bottom, fastest, slowest, before = carry
+        restart, dt, a, z, v = sample
+        a_before, z_before, v_before = before
+        here = jnp.where(restart, 0.0, change)
+        now = here + 0.5 * dt * (a + a_before)
+        went = jnp.where(restart, 0.0, way) + 0.5 * dt * (here + now)
+        ranges = (
+            jnp.maximum(jnp.where(restart, z_before, top), z),
+            jnp.minimum(jnp.where(restart, z_before, bottom), z),
+            jnp.maximum(jnp.where(restart, v_before, fastest), v),
+            jnp.minimum(jnp.where(restart, v_before, slowest), v),
+        )
+        return (now, went, *ranges, (a, z, v)), (now, went, ranges[0] - ranges[1], ranges[2] - ranges[3])
+
+    zero = jnp.zeros_like(forward[0])
+    first = (zero, zero, height[0], height[0], speed[0], speed[0], (forward[0], height[0], speed[0]))
+    found = lax.scan(one, first, (after, steps, forward, height, speed))[1]
+    row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
+    there = (row > 0) & (row < inputs.count)
+    before = inputs.at[jnp.maximum(row - 1, 0)]
+    gained, went, excursion, surge = (jnp.where(there, values[inputs.at], 0.0) for values in found)
+    duration = jnp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
+    turn = jnp.where(there, seen.heading[inputs.at] - seen.heading[before], 0.0)
+    shorter = jnp.exp(-p.turn_shortening * jnp.abs(turn))
+    return Intervals(duration, gained, went, excursion, surge, shorter * pendulum(p, excursion, surge), turn)
+
+
+def pendulum(p: WaistParams, excursion: Any, surge: Any) -> Any:
+    """λ of steps [m]; 0 where there is no excursion or surge to speak of.
+
+    Args:
+        p: parameters.
+        excursion: h [m].
+        surge: V [m/s].
+    """
+    high = jnp.minimum(excursion / p.pendulum_length, 1.0)
+    quick = surge / jnp.sqrt(GRAVITY * p.pendulum_length)
+    there = (high > 1e-6) & (quick > 1e-6)
+    high, quick = jnp.where(there, high, 0.1), jnp.where(there, quick, 0.1)
+    chord = jnp.log(2.0) + 0.5 * jnp.log(high * (2.0 - high))
+    relative = jnp.exp(p.excursion_power * chord + p.surge_power * jnp.log(quick))
+    return jnp.where(there, p.pendulum_length * relative, 0.0)

@@ -1,0 +1,255 @@
+r"""Speed of walking from forward acceleration, cycle by cycle from a known start: Köse's velocity update.
+
+From the start (standing: 0) up to the first heel strike and over the first cycles, the velocity is integrated (OFI).
+From then on, a cycle that begins with v_i would by OFI end with v_f = v_i + J(T). With the gate
+
+    G = 1 if |v_f − v_i| < ε, else 0;   softly, σ((ε − |v_f − v_i|) / width),
+
+    v = (1 − G) OFI(v_i) + G OFDRI(v_i, v_f := v_i),   v_i of the next cycle: v_i + (1 − G) J(T):
+
+what looks like drift is taken out, and what looks like a change of speed is kept. A change spread over cycles, in each
+less than ε, is lost with the drift; and while nothing is updated, the velocity at one heel strike stands for that at
+all. Behind the last cycle, and between cycles that do not touch, it is OFI again. The displacement is the integral of
+v by trapezoids. A recording of several bouts starts anew at samples whose velocity is known: each bout has initial heel
+strikes of its own.
+
+`updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
+velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. Everything is differentiable in
+the acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the
+cycles always is.
+
+Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
+measurement unit attached to the waist", 2011, section 2.1c.
+
+Readings, where the paper leaves a choice:
+    1. v_f − v_i "lower than" ε is meant without its sign; by OFI it is J(T) whatever v_i.
+    2. The first three initial heel strikes are those at which cycles 1, 2 and 3 begin: cycles 1 and 2 are integrated,
+       the third is the first that may be corrected.
+    3. OFI's cut-off is a parameter, 0 unless it is set. OFDRI's is that of the optimum rule (`optimum`), for each cycle
+       by itself, or OFI's.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+from jgait.estimators.waist.ofdri import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
+from jgait.estimators.waist.ofdri import signal_and_steps as _checked
+
+
+class VelocityUpdateParams(NamedTuple):
+    """Parameters, in natural units.
+
+    Attributes:
+        threshold: ε, the least change over a cycle that is taken for a change of speed [m/s].
+        width: of the soft gate [m/s].
+        cutoff_hz: of OFI's high-pass, 0 for none [Hz].
+        highest_hz: f_max of the optimum rule [Hz].
+        beta: β of OFDRI's weight [1].
+    """
+
+    threshold: Any = 0.3
+    width: Any = 0.05
+    cutoff_hz: Any = 0.0
+    highest_hz: Any = HIGHEST
+    beta: Any = 0.1
+
+
+class Covered(NamedTuple):
+    """Speed and way over a recording and its cycles; rows of cycles that are none hold 0.
+
+    Attributes:
+        velocity: (T,) forward [m/s].
+        displacement: (T,) since the first sample [m].
+        start: (K,) v_i, where each cycle begins [m/s].
+        change: (K,) v_f − v_i by OFI over the cycle alone [m/s].
+        kept: (K,) G, how much of the cycle is OFDRI [1].
+        updated: (K,) bool, the next cycle begins with what OFI says; OFI counts for more than OFDRI.
+        length: (K,) displacement over the cycle [m].
+        valid: (K,) bool, there is such a cycle.
+    """
+
+    velocity: Any
+    displacement: Any
+    start: Any
+    change: Any
+    kept: Any
+    updated: Any
+    length: Any
+    valid: Any
+
+
+class _Sampled(NamedTuple):
+    """The recording as all methods take it.
+
+    Attributes:
+        acc: (T,) acceleration [m/s²].
+        steps: (T,) time since the sample before [s].
+        cycles: where they are.
+        at: the same by sample.
+        given: (T,) bool, the velocity is known there, outside cycles.
+        restart: (T,) bool, that, or a cycle begins or ends: OFI starts anew.
+        change: (T,) OFI since the one before [m/s].
+        start: (T,) the velocity known last before each sample [m/s].
+        behind: (T,) bool, it was known after the last cycle ended.
+        anew: (K,) bool, it was known between the cycle before and this one, or there is no cycle before.
+        begin: (K,) known there [m/s].
+    """
+
+    acc: Any
+    steps: Any
+    cycles: Cycles
+    at: Placed
+    given: Any
+    restart: Any
+    change: Any
+    start: Any
+    behind: Any
+    anew: Any
+    begin: Any
+
+
+def updated(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    initial: int = 3, soft: bool = False, optimum: bool = True, mask: ArrayLike | None = None,
+    known: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """The velocity update.
+
+    Args:
+        p: parameters.
+        acc: (T,) forward acceleration, without gravity [m/s²], finite.
+        cycles: from heel strike to heel strike of one side.
+        dt: sample time [s], or (T,) that from the sample before.
+        start: velocity at the first sample and wherever it is known, one or (T,) [m/s]; 0 when standing.
+        initial: how many heel strikes of each bout take their velocity from OFI, 1 or more; static.
+        soft: whether the gate is a sigmoid; static.
+        optimum: whether OFDRI's cut-off is that of the optimum rule, or OFI's; static.
+        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
+        known: (T,) bool, a bout begins: the velocity is `start`, whatever came before. In a cycle, its end included, it
+            is not looked at. None: only the first sample.
+
+    Returns:
+        Velocity, displacement and cycles.
+
+    Raises:
+        ValueError: if shapes do not fit, or `initial` is not positive.
+    """
+    if initial < 1:
+        raise ValueError(f"initial must be 1 or more: no cycle begins with a known velocity otherwise; got {initial}")
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
+    change, before, there = _changes(seen)
+    number = jnp.arange(there.shape[0])
+    first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < initial - 1
+
+    def one(v: Any, cycle: Any) -> Any:
+        anew, begin, gap, gain, gated = cycle
+        off = p.threshold - jnp.abs(gain)
+        gate = jax.nn.sigmoid(off / p.width) if soft else (off > 0.0).astype(gain.dtype)
+        kept = jnp.where(gated, jnp.asarray(gate, gain.dtype), 0.0)
+        begun = jnp.where(anew, begin, v) + gap
+        return begun + (1.0 - kept) * gain, (begun, kept)
+
+    rows = (seen.anew, seen.begin, before, change, there & ~first)
+    begun, kept = lax.scan(one, jnp.zeros_like(seen.acc[0]), rows)[1]
+    return _covered(p, seen, begun, kept, optimum=optimum)
+
+
+def frozen(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout.
+
+    Arguments, result and errors as of `updated`; `updated` is False everywhere.
+    """
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
+    number = jnp.arange(seen.anew.shape[0])
+    begun = (seen.begin + _changes(seen)[1])[lax.cummax(jnp.where(seen.anew, number, 0))]
+    return _covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
+
+
+def integrated(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    mask: ArrayLike | None = None, known: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFI over each bout, its filter never started anew within; cycles only tell where lengths are read.
+
+    Arguments, result and errors as of `updated`; `updated` is True for every cycle.
+    """
+    seen = _sampled(p, acc, cycles, dt, start, mask, known)
+    velocity = seen.start + since(seen.acc, seen.steps, p.cutoff_hz, seen.given).change
+    left = jnp.concatenate([jnp.where(seen.given[:-1], seen.start[1:], velocity[:-1]), velocity[-1:]])
+    way, begun = _way(left, velocity, seen), left[cycles.begin]
+    return _listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
+
+
+def _sampled(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike, mask: Any, known: Any
+) -> _Sampled:
+    values, steps = _checked(acc, dt, mask)
+    at = placed(cycles, values.shape[0])
+    given = jnp.zeros_like(at.inside) if known is None else jnp.asarray(known, bool)
+    starts = jnp.asarray(start, values.dtype)
+    if given.shape != values.shape or starts.shape not in ((), values.shape):
+        raise ValueError(
+            f"known must be {values.shape} as the signal, start that or one number; got {given.shape}, {starts.shape}"
+        )
+    anew = given & ~at.inside
+    starts = jnp.broadcast_to(starts, values.shape)
+    restart = at.restart | anew
+    change = since(values, steps, p.cutoff_hz, restart).change
+    index = jnp.arange(values.shape[0], dtype=jnp.int32)
+    upto = lax.cummax(jnp.where(anew, index, -1))
+    before = jnp.concatenate([jnp.full_like(upto[:1], -1), upto[:-1]])
+    ends = jnp.asarray(cycles.end).astype(jnp.int32)
+    ended = jnp.where(at.ended > 0, ends[jnp.maximum(at.ended - 1, 0)], -1)
+    # of each cycle, what was known up to and with the sample at which it begins
+    last = upto[cycles.begin]
+    earlier = jnp.concatenate([jnp.full_like(ends[:1], -1), ends[:-1]])
+    return _Sampled(
+        values, steps, cycles, at, anew, restart, change, starts[jnp.maximum(before, 0)], before >= ended,
+        (last >= earlier) & at.valid, starts[jnp.maximum(last, 0)],
+    )  # fmt: skip
+
+
+def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
+    """OFI over each cycle, and over what lies between it and the cycle before; and whether there is one."""
+    begin, there = seen.cycles.begin, seen.at.valid
+    # a cycle may begin where the one before ends, or where the velocity is known
+    gap = ~seen.at.inside[begin] & ~seen.given[begin]
+    over = jnp.where(there, seen.change[seen.cycles.end], 0.0)
+    return over, jnp.where(there & gap, seen.change[begin], 0.0), there
+
+
+def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
+    """All samples, given with what each cycle begins and how much of it is OFDRI."""
+    cycles, at = seen.cycles, seen.at
+    change = _changes(seen)[0]
+    cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
+    stop = begun + (1.0 - kept) * change
+    behind = jnp.where(seen.behind, seen.start, stop[jnp.maximum(at.ended - 1, 0)])
+    base = jnp.where(at.inside, begun[at.number], behind)
+    direct = base + seen.change
+    both = direct_reverse_cycles(seen.acc, cycles, begun, begun, seen.steps, cutoff, p.beta)
+    velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
+    # An interval begins with the velocity of its own piece, which at a mark may be another than that up to it.
+    left = jnp.where(seen.restart[:-1], base[1:], velocity[:-1])
+    way = _way(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
+    return _listed(seen, velocity, way, begun, change, kept)
+
+
+def _way(left: Array, velocity: Array, seen: _Sampled) -> Array:
+    """The displacement (T,), from the velocity at the begin of the interval behind each sample, and at its end."""
+    each = 0.5 * seen.steps[1:] * (left[:-1] + velocity[1:])
+    return jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
+
+
+def _listed(seen: _Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
+    there = seen.at.valid
+    begun, change, kept = (jnp.where(there, v, 0.0) for v in (begun, change, kept))
+    length = jnp.where(there, way[seen.cycles.end] - way[seen.cycles.begin], 0.0)
+    return Covered(velocity, way, begun, change, kept, there & (kept < 0.5), length, there)

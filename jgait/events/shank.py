@@ -1,0 +1,297 @@
+r"""Strides told from one gyroscope at the ankle or on the shank: a state machine, and a detector of swings.
+
+Both take the sagittal rate with the forward swing *negative* (see `shank_axes`) and are a `lax.scan` of a step that a
+device can call at each sample with the same result, in constant memory; both map over recordings. An event is known at
+the sample at which it is `found`; its times are those of the motion, the filter's delay removed, and lie between
+samples where the rate crosses zero.
+
+`phases` is the paper's machine on the causally filtered rate: FF → TO on a maximum above a threshold; TO → SW where
+the rate becomes negative; SW → HS where it becomes positive again, a stride if the swing was fast enough; HS → FF on
+the next maximum. `swings` takes each negative lobe of the rate as a swing if it was fast enough and turned the shank
+far enough; run on a rate filtered both ways it needs no push-off, and so holds for slow and impaired gait too.
+
+Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
+unit", 2017, section II-A and figure 1 (`phases`).
+
+Readings of the paper, and deviations from it:
+    1. The figure's "else" out of TO is read as a local minimum. Other readings count the same healthy strides.
+    2. Event times have the filter's delay (54–56 ms) removed, and are interpolated to the zero crossing.
+    3. A foot that stops has no zero crossing for 0.5 to 0.8 s. A swing also ends where its rate has stayed under a
+       small part of its peak for `rest_s`; `rest_share` = 0 is the paper. Half-steps included, F1 of the machine rises
+       from 0.979 to 0.995 (elderly of `walking5m`).
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+from jgait.signal import butterworth
+
+FLAT, TOE_OFF, SWING, HEEL_STRIKE = 0, 1, 2, 3
+"""States of the paper's machine."""
+
+RATES = (25.0, 400.0)
+"""[Hz] Sampling rates for which the detectors are meant."""
+
+
+class Detector(NamedTuple):
+    """Settings of both detectors.
+
+    Attributes:
+        cutoff_hz: of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
+        threshold: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
+        least_angle: least angle of a swing [rad]; `swings` only.
+        rest_share: part of a swing's peak rate under which the shank may have come to rest [1]; 0: never.
+        rest_s: how long it has to stay there [s].
+    """
+
+    cutoff_hz: Any
+    threshold: Any
+    least_angle: Any = 0.0
+    rest_share: Any = 0.0
+    rest_s: Any = 0.15
+
+
+PAPER = Detector(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
+"""The paper's machine: 4 Hz, 50°/s, the swing ends at the zero crossing alone."""
+
+MACHINE = PAPER._replace(rest_share=0.1)
+"""The machine that also knows a foot that stops."""
+
+LOBES = Detector(cutoff_hz=6.0, threshold=np.deg2rad(70.0), least_angle=np.deg2rad(13.0), rest_share=0.1)
+"""The detector of swings."""
+
+
+class Found(NamedTuple):
+    """What a detector says at every sample, (T,) or, online, a scalar.
+
+    Attributes:
+        stride: bool, a stride is known here.
+        push_off: time of the last maximum of the rate before the swing [s]; of `swings`, the swing's begin.
+        start: time at which the shank begins to swing forward [s].
+        end: time at which it has swung [s], about the initial contact.
+        peak: greatest rate of the swing [rad/s], positive.
+        angle: by how much the shank swung [rad], positive; of the filtered rate.
+    """
+
+    stride: Any
+    push_off: Any
+    start: Any
+    end: Any
+    peak: Any
+    angle: Any
+
+
+class State(NamedTuple):
+    """What a detector remembers from one sample to the next.
+
+    Attributes:
+        phase: FLAT, TOE_OFF, SWING or HEEL_STRIKE.
+        rising: 1 if the rate rose last, −1 if it fell, 0 if neither is known.
+        rate: filtered rate of the sample before [rad/s].
+        time: its time [s].
+        push_off, start: as of `Found`, of the swing that may become a stride [s].
+        peak, angle: of the swing so far [rad/s], [rad].
+        slack: time at which the rate fell under a small part of the peak [s].
+        slackened: whether it is there.
+    """
+
+    phase: Any
+    rising: Any
+    rate: Any
+    time: Any
+    push_off: Any
+    start: Any
+    peak: Any
+    angle: Any
+    slack: Any
+    slackened: Any
+
+
+def begin(rate: ArrayLike, time: ArrayLike) -> State:
+    """The state before anything happened.
+
+    Args:
+        rate: the first filtered rate [rad/s].
+        time: of that sample [s].
+    """
+    x, t = jnp.asarray(rate), jnp.asarray(time)
+    nothing, no = jnp.zeros_like(x), jnp.zeros_like(x, dtype=bool)
+    none = jnp.zeros_like(x, dtype=jnp.int32)
+    return State(none + FLAT, none, x, t, t, t, nothing, nothing, t, no)
+
+
+class _Sample(NamedTuple):
+    """How the rate changed from one sample to the next."""
+
+    maximum: Any
+    minimum: Any
+    crossing: Any
+    zero: Any
+    rising: Any
+
+
+def _look(s: State, x: Any, t: Any) -> _Sample:
+    change = x - s.rate
+    rising = jnp.where(change > 0.0, 1, jnp.where(change < 0.0, -1, s.rising)).astype(jnp.int32)
+    crossing = (x >= 0.0) != (s.rate >= 0.0)
+    share = jnp.where(crossing, s.rate / jnp.where(crossing, s.rate - x, 1.0), 0.0)
+    zero = s.time + share * (t - s.time)
+    return _Sample((s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising)
+
+
+def _swing_on(d: Detector, s: State, x: Any, t: Any) -> tuple[State, Any]:
+    """The state with this sample's swing in it, and whether the shank has come to rest."""
+    peak = jnp.maximum(s.peak, jnp.abs(x))
+    angle = s.angle + 0.5 * (t - s.time) * (jnp.maximum(-x, 0.0) + jnp.maximum(-s.rate, 0.0))
+    slackened = x > -d.rest_share * peak
+    slack = jnp.where(slackened & ~s.slackened, t, s.slack)
+    resting = slackened & s.slackened & (t - slack >= d.rest_s)
+    return s._replace(peak=peak, angle=angle, slack=slack, slackened=slackened), resting
+
+
+def _fresh(s: State, where: Any, start: Any) -> State:
+    """The state with a new swing where it begins."""
+    return s._replace(
+        start=jnp.where(where, start, s.start),
+        peak=jnp.where(where, 0.0, s.peak),
+        angle=jnp.where(where, 0.0, s.angle),
+        slackened=s.slackened & ~where,
+    )
+
+
+def phase_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple[State, Found]:
+    """One sample of the paper's machine; times of the filtered rate, its delay still in them.
+
+    Args:
+        d: settings.
+        s: from `begin` or the step before.
+        rate: filtered sagittal rate, the forward swing negative [rad/s].
+        time: of the sample [s].
+
+    Returns:
+        The state to carry on, and what was found.
+    """
+    x, t = jnp.asarray(rate), jnp.asarray(time)
+    seen = _look(s, x, t)
+    swung, resting = _swing_on(d, s, x, t)
+    flat, toe_off, swing, heel = (s.phase == p for p in (FLAT, TOE_OFF, SWING, HEEL_STRIKE))
+    leaves = flat & seen.maximum & (s.rate > d.threshold)
+    swings_now = (leaves | toe_off) & seen.crossing
+    over = swing & (seen.crossing | resting)
+    stride = over & (swung.peak > d.threshold)
+    end = jnp.where(seen.crossing, seen.zero, swung.slack)
+    phase = jnp.where(leaves, TOE_OFF, s.phase)
+    phase = jnp.where(toe_off & seen.minimum & ~seen.crossing, FLAT, phase)
+    phase = jnp.where(swings_now, SWING, phase)
+    phase = jnp.where(over, jnp.where(stride, HEEL_STRIKE, FLAT), phase)
+    phase = jnp.where(heel & seen.maximum, FLAT, phase).astype(jnp.int32)
+    after = State(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
+    push_off = jnp.where(leaves | (toe_off & seen.maximum), s.time, s.push_off)
+    after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t, push_off=push_off)
+    return _fresh(after, swings_now, seen.zero), Found(stride, s.push_off, s.start, end, swung.peak, swung.angle)
+
+
+def swing_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple[State, Found]:
+    """One sample of the detector of swings; arguments and result as of `phase_step`."""
+    x, t = jnp.asarray(rate), jnp.asarray(time)
+    seen = _look(s, x, t)
+    swung, resting = _swing_on(d, s, x, t)
+    swing = s.phase == SWING
+    starts = (x < 0.0) & ~swing & seen.crossing
+    over = swing & ((x >= 0.0) | resting)
+    stride = over & (swung.peak > d.threshold) & (swung.angle > d.least_angle)
+    end = jnp.where(seen.crossing, seen.zero, swung.slack)
+    phase = jnp.where(starts, SWING, jnp.where(over, FLAT, s.phase)).astype(jnp.int32)
+    after = State(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
+    after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t)
+    return _fresh(after, starts, seen.zero), Found(stride, s.start, s.start, end, swung.peak, swung.angle)
+
+
+def check_rate(sampling_rate_hz: float) -> None:
+    """Refuse a sampling rate that the detectors are not meant for.
+
+    Raises:
+        ValueError: if it is outside `RATES`.
+    """
+    if not RATES[0] <= sampling_rate_hz <= RATES[1]:
+        raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
+
+
+def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, start_s: ArrayLike = 0.0) -> Found:
+    """The paper's state machine over a recording, filter and machine in one scan.
+
+    Args:
+        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the one before.
+        sampling_rate_hz: of the samples [Hz]; static.
+        d: settings.
+        start_s: time of the first sample [s].
+
+    Returns:
+        What was found at each sample (T,), times without the filter's delay.
+
+    Raises:
+        ValueError: if the rate of the samples is not supported, or there is none.
+    """
+    check_rate(sampling_rate_hz)
+    values = _rates(rate)
+    cascade = butterworth.sections(d.cutoff_hz, sampling_rate_hz)
+    late = butterworth.delay(d.cutoff_hz, sampling_rate_hz)
+    time = start_s + jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
+
+    def one(carried: Any, sample: Any) -> Any:
+        filtered, state = carried
+        filtered, x = butterworth.step(cascade, filtered, sample[0])
+        state, found = phase_step(d, state, x, sample[1])
+        return (filtered, state), found
+
+    first = (butterworth.at_rest(cascade, values[0]), begin(values[0], time[0]))
+    found: Found = lax.scan(one, first, (values, time))[1]
+    return found._replace(push_off=found.push_off - late, start=found.start - late, end=found.end - late)
+
+
+def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_s: ArrayLike = 0.0) -> Found:
+    """The detector of swings over a recording, on the rate filtered both ways: offline.
+
+    Args:
+        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the one before.
+        sampling_rate_hz: of the samples [Hz]; static.
+        d: settings.
+        start_s: time of the first sample [s].
+
+    Returns:
+        What was found at each sample (T,).
+
+    Raises:
+        ValueError: if the rate of the samples is not supported, or there are fewer than 10.
+    """
+    check_rate(sampling_rate_hz)
+    values = butterworth.low_pass_both_ways(_rates(rate), d.cutoff_hz, sampling_rate_hz)
+    time = start_s + jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
+    steps = (values, time)
+    return lax.scan(lambda s, x: swing_step(d, s, x[0], x[1]), begin(values[0], time[0]), steps)[1]
+
+
+def _rates(rate: ArrayLike) -> Array:
+    values = jnp.asarray(rate)
+    if values.ndim != 1 or values.shape[0] < 2:
+        raise ValueError(f"rate must be (T,), the sagittal rate, with T >= 2; got shape {values.shape}")
+    return values
+
+
+def gathered(found: Found, capacity: int) -> Found:
+    """The strides alone, in the order in which they were found; maps over recordings.
+
+    Args:
+        found: (T,) of `phases` or `swings`.
+        capacity: rows of the result; static. Strides that find no room are left out.
+
+    Returns:
+        (capacity,) rows; `stride` is False in those that hold none, the other fields are 0 there.
+    """
+    index = jnp.nonzero(found.stride, size=capacity, fill_value=-1)[0]
+    there = index >= 0
+    return Found(there, *(jnp.where(there, values[index], 0.0) for values in found[1:]))

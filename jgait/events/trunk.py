@@ -1,0 +1,264 @@
+r"""Initial contacts of both feet from one sensor at the trunk, and which foot it was.
+
+Three detectors share coarse instants, arguments and result, and differ in what they read off the signals near them:
+
+- `PaperRule`: between the greatest forward acceleration, rebuilt from its wavelet details, and the first negative
+  local minimum of the upward one after it.
+- `Peaks`: a constant after the peak of the forward acceleration, low-passed near the step frequency.
+- `Soft` (the default): a soft argmax over both accelerations' rates of change; see `trunk_contacts_soft`.
+
+Coarse instants come from `trunk_rhythm`; they are decisions, without gradient.
+
+Sides: the leg that swings takes its hip along. After a right contact the pelvis turns to the right, after a left one to
+the left: the yaw rate's part (left positive) that alternates from step to step is *negative* after a right contact. How
+the steps alternate joins the contacts to a chain of two states, and each is told by all, the near ones most.
+
+Everything is JAX with a fixed number of rows, usable under `jit` and `vmap` (settings of `PaperRule` are static).
+
+Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
+measurement unit attached to the waist", 2011, section 2.1a (`PaperRule`).
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+from jgait.events.shank import check_rate
+from jgait.events.trunk_rhythm import COARSE, SLOWEST, Coarse, Rhythm, contacts_nearby, vertex
+from jgait.events.trunk_soft import SOFT, Soft, instants
+from jgait.signal import butterworth, wavelet
+
+LATER = 0.4
+"""[steps] After a contact begins the step over which the pelvis turns towards its side."""
+
+SLIP, SAY = 0.02, 0.5
+"""[1] Probability that a step was missed or counted twice; log odds that a usual turn of the pelvis gives a side."""
+
+PAUSE = 4.0
+"""[steps] A longer time from one contact to the next tells nothing of the side."""
+
+ROWS = 4.0
+"""[Hz] Rows of the result for every second, unless told otherwise."""
+
+PAPER_RATE = 100.0
+"""[Hz] At which the paper's wavelet has its scales; other rates are interpolated to it."""
+
+
+class PaperRule(NamedTuple):
+    """Settings of the paper's detector; static.
+
+    Attributes:
+        shares: thresholds of details 1, 2 and 3 over their magnitude [1].
+        relative_to, hard: see `wavelet.from_details`.
+        before, after: interval of interest about the peak of the low-passed forward acceleration [s].
+        minimum: how long after the maximum the minimum may come; without one, the maximum counts alone [s].
+        offset: what is subtracted [s].
+    """
+
+    shares: tuple[float, ...] = (1 / 5, 1 / 4, 1 / 3)
+    relative_to: str = "rms"
+    hard: bool = False
+    before: float = 0.20
+    after: float = 0.15
+    minimum: float = 0.20
+    offset: float = 0.0
+
+
+LITERAL = PaperRule(relative_to="max", hard=True)
+"""The paper by the letter: a magnitude is a maximum, and thresholds are hard."""
+
+
+class Peaks(NamedTuple):
+    """Setting of the baseline.
+
+    Attributes:
+        offset: what is subtracted; the contact comes later than the peak, so that it is negative [s].
+    """
+
+    offset: Any = -0.105
+
+
+class Contacts(NamedTuple):
+    """Initial contacts in order; every field is (capacity,), 0 where a row is not valid.
+
+    Attributes:
+        time: of the contact [s].
+        side: 0 right, 1 left; the order of `SIDES`.
+        valid: bool; False for a row that is no contact.
+        coarse: the coarse instant near which it was read off [s].
+        step_frequency: there [Hz].
+        certainty: of the side: how much more probable it is than the other, 0 … 1 [1].
+    """
+
+    time: Any
+    side: Any
+    valid: Any
+    coarse: Any
+    step_frequency: Any
+    certainty: Any
+
+
+def _near(x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float) -> Any:
+    """Samples about instants: their indices (n, k), values, and which lie within `before` and `after` [s]."""
+    span = np.arange(-int(np.ceil(reach[0] * rate)) - 1, int(np.ceil(reach[1] * rate)) + 2, dtype=np.int32)
+    index = jnp.round(about * rate).astype(jnp.int32)[:, None] + span[None, :]
+    late = index.astype(x.dtype) / rate - about[:, None]
+    first, last = (jnp.broadcast_to(jnp.asarray(b, x.dtype), about.shape)[:, None] for b in (before, after))
+    inside = (late >= -first) & (late <= last) & (index >= 0) & (index < x.shape[0])
+    return index, x[jnp.clip(index, 0, x.shape[0] - 1)], inside
+
+
+def _greatest(
+    x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
+) -> Any:
+    """When the signal is greatest near instants [s], between samples where a parabola is."""
+    index, values, inside = _near(x, about, before, after, reach, rate)
+    rows, at = np.arange(about.shape[0]), jnp.argmax(jnp.where(inside, values, -jnp.inf), axis=1)
+    place = index[rows, at]
+    three = (x[jnp.clip(place + k, 0, x.shape[0] - 1)] for k in (-1, 0, 1))
+    return (place.astype(x.dtype) + vertex(*three)) / rate
+
+
+def _peaks(seen: Rhythm, rate: float) -> Array:
+    """The peak of the low-passed forward acceleration before each coarse instant [s]."""
+    step = 1.0 / seen.frequency
+    return _greatest(seen.forward, seen.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
+
+
+def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
+    """What the paper's wavelet keeps of accelerations.
+
+    Args:
+        accelerations: (T, n) of the trunk [m/s²], finite.
+        mask: (T,) bool, False where a sample was lost.
+        sampling_rate_hz: of the samples [Hz]; static.
+        p: the rule, whose thresholds are shares of what is measured.
+
+    Returns:
+        (N, n) at `PAPER_RATE`, the first sample at the time of the first [m/s²].
+    """
+    rate, both = sampling_rate_hz, jnp.asarray(accelerations)
+    if rate > PAPER_RATE:
+        both = butterworth.low_pass_both_ways(both, 0.4 * PAPER_RATE, rate)
+    count = int(both.shape[0] * PAPER_RATE / rate)
+    place = jnp.asarray(np.minimum(np.arange(count) * rate / PAPER_RATE, both.shape[0] - 1), both.dtype)
+    every = jnp.arange(both.shape[0], dtype=both.dtype)
+    sampled = jnp.stack([jnp.interp(place, every, both[:, k]) for k in range(both.shape[1])], axis=1)
+    counts = jnp.asarray(mask)[jnp.round(place).astype(jnp.int32)]
+    return wavelet.from_details(sampled, p.shares, relative_to=p.relative_to, hard=p.hard, mask=counts)
+
+
+def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float, p: PaperRule) -> Array:
+    """The middle between the forward maximum and the upward minimum after it [s]."""
+    kept = details(jnp.stack([forward, upward], axis=1), mask, rate, p)
+    count = kept.shape[0]
+    greatest = _greatest(kept[:, 0], _peaks(seen, rate), p.before, p.after, (p.before, p.after), PAPER_RATE)
+    index, values, inside = _near(kept[:, 1], greatest, 0.0, p.minimum, (0.0, p.minimum), PAPER_RATE)
+    before, after = (kept[jnp.clip(index + k, 0, count - 1), 1] for k in (-1, 1))
+    low = inside & (values < 0.0) & (values <= before) & (values < after)
+    first = index[np.arange(index.shape[0]), jnp.argmax(low, axis=1)].astype(kept.dtype) / PAPER_RATE
+    return 0.5 * (greatest + jnp.where(low.any(axis=1), first, greatest)) - p.offset
+
+
+def sides(yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequency: ArrayLike, valid: ArrayLike) -> Any:
+    """Which foot met the ground.
+
+    How far the pelvis turns over the step that begins `LATER` after a contact, less the mean of the steps before and
+    after it, is evidence for its side. Log odds pass from contact to contact with a change of sign for every step in
+    between, and shrink by what an uneven step leaves in doubt.
+
+    Args:
+        yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
+        sampling_rate_hz: of the samples [Hz]; static.
+        time: (n,) of contacts in order, from the first sample on [s].
+        frequency: (n,) of steps [Hz].
+        valid: (n,) bool, False for rows that are no contact.
+
+    Returns:
+        (n,) log odds that it was the left foot [1].
+    """
+    turn = jnp.asarray(yaw_rate)
+    at, f, counts = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid).astype(turn.dtype)
+    yaw = jnp.cumsum(turn - turn.mean()) / sampling_rate_hz
+    when = jnp.arange(turn.shape[0], dtype=turn.dtype) / sampling_rate_hz
+    turned = jnp.diff(jnp.stack([jnp.interp(at + (k + LATER) / f, when, yaw) for k in (-1, 0, 1, 2)]), axis=0)
+    leans = (turned[1] - 0.5 * (turned[0] + turned[2])) * counts
+    nine = jnp.ones(9, turn.dtype)
+    power = jnp.convolve(leans * leans, nine, "full")[4:-4] / jnp.maximum(jnp.convolve(counts, nine, "full")[4:-4], 1.0)
+    says = SAY * jnp.tanh(leans / jnp.sqrt(power + 1e-12))
+
+    def step(carry: Any, item: Any) -> Any:
+        odds, before = carry
+        t, often, evidence, there = item
+        steps = jnp.abs(t - before) * often
+        whole = jnp.maximum(1.0, jnp.round(steps))
+        sure = (1.0 - 2.0 * SLIP) ** whole * jnp.maximum(0.0, 1.0 - 4.0 * (steps - whole) ** 2)
+        # behind a pause either foot may come first
+        sure = jnp.where(steps > PAUSE, 0.0, sure)
+        passed = 2.0 * jnp.arctanh(sure * jnp.tanh(0.5 * odds)) * jnp.where(whole % 2.0 == 0.0, 1.0, -1.0)
+        after = (jnp.where(there, passed + evidence, odds), jnp.where(there, t, before))
+        return after, jnp.where(there, passed, 0.0)
+
+    def chain(*rows: Array) -> Array:
+        passed: Array = lax.scan(step, (jnp.zeros_like(at[0]), rows[0][0]), rows)[1]
+        return passed
+
+    rows = (at, f, says, jnp.asarray(valid))
+    before, after = jax.vmap(chain)(*(jnp.stack([row, row[::-1]]) for row in rows))
+    return before + says + after[::-1]
+
+
+def initial_contacts(
+    forward: ArrayLike, upward: ArrayLike, yaw_rate: ArrayLike, sampling_rate_hz: float,
+    settings: PaperRule | Peaks | Soft = SOFT, *, coarse: Coarse = COARSE, mask: ArrayLike | None = None,
+    start_s: ArrayLike = 0.0, capacity: int | None = None,
+) -> Contacts:  # fmt: skip
+    """Initial contacts of both feet from the trunk's accelerations, freed from gravity, in the body's axes.
+
+    Args:
+        forward: (T,) acceleration along the walking direction [m/s²], finite.
+        upward: (T,) acceleration, without gravity [m/s²], finite.
+        yaw_rate: (T,) about the vertical, a turn to the left positive [rad/s], finite.
+        sampling_rate_hz: of the samples [Hz], 25 to 400; static.
+        settings: which detector, and how.
+        coarse: how its coarse instants are found.
+        mask: (T,) bool, False where a sample was lost or is padding: it counts as unaccelerated; None: all count.
+        start_s: time of the first sample [s].
+        capacity: rows of the result; static. None: four for every second. Contacts without room are left out.
+
+    Returns:
+        The contacts, (capacity,); where nobody walks no row is valid.
+
+    Raises:
+        ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.
+    """
+    check_rate(sampling_rate_hz)
+    names = ("forward", "upward", "yaw_rate")
+    signals = [jnp.asarray(x) for x in (forward, upward, yaw_rate)]
+    for name, x in zip(names, signals, strict=True):
+        if x.ndim != 1 or x.shape != signals[0].shape or x.shape[0] < 10:
+            raise ValueError(f"{', '.join(names)} must all be (T,), T >= 10; {name} has shape {x.shape}")
+        if not jnp.issubdtype(x.dtype, jnp.floating):
+            raise ValueError(f"{name} must be floating point; got {x.dtype}")
+    counts = jnp.ones_like(signals[0], dtype=bool) if mask is None else jnp.asarray(mask)
+    ahead, up, turn = (jnp.where(counts, x, 0.0) for x in signals)
+    rate, rows = float(sampling_rate_hz), capacity
+    if rows is None:
+        rows = int(ROWS * ahead.shape[0] / rate) + 2
+    seen = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, coarse, rows))
+    if isinstance(settings, PaperRule):
+        time = _paper(ahead, up, counts, seen, rate, settings)
+    elif isinstance(settings, Peaks):
+        time = _peaks(seen, rate) - settings.offset
+    else:
+        time = instants(ahead, up, rate, seen.time, settings, counts)
+    odds = lax.stop_gradient(sides(turn, rate, seen.time, seen.frequency, seen.valid))
+    found = Contacts(
+        start_s + time, (odds > 0.0).astype(jnp.int32), seen.valid, start_s + seen.time, seen.frequency,
+        jnp.tanh(0.5 * jnp.abs(odds)),
+    )  # fmt: skip
+    return Contacts(*(jnp.where(seen.valid, field, jnp.zeros_like(field)) for field in found))

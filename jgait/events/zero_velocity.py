@@ -1,0 +1,316 @@
+r"""Zero-velocity detectors for a sensor worn on a foot: when does it stand still?
+
+Each is a statistic over a centred window, in physical units, that is small while the foot stands; `zero_velocity`
+compares it with a threshold. With ⟨·⟩ the mean over the window's samples that count, f the specific force, g gravity:
+
+| name | statistic | unit |
+|---|---|---|
+| `ared` | √⟨abs(ω)²⟩, the angular rate | rad/s |
+| `variance` | √⟨abs(f − ⟨f⟩)²⟩, how the force moves | m/s² |
+| `magnitude` | √⟨(abs(f) − g)²⟩, how the force's length differs from gravity's | m/s² |
+| `shoe` | √(⟨abs(ω)²⟩ + (σ_ω/σ_a)² ⟨abs(f − g ⟨f⟩/abs(⟨f⟩))²⟩), both at once | rad/s |
+
+All are of lengths only, so it does not matter how the sensor is mounted. Samples that the mask leaves out do not count.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal.windows import moving_mean, window_size
+
+WINDOW_S = 0.1
+"""[s] Window of a detector: shorter than the stillest part of a fast stance, longer than a zero crossing in swing."""
+
+GYR_SCALE = 0.1
+"""[rad/s] Angular rate that weighs as much against standing, in `shoe`, as a force of `ACC_SCALE`."""
+
+ACC_SCALE = 0.5
+"""[m/s²] Force that weighs as much against standing, in `shoe`, as an angular rate of `GYR_SCALE`."""
+
+
+def ared(
+    gyr: ArrayLike, sampling_rate_hz: float, *, window_s: float = WINDOW_S, mask: ArrayLike | None = None
+) -> Array:
+    """Angular rate energy: root mean square of the angular rate, √⟨|ω|²⟩.
+
+    Args:
+        gyr: (T, 3) angular rate [rad/s], finite.
+        sampling_rate_hz: rate of the samples [Hz]; static under jit.
+        window_s: window [s], rounded up to an odd number of samples; static under jit.
+        mask: (T,) bool, False where a sample does not count; None: all count.
+
+    Returns:
+        (T,) [rad/s]; infinite where a window has no sample that counts.
+
+    Raises:
+        ValueError: if the shapes do not fit, or the recording is not longer than half a window.
+
+    Source: I. Skog et al., "Zero-velocity detection: an algorithm evaluation", IEEE Trans. Biomed. Eng. 57(11), 2010.
+    """
+    window = _Window.of(_vectors("gyr", gyr), sampling_rate_hz, window_s, mask)
+    return window.root(window.mean(_squared(window.values)))
+
+
+def variance(
+    acc: ArrayLike, sampling_rate_hz: float, *, window_s: float = WINDOW_S, mask: ArrayLike | None = None
+) -> Array:
+    """Moving variance of the accelerometer, as a standard deviation: √⟨|f − ⟨f⟩|²⟩ over all three axes.
+
+    Args:
+        acc: (T, 3) specific force [m/s²], finite.
+        sampling_rate_hz: as in `ared`.
+        window_s: as in `ared`.
+        mask: as in `ared`.
+
+    Returns:
+        (T,) [m/s²]; infinite where a window has no sample that counts.
+
+    Raises:
+        ValueError: as `ared`.
+
+    Source: as `ared`.
+    """
+    window = _Window.of(_vectors("acc", acc), sampling_rate_hz, window_s, mask)
+    return window.root(_spread(window)[0])
+
+
+def magnitude(
+    acc: ArrayLike, sampling_rate_hz: float, *, window_s: float = WINDOW_S, mask: ArrayLike | None = None,
+    gravity: float = GRAVITY,
+) -> Array:  # fmt: skip
+    """How far the force's length is from gravity's: √⟨(|f| − g)²⟩.
+
+    Args:
+        acc: (T, 3) specific force [m/s²], finite.
+        sampling_rate_hz: as in `ared`.
+        window_s: as in `ared`.
+        mask: as in `ared`.
+        gravity: what the accelerometer reads at rest [m/s²]; its scale may be wrong.
+
+    Returns:
+        (T,) [m/s²]; infinite where a window has no sample that counts.
+
+    Raises:
+        ValueError: as `ared`.
+
+    Source: as `ared`.
+    """
+    window = _Window.of(_vectors("acc", acc), sampling_rate_hz, window_s, mask)
+    off = _root(_squared(window.values)) - gravity
+    return window.root(window.mean(off * off))
+
+
+def shoe(
+    gyr: ArrayLike, acc: ArrayLike, sampling_rate_hz: float, *, window_s: float = WINDOW_S,
+    mask: ArrayLike | None = None, gravity: float = GRAVITY, gyr_scale: float = GYR_SCALE,
+    acc_scale: float = ACC_SCALE,
+) -> Array:  # fmt: skip
+    """Stance hypothesis optimal estimation, a likelihood ratio: √(⟨|ω|²⟩ + (σ_ω/σ_a)² ⟨|f − g u|²⟩), u = ⟨f⟩/|⟨f⟩|.
+
+    The likelihood ratio of the source is this squared over σ_ω², so only the ratio of the two scales matters beside
+    the threshold. The force's part is written as ⟨|f − ⟨f⟩|²⟩ + (|⟨f⟩| − g)², which is the same and keeps its digits.
+
+    Args:
+        gyr: (T, 3) angular rate [rad/s], finite.
+        acc: (T, 3) specific force [m/s²], finite.
+        sampling_rate_hz: as in `ared`.
+        window_s: as in `ared`.
+        mask: as in `ared`.
+        gravity: what the accelerometer reads at rest [m/s²]; its scale may be wrong.
+        gyr_scale: σ_ω, the rate that weighs as much as a force of σ_a [rad/s].
+        acc_scale: σ_a [m/s²].
+
+    Returns:
+        (T,) [rad/s], never below `ared`; infinite where a window has no sample that counts.
+
+    Raises:
+        ValueError: as `ared`.
+
+    Source: as `ared`, with scales in place of the sensors' noise.
+    """
+    rate, force = _both(gyr, acc)
+    window = _Window.of(force, sampling_rate_hz, window_s, mask)
+    spread, mean = _spread(window)
+    off = _root(_squared(mean)) - gravity
+    turning = window.mean(_squared(rate))
+    return window.root(turning + (gyr_scale / acc_scale) ** 2 * (spread + off * off))
+
+
+class Detector(NamedTuple):
+    """One way to tell standing.
+
+    Attributes:
+        statistic: of gyr, acc, sampling_rate_hz, window_s, mask, gravity.
+        threshold: below which the foot stands, by default [the statistic's unit].
+        unit: of both.
+    """
+
+    statistic: Callable[..., Array]
+    threshold: float
+    unit: str
+
+
+DETECTORS = {
+    "shoe": Detector(shoe, 1.0, "rad/s"),
+    "ared": Detector(lambda gyr, acc, hz, *, gravity, **others: ared(gyr, hz, **others), 0.8, "rad/s"),
+    "variance": Detector(lambda gyr, acc, hz, *, gravity, **others: variance(acc, hz, **others), 1.0, "m/s²"),
+    "magnitude": Detector(lambda gyr, acc, hz, **others: magnitude(acc, hz, **others), 0.8, "m/s²"),
+}
+"""By name. The thresholds hardly ever call a moving foot still; they lose the ends of stances, where the shoe rolls."""
+
+
+def zero_velocity(
+    gyr: ArrayLike, acc: ArrayLike, sampling_rate_hz: float, *, detector: str = "shoe",
+    threshold: ArrayLike | None = None, window_s: float = WINDOW_S, mask: ArrayLike | None = None,
+    gravity: float = GRAVITY,
+) -> Array:  # fmt: skip
+    """Where a foot stands still: a detector's statistic is below a threshold.
+
+    Args:
+        gyr: (T, 3) angular rate [rad/s], finite.
+        acc: (T, 3) specific force [m/s²], finite.
+        sampling_rate_hz: rate of the samples [Hz]; static under jit.
+        detector: "shoe", "ared", "variance" or "magnitude"; static under jit.
+        threshold: in the detector's unit, see `DETECTORS`; None: its default.
+        window_s: window [s], rounded up to an odd number of samples; static under jit.
+        mask: (T,) bool, False where a sample does not count; None: all count.
+        gravity: what the accelerometer reads at rest [m/s²].
+
+    Returns:
+        (T,) bool; False where a window has no sample that counts.
+
+    Raises:
+        ValueError: if there is no such detector, the shapes do not fit, or the recording is not longer than half a
+            window.
+    """
+    if detector not in DETECTORS:
+        raise ValueError(f"detector must be one of {', '.join(DETECTORS)}; got {detector!r}")
+    rate, force = _both(gyr, acc)
+    statistic, default, _ = DETECTORS[detector]
+    value = statistic(rate, force, sampling_rate_hz, window_s=window_s, mask=mask, gravity=gravity)
+    return value < jnp.asarray(default if threshold is None else threshold, value.dtype)
+
+
+def eroded(flags: ArrayLike, samples: int) -> Array:
+    """True where all samples up to so many before and after are True: stretches lose that much at either end.
+
+    A stretch that reaches the first or last sample is not cut there, for it may go on outside.
+
+    Args:
+        flags: (T,) bool.
+        samples: how many [samples]; static under jit.
+
+    Returns:
+        (T,) bool.
+
+    Raises:
+        ValueError: if `samples` is negative.
+    """
+    kept = _flags(flags, samples)
+    return _all_within(jnp.pad(kept, (samples, samples), constant_values=True), 2 * samples + 1)
+
+
+def opened(flags: ArrayLike, samples: int) -> Array:
+    """The flags without stretches of True shorter than so many samples; longer ones stay as they are.
+
+    Args:
+        flags: (T,) bool.
+        samples: the shortest that stays [samples]; static under jit.
+
+    Returns:
+        (T,) bool.
+
+    Raises:
+        ValueError: if `samples` is negative.
+    """
+    kept = _flags(flags, samples)
+    reach = max(samples - 1, 0)
+    starts = _all_within(jnp.pad(kept, (reach, reach)), reach + 1)
+    return ~_all_within(~starts, reach + 1)
+
+
+def _all_within(flags: Array, size: int) -> Array:
+    """Whether all of `size` samples in a row are True, for each place where so many are: T − size + 1 of them."""
+    return lax.reduce_window(flags, np.array(True), lax.bitwise_and, (size,), (1,), "valid")
+
+
+def _flags(flags: ArrayLike, samples: int) -> Array:
+    found = jnp.asarray(flags)
+    if found.ndim != 1 or found.dtype != jnp.bool_:
+        raise ValueError(f"flags must be (T,) bool; got {found.shape} of {found.dtype}")
+    if samples < 0:
+        raise ValueError(f"samples must not be negative; got {samples}")
+    return found
+
+
+class _Window(NamedTuple):
+    """Means over a centred window of the samples that count; the others are zero in `values`."""
+
+    size: int
+    counts: Array
+    values: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, values: Array, sampling_rate_hz: float, window_s: float, mask: ArrayLike | None) -> "_Window":
+        counts = jnp.ones(values.shape[:1], bool) if mask is None else jnp.asarray(mask)
+        if counts.shape != values.shape[:1] or counts.dtype != jnp.bool_:
+            raise ValueError(f"mask must be ({len(values)},) bool; got {counts.shape} of {counts.dtype}")
+        size = window_size(window_s, sampling_rate_hz)
+        weight = moving_mean(counts.astype(values.dtype), size)
+        return cls(size, counts, jnp.where(counts[:, None], values, 0.0), weight)
+
+    def mean(self, values: Array) -> Array:
+        """Of (T,) or (T, n) over the samples that count; 0 where a window has none."""
+        counts, share = self.counts, jnp.where(self.weight > 0.0, self.weight, 1.0)
+        if values.ndim == 2:
+            counts, share = counts[:, None], share[:, None]
+        return moving_mean(jnp.where(counts, values, 0.0), self.size) / share
+
+    def root(self, square: Array) -> Array:
+        """The root of a mean; infinite where a window had no sample."""
+        return jnp.where(self.weight > 0.0, _root(square), jnp.inf)
+
+
+def _spread(window: _Window) -> tuple[Array, Array]:
+    """Variance in each window (T,), summed over the axes, and the mean vector (T, 3)."""
+    # About the mean of the whole, so that gravity does not eat the digits of the difference.
+    number = jnp.maximum(window.counts.sum(dtype=window.values.dtype), 1.0)
+    middle = window.values.sum(axis=0, keepdims=True) / number
+    centred = window.values - middle
+    mean, power = window.mean(centred), window.mean(_squared(centred))
+    spread = power - _squared(mean)
+    # The two terms cancel; what is left below their rounding is nothing, and its root would have a wild gradient.
+    return jnp.where(spread > 4.0 * jnp.finfo(power.dtype).eps * power, spread, 0.0), mean + middle
+
+
+def _both(gyr: ArrayLike, acc: ArrayLike) -> tuple[Array, Array]:
+    rate, force = _vectors("gyr", gyr), _vectors("acc", acc)
+    if rate.shape != force.shape or rate.dtype != force.dtype:
+        raise ValueError(
+            f"gyr and acc must have one shape and type; got {rate.shape} {rate.dtype} and {force.shape} {force.dtype}"
+        )
+    return rate, force
+
+
+def _vectors(name: str, values: ArrayLike) -> Array:
+    found = jnp.asarray(values)
+    if found.ndim != 2 or found.shape[1] != 3 or not jnp.issubdtype(found.dtype, jnp.floating):
+        raise ValueError(f"{name} must be (T, 3), floating point; got {found.shape} of {found.dtype}")
+    return found
+
+
+def _squared(vectors: Array) -> Array:
+    return (vectors * vectors).sum(axis=-1)
+
+
+def _root(square: Array) -> Array:
+    """Square root, with no gradient at zero where it has none."""
+    some = square > 0.0
+    return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)

@@ -1,0 +1,290 @@
+r"""Kalman filtering as one scan of predict and update; the same step serves online, a sample at a time.
+
+    predict   m⁻ = f(m) ⊕ v,        P⁻ = A P Aᵀ + Ω + Q
+    update    S = H P⁻ Hᵀ + Ω + R,  K = P⁻ Hᵀ S⁻¹,  m = m⁻ ⊕ K (y − ŷ),  P = (I − K H) P⁻ (I − K H)ᵀ + K (R + Ω) Kᵀ
+
+All in error coordinates δ about the predicted state, so rotations need no special case. An iterated update takes
+its linearisation at its own result, but always starts again from the same prior.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.filtering import checks
+from jgait.filtering.compile import compiled
+from jgait.filtering.component_model import ComponentModel
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.dense import Correction, advanced, corrected, predicted_moments
+from jgait.filtering.execution import Execution, filtered
+from jgait.filtering.fast import with_gradient_of
+from jgait.filtering.inputs import inputs
+from jgait.filtering.methods import EKF, Method
+from jgait.filtering.model import Belief, Model
+from jgait.filtering.vectors import Moments, VectorModel, pack, pack_noise, unpack, vector_model
+
+
+class Updated(NamedTuple):
+    """One update.
+
+    Attributes:
+        belief: after the observation.
+        innovation: measured − predicted, observation tuple; 0 where masked.
+        innovation_stddev: square root of the diagonal of S, observation tuple; 1 where masked.
+        log_likelihood: of the measured components given the past [nat], linearised at the prediction.
+        nis: normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
+        count: measured components, as a float.
+        valid: False where the numbers broke down and the prediction was kept; then the four above are 0.
+    """
+
+    belief: Belief
+    innovation: Any
+    innovation_stddev: Any
+    log_likelihood: Any
+    nis: Any
+    count: Any
+    valid: Any
+
+
+class Step(NamedTuple):
+    """One predict and update: the prediction, and the update."""
+
+    predicted: Belief
+    updated: Updated
+
+    @property
+    def belief(self) -> Belief:
+        """The belief after the sample: what the next step starts from."""
+        return self.updated.belief
+
+
+class Posterior(NamedTuple):
+    """A filtered recording; every leaf has the time axis in front, and a field not asked for is None.
+
+    Attributes:
+        mean: filtered mean, in the state's type.
+        cov: its covariance.
+        predicted_mean: mean before each sample.
+        predicted_cov: its covariance.
+        innovation: measured − predicted, in the observation's type; 0 where masked.
+        innovation_stddev: its standard deviation, in the observation's type; 1 where masked.
+        log_likelihood: (T,) of each sample given the past [nat].
+        nis: (T,) normalised innovation squared.
+        count: (T,) measured components.
+        valid: (T,) False where the numbers broke down and the prediction was kept.
+    """
+
+    mean: Any = None
+    cov: Any = None
+    predicted_mean: Any = None
+    predicted_cov: Any = None
+    innovation: Any = None
+    innovation_stddev: Any = None
+    log_likelihood: Any = None
+    nis: Any = None
+    count: Any = None
+    valid: Any = None
+
+
+FIELDS = Posterior._fields
+"""What a filter can return, see `Posterior`."""
+
+KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
+"""What it returns unless told otherwise."""
+
+
+def predict(
+    model: Model, params: Any, belief: Belief, *, control: Any = None, dt: Any = 1.0, method: Method = EKF()
+) -> Belief:
+    """The belief one interval later, before its sample.
+
+    Args:
+        model: state-space model.
+        params: passed on to the model's functions.
+        belief: now.
+        control: input over the interval, or None.
+        dt: length of the interval [s].
+        method: how to linearise.
+
+    Returns:
+        The predicted belief; the one that was, where the transition is not finite.
+
+    Raises:
+        ValueError: if the model's functions and the belief do not fit together.
+    """
+    checks.check_arguments(model, method, (), FIELDS)
+    checks.check_belief(belief)
+    dtype = checks.common_dtype(params, belief)
+    params, control = checks.in_dtype((params, control), dtype)
+    vm = vector_model(model, params, belief.mean, None, dtype)
+    return _belief(vm, predicted_moments(vm, _moments(vm, belief, dtype), control, jnp.asarray(dt, dtype), method)[0])
+
+
+def update(
+    model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, mask: Any = None,
+    method: Method = EKF(),
+) -> Updated:  # fmt: skip
+    """The belief after an observation.
+
+    Args:
+        model: state-space model.
+        params: passed on to the model's functions.
+        belief: before the observation.
+        observation: observation tuple of scalars; what the mask hides may be any finite number.
+        control: passed on to the model's functions.
+        mask: observation tuple of bools, one bool for all, or None for all there.
+        method: how to linearise.
+
+    Returns:
+        The updated belief with innovation, log-likelihood and normalised innovation squared.
+
+    Raises:
+        ValueError: if model, belief, observation and mask do not fit together.
+    """
+    checks.check_arguments(model, method, (), FIELDS)
+    checks.check_belief(belief)
+    dtype = checks.common_dtype(params, belief, observation)
+    params, control = checks.in_dtype((params, control), dtype)
+    checks.check_observation(model, params, belief.mean, control, observation)
+    vm = vector_model(model, params, belief.mean, observation, dtype)
+    measured = pack(observation, vm.observed, dtype, "an observation")
+    seen = checks.seen(mask, observation, ())
+    moments, correction = corrected(vm, _moments(vm, belief, dtype), measured, control, seen, method)
+    return _updated(vm, moments, correction)
+
+
+def step(
+    model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, dt: Any = 1.0,
+    mask: Any = None, method: Method = EKF(),
+) -> Step:  # fmt: skip
+    """Predict over dt, then update: one sample online, jitted; the same step that `kalman_filter` scans.
+
+    Args:
+        model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
+        params: passed on to the model's functions.
+        belief: after the sample before.
+        observation: observation tuple of scalars; what the mask hides may be any finite number.
+        control: control tuple of scalars, or None.
+        dt: time since the sample before [s].
+        mask: observation tuple of bools, one bool, or None.
+        method: how to linearise.
+
+    Returns:
+        Prediction and update; `.belief` is what the next step starts from.
+
+    Raises:
+        ValueError: if the arguments do not fit together; NaN in the observation.
+    """
+    checks.check_arguments(model, method, (), FIELDS)
+    checks.check_values(observation, control, dt)
+    return _step(model, params, belief, observation, control, dt, mask, method)
+
+
+def _stepped(
+    model: Model, params: Any, belief: Belief, observation: Any, control: Any, dt: Any, mask: Any, method: Method
+) -> Step:
+    checks.check_belief(belief)
+    dtype = checks.common_dtype(params, belief, observation)
+    params, control = checks.in_dtype((params, control), dtype)
+    checks.check_observation(model, params, belief.mean, control, observation)
+    vm = vector_model(model, params, belief.mean, observation, dtype)
+    measured = pack(observation, vm.observed, dtype, "an observation")
+    seen = checks.seen(mask, observation, ())
+    before, interval = _moments(vm, belief, dtype), jnp.asarray(dt, dtype)
+    predicted, after, correction = advanced(vm, before, measured, control, interval, seen, method)
+    return Step(_belief(vm, predicted), _updated(vm, after, correction))
+
+
+_step = compiled(_stepped, static_argnames=("model", "method"))
+
+
+def kalman_filter(
+    model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
+    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
+    execution: Execution = "auto", about: Any = None,
+) -> Posterior:  # fmt: skip
+    """Filter a recording: a jitted scan over its samples.
+
+    Args:
+        model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
+        params: any pytree, passed on to the model's functions; differentiable.
+        observations: observation tuple of (T,) arrays; what the mask hides may be any finite number.
+        controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
+        dt: interval [s], scalar or (T,); dt[k] is the time from sample k−1 to k, so dt[0] = 0 puts the initial
+            belief at the first sample.
+        mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None.
+        method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.
+        initial: belief before the first interval; None takes the model's.
+        keep: fields of `Posterior` to return; what is not asked for is neither computed nor stored.
+        execution: how to run it, see `jgait.filtering.execution`; results agree to rounding.
+        about: state tuple of (T,) arrays that execution="parallel" linearises an `EKF` about.
+
+    Returns:
+        The posterior, every leaf with the time axis in front, in the widest float type of parameters, observations
+        and initial belief.
+
+    Raises:
+        ValueError: observations, controls, mask or dt do not fit the model or each other; NaN in observations.
+    """
+    checks.check_arguments(model, method, keep, FIELDS, execution)
+    checks.check_values(observations, controls, dt)
+    return _filter(
+        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), execution
+    )  # fmt: skip
+
+
+def _filtered(
+    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
+    about: Any, method: Method, keep: tuple[str, ...], execution: Execution,
+) -> Posterior:  # fmt: skip
+    def run(segments: bool, params: Any, recording: tuple[Any, Any, Any, Any], initial: Any, about: Any) -> Posterior:
+        given = inputs(model, params, *recording, initial)
+        return posterior(given.cm, filtered(given, method, keep, execution, about, segments))
+
+    function = with_gradient_of(partial(run, False), partial(run, True))
+    return function(params, (observations, controls, dt, mask), initial, about)
+
+
+_filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execution"))
+
+
+def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
+    """What a scan kept, under the names it belongs to."""
+    structures = {
+        "mean": cm.state, "predicted_mean": cm.state, "cov": cm.error, "predicted_cov": cm.error,
+        "innovation": cm.observed, "innovation_stddev": cm.observed,
+    }  # fmt: skip
+    named = {"cov": named_covariance, "predicted_cov": named_covariance}
+    return Posterior(**{
+        name: named.get(name, named_values)(values, structures[name]) if name in structures else values
+        for name, values in kept.items()
+    })  # fmt: skip
+
+
+def named_values(values: Any, structure: Any) -> Any:
+    """A list of components, or an array (..., k), as the tuple they belong to."""
+    return structure.unflatten(values) if isinstance(values, list) else unpack(values, structure)
+
+
+def named_covariance(values: Any, structure: Any) -> Covariance:
+    """The upper triangle as a list, or an array (..., n, n), as the covariance they belong to."""
+    if isinstance(values, list):
+        return Covariance(tuple(values), structure)
+    return Covariance.from_dense(values, structure)
+
+
+def _moments(vm: VectorModel, belief: Belief, dtype: Any) -> Moments:
+    return Moments(
+        pack(belief.mean, vm.state, dtype, "the mean of a belief"),
+        pack_noise(belief.cov, vm.error, dtype, "the covariance of a belief"),
+    )
+
+
+def _belief(vm: VectorModel, moments: Moments) -> Belief:
+    return Belief(unpack(moments.mean, vm.state), Covariance.from_dense(moments.cov, vm.error))
+
+
+def _updated(vm: VectorModel, after: Moments, told: Correction) -> Updated:
+    innovation, stddev = unpack(told.innovation, vm.observed), unpack(told.stddev, vm.observed)
+    return Updated(_belief(vm, after), innovation, stddev, told.log_likelihood, told.nis, told.count, told.valid)

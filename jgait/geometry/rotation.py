@@ -1,0 +1,203 @@
+"""Rotations: matrices from rotation vectors, and unit quaternions, w first. Smooth wherever a filter goes.
+
+A quaternion `q_ws` takes vectors of the sensor to the world; frames read right to left.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.geometry.vectors import Vector, cross, dot, scale, subtract
+
+
+def rotation(vector: Any) -> Any:
+    """Rotation matrix of a rotation vector, R = I + (sin θ / θ) [v]ₓ + ((1 − cos θ) / θ²) [v]ₓ², smooth at zero.
+
+    Args:
+        vector: (..., 3) axis times angle [rad].
+
+    Returns:
+        (..., 3, 3).
+
+    Source: Rodrigues' formula.
+    """
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    square = x * x + y * y + z * z
+    near = square < 1e-4
+    angle = jnp.sqrt(jnp.where(near, jnp.ones_like(square), square))
+    a = jnp.where(near, 1.0 - square / 6.0 + square * square / 120.0, jnp.sin(angle) / angle)
+    b = jnp.where(near, 0.5 - square / 24.0 + square * square / 720.0, 2.0 * (jnp.sin(angle / 2.0) / angle) ** 2)
+    rows = (
+        (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
+        (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
+        (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def turn(axis: Any, angle: Any) -> Any:
+    """Rotation matrix (3, 3) about a direction (3,) of any length, by an angle [rad]."""
+    return rotation(axis / jnp.sqrt(jnp.sum(axis * axis)) * angle)
+
+
+class Quaternion(NamedTuple):
+    """A unit quaternion in components, w first: `q_ws` takes vectors of the sensor to the world; any one shape."""
+
+    w: Any
+    x: Any
+    y: Any
+    z: Any
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The quaternion a b: first the rotation b, then a."""
+    return Quaternion(
+        a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+        a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+        a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+        a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The rotation back."""
+    return Quaternion(q.w, -q.x, -q.y, -q.z)
+
+
+def normalised(q: Quaternion) -> Quaternion:
+    """The same direction at length one."""
+    norm = jnp.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    return Quaternion(q.w / norm, q.x / norm, q.y / norm, q.z / norm)
+
+
+def rotated(q: Quaternion, v: Vector) -> Vector:
+    """The vector q v q*, v + 2 w (u × v) + 2 u × (u × v) with u = (x, y, z)."""
+    u = Vector(q.x, q.y, q.z)
+    t = cross(u, v)
+    t = Vector(2.0 * t.x, 2.0 * t.y, 2.0 * t.z)
+    s = cross(u, t)
+    return Vector(v.x + q.w * t.x + s.x, v.y + q.w * t.y + s.y, v.z + q.w * t.z + s.z)
+
+
+_SINE = (1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0)
+_COSINE = (1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0)
+
+
+def exponential(v: Vector) -> Quaternion:
+    """The quaternion of a rotation vector, (cos |v|/2, v/|v| sin |v|/2), by power series of |v|²/4.
+
+    Without branches and smooth at zero, for what turns within one sample: exact to 1e-13 up to 1 rad, to 1e-7 up to
+    π, and then normalised. Larger rotations: `quaternion(rotation(v))`.
+    """
+    square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
+    sine, cosine = (_horner(terms, square) for terms in (_SINE, _COSINE))
+    half = 0.5 * sine
+    return normalised(Quaternion(cosine, half * v.x, half * v.y, half * v.z))
+
+
+def _horner(terms: tuple[float, ...], x: Any) -> Any:
+    value = terms[-1] * x + terms[-2]
+    for term in terms[-3::-1]:
+        value = value * x + term
+    return value
+
+
+def logarithm(q: Quaternion) -> Vector:
+    """The rotation vector of a unit quaternion, shorter than π: the inverse of `exponential`, smooth at zero."""
+    sign = jnp.where(q.w < 0.0, -1.0, 1.0).astype(jnp.result_type(q.w))
+    w, square = sign * q.w, q.x * q.x + q.y * q.y + q.z * q.z
+    near = square < 1e-4
+    length = jnp.sqrt(jnp.where(near, jnp.ones_like(square), square))
+    far = 2.0 * jnp.arctan2(length, w) / length
+    # asin(n) / n as a series of n²
+    series = 2.0 * (1.0 + square / 6.0 + 3.0 * square**2 / 40.0 + 15.0 * square**3 / 336.0)
+    factor = sign * jnp.where(near, series, far)
+    return Vector(factor * q.x, factor * q.y, factor * q.z)
+
+
+def as_array(q: Quaternion) -> Any:
+    """Components along a last axis, (..., 4), w first; back with `from_array`."""
+    return jnp.stack(q, axis=-1)
+
+
+def from_array(values: Any) -> Quaternion:
+    """The quaternion of an array (..., 4), w first, as in `FootTrajectory.orientation`.
+
+    Raises:
+        ValueError: if the last axis is not of four.
+    """
+    if values.ndim == 0 or values.shape[-1] != 4:
+        raise ValueError(f"a quaternion's array must be (..., 4), w first; got {values.shape}")
+    return Quaternion(*(values[..., i] for i in range(4)))
+
+
+def matrix(q: Quaternion) -> Any:
+    """The rotation matrix (..., 3, 3) of a unit quaternion; its columns are the sensor's axes in the world."""
+    w, x, y, z = q
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion(m: Any) -> Quaternion:
+    """The quaternion of a rotation matrix, w ≥ 0: the longest row of 4 q qᵀ, whose entries are linear in the matrix.
+
+    Args:
+        m: (..., 3, 3), orthonormal and right-handed.
+
+    Source: S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1(3), 1978.
+    """
+    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    ww, xx, yy, zz = 1.0 + a + b + c, 1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c
+    best, longest = Quaternion(ww, wx, wy, wz), ww
+    for row, square in (((wx, xx, xy, xz), xx), ((wy, xy, yy, yz), yy), ((wz, xz, yz, zz), zz)):
+        better = square > longest
+        best = Quaternion(*(jnp.where(better, new, old) for new, old in zip(row, best, strict=True)))
+        longest = jnp.where(better, square, longest)
+    back = best.w < 0.0
+    return normalised(Quaternion(*(jnp.where(back, -part, part) for part in best)))
+
+
+def between(a: Vector, b: Vector) -> Quaternion:
+    """The shortest rotation that takes one direction to another, precise near opposite directions as near equal ones.
+
+    With unit vectors, d = a·b and c = a × b: (1 + d, c) for an angle up to 90°; beyond it (c·p, (1 − d) p) about
+    the axis p = c / |c|, made perpendicular to a once more, for c is small where they are nearly opposite. Where they
+    are exactly opposite it is half a turn about some axis across.
+
+    Args:
+        a: of any length but zero.
+        b: of any length but zero.
+    """
+    a, b = _direction(a), _direction(b)
+    d, c = dot(a, b), cross(a, b)
+    p = subtract(c, scale(dot(c, a), a))
+    square = dot(p, p)
+    none = square < jnp.finfo(jnp.result_type(square)).eps ** 2
+    along = a.x * a.x > 0.5
+    some = Vector(
+        jnp.where(along, -a.z, jnp.zeros_like(a.x)),
+        jnp.where(along, jnp.zeros_like(a.y), a.z),
+        jnp.where(along, a.x, -a.y),
+    )
+    p = _direction(Vector(*(jnp.where(none, new, old) for new, old in zip(some, p, strict=True))))
+    far = Quaternion(dot(c, p), *scale(1.0 - d, p))
+    near = Quaternion(1.0 + d, *c)
+    return normalised(Quaternion(*(jnp.where(d < 0.0, new, old) for new, old in zip(far, near, strict=True))))
+
+
+def _direction(v: Vector) -> Vector:
+    return scale(1.0 / jnp.sqrt(dot(v, v)), v)
+
+
+def heading(q: Quaternion) -> Any:
+    """Where the sensor's x axis points in the world's plane, from the world's x axis to the left [rad], −π to π.
+
+    It has no meaning, and no gradient, where that axis is vertical.
+    """
+    return jnp.arctan2(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

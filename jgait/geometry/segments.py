@@ -1,0 +1,125 @@
+"""Rigid segments in space: where each is and how it is turned, how fast that changes, and what a sensor on it feels.
+
+World: x forward at the start, y to the left, z up. A segment standing upright has the axes of the world; its x points
+forward, y to the left, z along it to the proximal end (for the foot: up). Vectors are three arrays, not one array
+with an axis of three: every function here is elementwise, and compiles into loops over time and people.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.geometry.vectors import GRAVITY, Vector, dot
+from jgait.types import SIDES
+
+
+class Frame(NamedTuple):
+    """Where a segment is and how it is turned, or the rate or acceleration of that.
+
+    Attributes:
+        origin: the segment's proximal joint in the world [m]; the middle of the hips for the pelvis.
+        x: the segment's forward axis in the world [1].
+        y: its axis to the left [1].
+        z: its long axis, towards the proximal end [1].
+    """
+
+    origin: Vector
+    x: Vector
+    y: Vector
+    z: Vector
+
+
+class Segments(NamedTuple):
+    """Something of each segment of the lower body."""
+
+    pelvis: Any
+    thigh_right: Any
+    thigh_left: Any
+    shank_right: Any
+    shank_left: Any
+    foot_right: Any
+    foot_left: Any
+
+
+def segment_of(placement: str) -> str:
+    """The segment that carries a sensor at a placement (see `jgait.PLACEMENTS`).
+
+    Raises:
+        ValueError: if none of the lower body does.
+    """
+    if placement in ("pelvis", "lower_back", "waist"):
+        return "pelvis"
+    kind, _, side = placement.partition("_")
+    segments = {"thigh": "thigh", "shank": "shank", "ankle": "shank", "foot": "foot"}
+    if kind not in segments or side not in SIDES:
+        raise ValueError(
+            f"the lower body can wear sensors on {', '.join(Segments._fields)}, ankle_right, ankle_left, lower_back "
+            f"and waist; got {placement!r}"
+        )
+    return f"{segments[kind]}_{side}"
+
+
+class Motion(NamedTuple):
+    """A pose and its first and second derivative with respect to time.
+
+    Attributes:
+        pose: of any type.
+        rate: the same type, per second.
+        acceleration: the same type, per second squared.
+    """
+
+    pose: Any
+    rate: Any
+    acceleration: Any
+
+
+def in_world(frame: Frame, point: Vector) -> Vector:
+    """A point given in a segment's axes, in the world; with `frame` a rate or acceleration, that of the point."""
+    return Vector(*(
+        origin + x * point.x + y * point.y + z * point.z
+        for origin, x, y, z in zip(frame.origin, frame.x, frame.y, frame.z, strict=True)
+    ))  # fmt: skip
+
+
+def in_segment(frame: Frame, direction: Vector) -> Vector:
+    """A direction given in the world, in the segment's axes."""
+    return Vector(dot(frame.x, direction), dot(frame.y, direction), dot(frame.z, direction))
+
+
+def differentiated[P](pose: Callable[[Any], P], time: Any) -> Motion:
+    """A pose, its rate and its acceleration, exact by forward-mode differentiation.
+
+    Args:
+        pose: elementwise in time: (T,) [s] → any pytree of (T,).
+        time: (T,) [s].
+
+    Returns:
+        The pose at those times, and its derivatives in the same type.
+    """
+    ones = jnp.ones_like(time)
+
+    def rates(at: Any) -> tuple[P, P]:
+        return jax.jvp(pose, (at,), (ones,))
+
+    (value, rate), (_, acceleration) = jax.jvp(rates, (time,), (ones,))
+    return Motion(value, rate, acceleration)
+
+
+def inertial(motion: Motion, point: Vector) -> tuple[Vector, Vector]:
+    """What a perfect inertial sensor on a segment feels, in the segment's axes.
+
+    gyr = (ẏ·z, ż·x, ẋ·y),  acc = (p̈·x, p̈·y, p̈·z) + g (z component of the axes), with p the sensor's place.
+
+    Args:
+        motion: of one segment's `Frame`.
+        point: the sensor's place in the segment's axes [m].
+
+    Returns:
+        Angular rate [rad/s] and specific force [m/s²].
+    """
+    frame, rate = motion.pose, motion.rate
+    gyr = Vector(dot(rate.y, frame.z), dot(rate.z, frame.x), dot(rate.x, frame.y))
+    force = in_world(motion.acceleration, point)
+    return gyr, in_segment(frame, force._replace(z=force.z + GRAVITY))

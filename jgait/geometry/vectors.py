@@ -1,0 +1,51 @@
+"""Vectors in space as three arrays, one per component; every function is elementwise over time and people."""
+
+from typing import Any, NamedTuple
+
+from jax import lax
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
+
+class Vector(NamedTuple):
+    """Three components along x, y and z, each of any one shape."""
+
+    x: Any
+    y: Any
+    z: Any
+
+
+def kept[T](values: T) -> T:
+    """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
+    return lax.optimization_barrier(values)
+
+
+def vector(values: Any) -> Vector:
+    """The last axis (3,) of an array as components."""
+    return Vector(values[..., 0], values[..., 1], values[..., 2])
+
+
+def add(a: Vector, b: Vector) -> Vector:
+    """The sum a + b."""
+    return Vector(a.x + b.x, a.y + b.y, a.z + b.z)
+
+
+def subtract(a: Vector, b: Vector) -> Vector:
+    """The difference a − b."""
+    return Vector(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+def scale(factor: Any, a: Vector) -> Vector:
+    """The vector a, `factor` times as long."""
+    return Vector(factor * a.x, factor * a.y, factor * a.z)
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """Scalar product."""
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product a × b, right-handed."""
+    return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)

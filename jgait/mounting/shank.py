@@ -1,0 +1,220 @@
+r"""Which way a sensor on the shank or at the ankle looks, told from walking; on the host, not under jit.
+
+A shank in walking turns about one axis, and turns fastest in the forward swing, always the same way. So the walk itself
+tells the sagittal axis and its sign: a sensor upside down, or on the other leg, or turned about the leg needs no word
+from the wearer. Gravity tells which way is up. The axes are forward, left and up, as of a standing segment; forward
+swing is then a *negative* rate about the axis to the left.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.events.rest import longest_still
+from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+
+MOVING = 1.0
+"""[rad/s] A shank that turns more slowly is not swinging."""
+
+RESTING = 0.1
+"""[rad/s] Root mean square rate of a leg at rest, its gyroscope's bias in it."""
+
+LEAST_ASYMMETRY = 0.3
+"""Skewness of the sagittal rate below which its sign is not believed; walks have 1.0 to 2.6."""
+
+LEAST_SWING = 1.0
+"""[rad/s] A leg whose fastest hundredth of the samples is slower does not walk."""
+
+
+class Axes(NamedTuple):
+    """How a sensor is turned on its segment.
+
+    Attributes:
+        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's.
+        sagittal_share: part of the turning that is about the axis to the left [1]; walking has 0.6 to 0.97.
+        asymmetry: skewness of the sagittal rate [1], negative: the forward swing is faster than anything backward.
+    """
+
+    rows: np.ndarray
+    sagittal_share: float
+    asymmetry: float
+
+
+def functional_axes(imu: Imu) -> Axes | None:
+    """Forward, left and up in a sensor's axes, from how it turned and what it felt while walking.
+
+    Left is the axis, level with respect to the median specific force, about which it turned most while it moved; its
+    sign is that which makes the forward swing, the faster one, negative.
+
+    Args:
+        imu: sensor on a shank or at an ankle; gyroscope [rad/s] and accelerometer [m/s²].
+
+    Returns:
+        The axes; None if the leg does not walk.
+
+    Raises:
+        RecordingError: if there is no accelerometer.
+    """
+    if imu.acc is None:
+        raise RecordingError("the axes of a shank need an accelerometer; the sensor has a gyroscope only")
+    kept = np.asarray(imu.mask, bool)
+    gyr, acc = as_float(imu.gyr)[kept], as_float(imu.acc)[kept]
+    speed = np.linalg.norm(gyr, axis=1)
+    moving = speed > MOVING
+    if len(gyr) == 0 or np.percentile(speed, 99.0) < LEAST_SWING:
+        return None
+    up = np.median(acc, axis=0)
+    up = up / np.linalg.norm(up)
+    level = gyr[moving] - np.outer(gyr[moving] @ up, up)
+    left = np.linalg.eigh(level.T @ level)[1][:, -1]
+    left = left - (left @ up) * up
+    left = left / np.linalg.norm(left)
+    rate = gyr @ left
+    skew = asymmetry(rate)
+    left = -np.sign(skew) * left if skew != 0.0 else left
+    share = float(np.sum((gyr[moving] @ left) ** 2) / np.sum(gyr[moving] ** 2))
+    return Axes(np.stack([np.cross(left, up), left, up]), share, -abs(skew))
+
+
+def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
+    """What the gyroscope reads while the leg stands, as the paper calibrates it: (3,) [rad/s].
+
+    The median over the longest stretch of half a second or more in which nothing moves; None if there is none. Strides
+    between stances have no other hold on it: 0.02 rad/s change their length by 2 %.
+
+    Args:
+        imu: the sensor.
+        sampling_rate_hz: of its samples [Hz].
+    """
+    run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
+    if run is None:
+        return None
+    kept = np.asarray(imu.mask, bool)[run[0] : run[1]]
+    return np.asarray(np.median(as_float(imu.gyr)[run[0] : run[1]][kept], axis=0))
+
+
+def filled(imu: Imu) -> Imu:
+    """The sensor with lost samples interpolated between their neighbours; the mask stays as it is.
+
+    Raises:
+        RecordingError: if every sample was lost.
+    """
+    kept = np.asarray(imu.mask, bool)
+    if not kept.any():
+        raise RecordingError("every sample of the sensor was lost")
+    if kept.all():
+        return imu
+    time = as_float(imu.time)
+
+    def between(values: Any) -> np.ndarray:
+        return np.stack([np.interp(time, time[kept], column[kept]) for column in as_float(values).T], axis=1)
+
+    return imu._replace(gyr=between(imu.gyr), acc=None if imu.acc is None else between(imu.acc))
+
+
+def asymmetry(rate: Any) -> float:
+    """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is."""
+    values = as_float(rate)
+    power = float(np.mean(values**2)) if values.size else 0.0
+    return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
+
+
+def swing_sign(rate: Any) -> int:
+    """The sign that makes the forward swing of a sagittal rate [rad/s] negative: 1, −1, or 0 if it is not told."""
+    skew = asymmetry(rate)
+    return 0 if abs(skew) < LEAST_ASYMMETRY else int(-np.sign(skew))
+
+
+def nearest_axes(axes: Axes) -> np.ndarray:
+    """The sensor's own axes that lie nearest (3, 3): a mounting that is trusted to be straight, as in the paper."""
+    rows = axes.rows
+    left = np.zeros(3)
+    left[np.argmax(np.abs(rows[1]))] = 1.0
+    left = left * np.sign(rows[1] @ left)
+    above = np.where(left != 0.0, 0.0, rows[2])
+    up = np.zeros(3)
+    up[np.argmax(np.abs(above))] = 1.0
+    up = up * np.sign(rows[2] @ up)
+    return np.stack([np.cross(left, up), left, up])
+
+
+def mounting(axes: Axes, believed: Any) -> str | None:
+    """What is wrong with how a sensor is believed to be worn, in words; None if nothing is.
+
+    Args:
+        axes: from `functional_axes`.
+        believed: (3, 3) forward, left and up in the sensor's axes, as the wearer was told.
+    """
+    agree = np.sum(axes.rows * as_float(believed), axis=1)
+    if agree[1] < 0.0 and agree[2] < 0.0:
+        return "the sensor is upside down"
+    if agree[1] < 0.0:
+        return "the leg swings the other way: the sensor looks backwards or is on the other leg"
+    if agree[2] < 0.0:
+        return "the sensor is upside down, and looks backwards or is on the other leg"
+    if np.min(agree) < np.cos(np.deg2rad(45.0)):
+        return f"the sensor is turned by more than 45° (by {np.rad2deg(np.arccos(np.min(agree))):.0f}°)"
+    return None
+
+
+def stance_up(axes: Axes, acc: Any, instants: Any) -> Axes:
+    """The axes with up along the mean specific force at given samples, for example the stance valleys.
+
+    The ankle hardly accelerates there, and the shank leans by a constant few degrees at most.
+
+    Args:
+        axes: from `functional_axes`.
+        acc: (T, 3) in the sensor's axes, filtered [m/s²].
+        instants: (n,) samples; none changes nothing.
+    """
+    if len(instants) == 0:
+        return axes
+    up = as_float(acc)[np.asarray(instants)].mean(axis=0)
+    up = up - (up @ axes.rows[1]) * axes.rows[1]
+    up = up / np.linalg.norm(up)
+    return axes._replace(rows=np.stack([np.cross(axes.rows[1], up), axes.rows[1], up]))
+
+
+def worn_on_shank(recording: Recording, side: str) -> tuple[str, str | None]:
+    """The placement whose sensor swings as a shank does, and a note if that is not what it is called.
+
+    In walking the shank turns faster than the thigh, by half or more; labels that were exchanged show.
+
+    Args:
+        recording: with `shank_<side>`, and `thigh_<side>` if labels are to be checked.
+        side: "right" or "left".
+
+    Raises:
+        RecordingError: if there is no sensor on that shank.
+    """
+    if side not in SIDES:
+        raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
+    shank, thigh = f"shank_{side}", f"thigh_{side}"
+    if shank not in recording.sensors:
+        raise RecordingError(f"a sensor on {shank} is needed; the recording has {', '.join(recording.sensors)}")
+    if thigh not in recording.sensors:
+        return shank, None
+    swing = {}
+    for placement in (shank, thigh):
+        axes = functional_axes(recording.sensors[placement])
+        rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
+        swing[placement] = -float(np.percentile(rate, 1.0))
+    if swing[thigh] > swing[shank]:
+        return thigh, f"{thigh} and {shank} have changed places: the thigh's sensor swings faster"
+    return shank, None
+
+
+def clipped(imu: Imu, rows: Any, *, samples: int = 3) -> int:
+    """How many swings reach the gyroscope's range: runs of samples at one axis' greatest or least value.
+
+    Args:
+        imu: the sensor.
+        rows: (3, 3) of its axes; the axis that has most of the sagittal rate is looked at.
+        samples: how long a run has to be.
+    """
+    axis = int(np.argmax(np.abs(as_float(rows)[1])))
+    rate = as_float(imu.gyr)[:, axis]
+    swing = rate * -np.sign(as_float(rows)[1, axis])
+    top = np.concatenate([[False], (swing >= swing.max() - 1e-9) & np.asarray(imu.mask, bool), [False]])
+    edges = np.flatnonzero(np.diff(top.astype(np.int8)))
+    return int(np.sum(edges[1::2] - edges[::2] >= samples))

@@ -1,0 +1,81 @@
+"""Figures of estimates beside their reference, readable in grey, with units.
+
+Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it. All of the
+library's figures are called from here. Counterparts of the papers' figures that show data:
+
+| paper | figure | call |
+|---|---|---|
+| Bennett | 3, 4: hip and knee angle | `joint_angles` |
+| | 5, 6: foot relative to the hip | `foot_displacement`; as a path `foot_path` |
+| | 7: displacement forward | `distance` |
+| Udaya Shankar | 5: gyroscope and Kalman filter | `filtered_rates(estimate)` |
+| | 6: with and without sleep, and the error | `filtered_rates(estimate, awake)`, `sleeping_gyroscopes` |
+| | 7: error over power savings | `error_over_saving`, `error_over_duty` |
+| Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
+| | 4: acceleration, velocity, displacement | `forward_speed` |
+| Potter | 6: each foot in a world of its own | `foot_paths` of `foot_ins` |
+| | 7, 8, 9: both feet, in sections, width over time | `two_feet`; z₁ and z₂ of table I: `feet_apart` |
+| Silva | 3: states of the stride detection | `swing_states`; equations 3 to 6: `stride_integration` |
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from jgait.plot.ankle import stride_integration, swing_states
+from jgait.plot.apart import feet_apart
+from jgait.plot.duty import sleeping_gyroscopes
+from jgait.plot.feet import foot_height, foot_paths, stride_series
+from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles, save
+from jgait.plot.power import error_over_duty, error_over_saving
+from jgait.plot.sleep import filtered_rates
+from jgait.plot.speed import forward_speed
+from jgait.plot.strides import leg_strides
+from jgait.plot.waist import trunk_contacts
+from jgait.plot.walk import stick_figure, stride_signals
+from jgait.plot.widths import two_feet
+
+if TYPE_CHECKING:
+    from jgait.plot.cohort import before_after, bland_altman, per_subject
+    from jgait.plot.tuning import correlation, profile, training
+
+__all__ = [
+    "before_after",
+    "bland_altman",
+    "correlation",
+    "distance",
+    "error_over_duty",
+    "error_over_saving",
+    "feet_apart",
+    "filtered_rates",
+    "foot_displacement",
+    "foot_height",
+    "foot_path",
+    "foot_paths",
+    "forward_speed",
+    "joint_angles",
+    "leg_strides",
+    "per_subject",
+    "profile",
+    "save",
+    "sleeping_gyroscopes",
+    "stick_figure",
+    "stride_integration",
+    "stride_series",
+    "stride_signals",
+    "swing_states",
+    "training",
+    "trunk_contacts",
+    "two_feet",
+]
+
+_ELSEWHERE = {
+    **dict.fromkeys(("before_after", "bland_altman", "per_subject"), "jgait.plot.cohort"),
+    **dict.fromkeys(("correlation", "profile", "training"), "jgait.plot.tuning"),
+}
+"""Figures whose modules draw in this one's colours: imported when they are first asked for."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ELSEWHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_ELSEWHERE[name]), name)

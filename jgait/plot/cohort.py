@@ -1,0 +1,239 @@
+"""Figures of a cohort: agreement with the reference, errors of each subject, and what a change did to each.
+
+Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.evaluate.reliability import Limits, limits_of_agreement, number_subjects
+from jgait.evaluate.statistics import paired_difference, require_columns
+from jgait.plot.legs import ESTIMATE, REFERENCE
+from jgait.plot.walk import blank
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FEW = 8
+"""Up to so many subjects each has a mark of its own."""
+
+MARKS = (
+    ("o", "#1b1b1b"), ("s", "#c0392b"), ("^", "#6fb1e0"), ("D", "#8a6d00"),
+    ("v", "#707070"), ("P", "#8e2f86"), ("X", "#1d6f42"), ("<", "#d98a2b"),
+)  # fmt: skip
+"""Shape and colour of each of few subjects: told apart in grey by their shape."""
+
+HALF = {"color": "0.45", "solid_capstyle": "butt"}
+MEDIAN = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
+WORST = {"marker": "|", "color": ESTIMATE["color"], "markersize": 9.0, "markeredgewidth": 2.0, "linestyle": "none"}
+MANY = {"marker": "o", "color": "0.35", "alpha": 0.45}
+
+
+def _unit(text: str, unit: str) -> str:
+    return f"{text} [{unit}]" if unit else text
+
+
+def _rows(table: "pd.DataFrame", quantity: str, by: str) -> "pd.DataFrame":
+    """The finite rows of a quantity."""
+    require_columns(table, (by, "quantity", "estimate", "reference"))
+    chosen = table[table["quantity"] == quantity]
+    if chosen.empty:
+        raise ValueError(f"quantity must be among {sorted(table['quantity'].unique())}; got {quantity!r}")
+    finite = np.isfinite(chosen[["estimate", "reference"]].to_numpy(dtype=float)).all(axis=1)
+    if not finite.any():
+        raise ValueError(f"none of the {len(chosen)} rows of {quantity!r} has both an estimate and a reference")
+    return chosen[finite]
+
+
+APART = 0.11
+"""Of the height of the axis: two labels of two lines nearer than this would lie over each other."""
+
+
+def bland_altman(
+    table: "pd.DataFrame",
+    quantity: str,
+    *,
+    unit: str = "",
+    subjects: bool = True,
+    by: str = "subject",
+    level: float = 0.95,
+    title: str = "",
+) -> Any:
+    """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
+
+    Args:
+        table: long, with columns `quantity`, `estimate`, `reference` and `by`, as `jgait.evaluate.agreement` takes it;
+            rows that are not finite are left out.
+        quantity: which.
+        unit: of estimate and reference, for the axes.
+        subjects: mark up to `FEW` subjects each in its own shape and colour.
+        by: column that names the subject; rows of one count as repeated measurements.
+        level: share of differences between the limits, and probability that each interval is to cover [1].
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+
+    Raises:
+        ValueError: if a column or the quantity is missing, or there are fewer than two subjects.
+    """
+    rows = _rows(table, quantity, by)
+    codes, count = number_subjects(rows[by])
+    estimate, reference = (rows[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
+    limits = limits_of_agreement(estimate, reference, subjects=codes, level=level)
+    mean, difference = (estimate + reference) / 2.0, estimate - reference
+    figure, axes = blank(1, 1, 7.0, 4.2)
+    axis = axes[0, 0]
+    _limits(axis, limits, level, unit)
+    ends = np.array([difference.min(), limits.lower_low, difference.max(), limits.upper_high])
+    axis.set_ylim(ends[:2].min() - 0.04 * np.ptp(ends), ends[2:].max() + 0.04 * np.ptp(ends))
+    size = 26.0 if len(rows) < 300 else 12.0
+    if subjects and count <= FEW:
+        names = rows[by].drop_duplicates()
+        for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
+            own = codes == code
+            axis.scatter(
+                mean[own],
+                difference[own],
+                s=size,
+                marker=marker,
+                color=color,
+                linewidths=0,
+                alpha=0.85,
+                label=str(name),
+            )
+        figure.legend(loc="outside right upper", fontsize=8, title=by, title_fontsize=8, frameon=False)
+    else:
+        axis.scatter(mean, difference, s=size, linewidths=0, **MANY)
+    axis.set_xlabel(_unit(f"{quantity}: mean of estimate and reference", unit))
+    axis.set_ylabel(_unit("estimate − reference", unit))
+    axis.set_title(title or f"{len(rows)} measurements of {count} subjects", fontsize=10)
+    return figure
+
+
+def _limits(axis: Any, limits: Limits, level: float, unit: str) -> None:
+    """Bias and limits as lines; beside the axes, clear of the points, their values and intervals."""
+    axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
+    beside = axis.get_yaxis_transform()
+    lines = (
+        ("bias", "-", 1.035, limits.bias, limits.bias_low, limits.bias_high),
+        (f"upper {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.upper, limits.upper_low, limits.upper_high),
+        (f"lower {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.lower, limits.lower_low, limits.lower_high),
+    )
+    for _, style, at, value, low, high in lines:
+        axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
+        axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)
+    bottom, top = axis.get_ylim()
+    apart = APART * (top - bottom)
+    places = (limits.bias, max(limits.upper, limits.bias + apart), min(limits.lower, limits.bias - apart))
+    for (name, _, _, value, _, _), place in zip(lines, places, strict=True):
+        said = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
+        axis.text(1.05, place, said, transform=beside, fontsize=8, va="center")
+
+
+def _number(value: float) -> str:
+    return f"{value:+.3g}".replace("-", "−")
+
+
+def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = "") -> Any:
+    """Sizes of each subject's errors: all of them, the middle half, the median and the worst, sorted by median.
+
+    Args:
+        table: long, with columns `quantity`, `estimate`, `reference` and `by`; rows that are not finite are left out.
+        quantity: which.
+        unit: of estimate and reference, for the axis.
+        by: column that names the subject.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure; the best subject on top.
+
+    Raises:
+        ValueError: if a column or the quantity is missing.
+    """
+    rows = _rows(table, quantity, by)
+    size = (rows["estimate"] - rows["reference"]).abs().astype(float)
+    own = {str(name): values.to_numpy() for name, values in size.groupby(rows[by].astype(str), sort=True)}
+    names = sorted(own, key=lambda name: (float(np.median(own[name])), own[name].max()))
+    figure, axes = blank(1, 1, 6.4, _height(len(names)))
+    axis = axes[0, 0]
+    for row, name in enumerate(names):
+        low, middle, high = np.quantile(own[name], [0.25, 0.5, 0.75])
+        label = {} if row else {"half": "middle half", "median": "median", "worst": "worst"}
+        axis.plot([own[name].min(), own[name].max()], [row, row], color="0.7", linewidth=1.0)
+        axis.plot([low, high], [row, row], linewidth=5.0, label=label.get("half"), **HALF)
+        axis.plot(middle, row, label=label.get("median"), **MEDIAN)
+        axis.plot(own[name].max(), row, label=label.get("worst"), **WORST)
+    whole = float(np.median([np.median(values) for values in own.values()]))
+    axis.axvline(whole, zorder=0, label="median of the subjects' medians", **REFERENCE)
+    _named(axis, names)
+    axis.set_xlim(left=0.0)
+    axis.set_xlabel(_unit(f"{quantity}: |estimate − reference|", unit))
+    axis.set_title(title or f"{len(rows)} measurements of {len(names)} subjects", fontsize=10)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    return figure
+
+
+def _height(rows: int) -> float:
+    """Of a figure with a row a subject [inch]."""
+    return float(np.clip(1.6 + 0.22 * rows, 2.6, 14.0))
+
+
+def _named(axis: Any, names: list[str]) -> None:
+    axis.set_yticks(range(len(names)), names, fontsize=8 if len(names) <= 50 else 5)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+    axis.grid(alpha=0.3, axis="x")
+
+
+def before_after(
+    table: "pd.DataFrame",
+    *,
+    unit: str = "",
+    name: str = "|error|",
+    by: str = "subject",
+    seed: int = 0,
+    title: str = "",
+) -> Any:
+    """What a change did to each subject's error, sorted by the error before.
+
+    Args:
+        table: columns `by`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
+        unit: of the errors, for the axis.
+        name: what the errors are of, for the axis.
+        by: column that names the subject.
+        seed: of the interval in the title; see `jgait.evaluate.paired_difference`.
+        title: above the figure, before the numbers.
+
+    Returns:
+        A matplotlib figure; the largest error before on top, dashed where the change made it worse.
+
+    Raises:
+        ValueError: if a column is missing, a value is not finite or there are fewer than two subjects.
+    """
+    require_columns(table, (by, "error_before", "error_after"))
+    change = paired_difference(table["error_before"], table["error_after"], table[by], seed=seed)
+    means = table.groupby(table[by].astype(str))[["error_before", "error_after"]].mean()
+    means = means.sort_values("error_before", ascending=False, kind="stable")
+    before, after = (means[column].to_numpy(dtype=float) for column in ("error_before", "error_after"))
+    figure, axes = blank(1, 1, 6.4, _height(len(means)))
+    axis = axes[0, 0]
+    for row, (first, second) in enumerate(zip(before, after, strict=True)):
+        style = {"color": ESTIMATE["color"], "linestyle": (0, (2, 1))} if second > first else {"color": "0.5"}
+        axis.plot([first, second], [row, row], linewidth=1.8, zorder=1, **style)
+    rows = np.arange(len(means))
+    axis.scatter(before, rows, s=48, facecolor="white", edgecolor="black", zorder=2, label="before")
+    axis.scatter(after, rows, s=24, color="black", zorder=3, label="after")
+    axis.axvline(np.median(before), zorder=0, label="median before", **REFERENCE)
+    axis.axvline(np.median(after), zorder=0, label="median after", color="black", linewidth=1.2)
+    _named(axis, list(means.index))
+    axis.set_xlim(left=0.0)
+    axis.set_xlabel(_unit(name, unit))
+    numbers = f"{_number(change.low)} to {_number(change.high)}"
+    said = (
+        f"median change {_number(change.estimate)} ({numbers}){' ' + unit if unit else ''}; "
+        f"{change.better} better, {change.worse} worse"
+    )
+    axis.set_title(f"{title}\n{said}" if title else said, fontsize=10)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    return figure

@@ -1,0 +1,164 @@
+"""The picture of a trunk's speed within a walk, by each way of integrating its forward acceleration.
+
+`jgait.plot` has the function; it returns the matplotlib figure.
+"""
+
+import functools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.plot.waist import Trunk, check_overlap, contacts_of, legend_once, moves
+from jgait.plot.walk import blank
+from jgait.types import Estimate, Recording, as_float
+
+if TYPE_CHECKING:
+    from jgait.estimators.waist.params import WaistOptions, WaistParams
+
+ACCELERATION = {"color": "0.35", "linewidth": 0.8}
+WAYS = {
+    "integrated": ("integrated, no more", {"color": "0.85", "linewidth": 4.0}),
+    "frozen": ("direct and reverse, no update", {"color": "#6fb1e0", "linewidth": 1.9}),
+    "updated": ("direct and reverse, velocity update", {"color": "black", "linewidth": 0.9}),
+}
+"""Function of `velocity_update` → what the legend calls it, and its line."""
+
+OURS = {"color": "#c0392b", "linewidth": 2.2}
+TRUE = {"color": "black", "linewidth": 1.3, "linestyle": (0, (4, 2))}
+EVERY = 5
+"""[cycles] From one upright line to the next."""
+
+PAUSE_S = 1.5
+"""[s] Between contacts that are further apart nobody walks on."""
+
+
+def forward_speed(
+    recording: Recording,
+    estimate: Estimate,
+    *,
+    reference: Estimate | None = None,
+    p: "WaistParams | None" = None,
+    options: "WaistOptions | None" = None,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+) -> Any:
+    """Forward acceleration, speed and way of the trunk: integrated, direct and reverse, updated, and as estimated.
+
+    Args:
+        recording: of which the estimate is.
+        estimate: of `waist_ofdri`: its distance, and from contact to contact its speed.
+        reference: with a distance, dashed.
+        p: parameters of the estimate; None: the default's.
+        options: of the estimate; None: the default's.
+        seconds: from and to [s]; None: everything. Ways are counted from there.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure. Upright lines lie every five of the integrated cycles. A way of integrating that runs away
+        leaves the picture.
+
+    Raises:
+        ValueError: if the estimate has no distance or no contacts, or no sample lies in the time asked for.
+        RecordingError: as `waist_ofdri.estimate`.
+    """
+    from jgait.estimators import waist as waist_ofdri
+
+    contacts = np.sort(np.concatenate(list(contacts_of(estimate).values())))
+    if estimate.distance is None:
+        raise ValueError("the estimate tells of no distance; it should be one of waist_ofdri")
+    first, last = (float(estimate.time[0]), float(estimate.time[-1])) if seconds is None else seconds
+    check_overlap(estimate, (first, last))
+    p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
+    trunk = moves(recording, p, options, smooth=options.smooth)
+    covered = _covered(trunk, p)
+    kept = (trunk.time >= first) & (trunk.time <= last)
+    figure, axes = blank(3, 1, 8.8, 7.6, sharex=True, height_ratios=(1.0, 1.5, 1.3))
+    above, speed, way = axes[:, 0]
+    above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)
+    for name, (words, style) in WAYS.items():
+        velocity, gone = covered[name]
+        speed.plot(trunk.time[kept], velocity[kept], label=words, **style)
+        way.plot(trunk.time[kept], gone[kept] - gone[kept][0], **style)
+    _ours(speed, way, estimate, contacts, (first, last))
+    for axis in (speed, way):
+        _framed(axis)
+    if reference is not None and reference.distance is not None:
+        _known(speed, way, reference, contacts, (first, last))
+    begins = np.asarray(trunk.inputs.cycle_begin)[: int(trunk.inputs.cycles) : EVERY]
+    for axis, unit in ((above, "forward accel-\neration [m/s²]"), (speed, "speed [m/s]"), (way, "way [m]")):
+        for begin in trunk.time[begins]:
+            axis.axvline(begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles")
+        axis.set_ylabel(unit)
+        axis.grid(alpha=0.3, axis="y")
+        axis.set_xlim(first, last)
+    way.set_xlabel("time [s]")
+    figure.align_ylabels()
+    legend_once(figure, (speed, way), title)
+    return figure
+
+
+@functools.cache
+def _integrate() -> Any:
+    """Velocity and way by each way of integrating, compiled once."""
+    import jax
+
+    from jgait.estimators.waist import velocity_update
+
+    def ways(p: Any, forward: Any, cycles: Any, dt: Any, start: Any, mask: Any, known: Any) -> dict[str, Any]:
+        told = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
+                for name in WAYS}  # fmt: skip
+        return {name: (one.velocity, one.displacement) for name, one in told.items()}
+
+    return jax.jit(ways)
+
+
+def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Way of integrating → velocity [m/s] and way [m] (T,)."""
+    import jax
+    import jax.numpy as jnp
+
+    from jgait.estimators.waist.ofdri import Cycles
+    from jgait.estimators.waist.readout import bouts_begin
+
+    inputs, count = trunk.inputs, len(trunk.time)
+    forward = np.zeros(np.size(inputs.time))
+    forward[:count] = trunk.forward
+    known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
+    cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
+    told = _integrate()(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
+    return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in told.items()}
+
+
+def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speed from each contact to the next [m/s] as a line of steps, with gaps where nobody walks on."""
+    time, way = as_float(estimate.time), as_float(estimate.distance)
+    there = np.asarray(estimate.valid, bool) & np.isfinite(way)
+    at = np.interp(contacts, time[there], way[there], left=np.nan, right=np.nan)
+    apart = np.diff(contacts)
+    speed = np.where(apart < PAUSE_S, np.diff(at) / np.maximum(apart, 1e-9), np.nan)
+    return np.repeat(contacts, 2)[1:-1], np.repeat(speed, 2)
+
+
+def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Time and way from the start of the span on [s], [m]."""
+    time, way = as_float(estimate.time), as_float(estimate.distance)
+    seen = np.asarray(estimate.valid, bool) & np.isfinite(way) & (time >= span[0]) & (time <= span[1])
+    return time[seen], way[seen] - (way[seen][0] if seen.any() else 0.0)
+
+
+def _ours(speed: Any, way: Any, estimate: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
+    speed.plot(*_steps(estimate, contacts), label="estimate, contact to contact", **OURS)
+    way.plot(*_gone(estimate, span), **OURS)
+
+
+def _known(speed: Any, way: Any, reference: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
+    speed.plot(*_steps(reference, contacts), label="reference, contact to contact", **TRUE)
+    way.plot(*_gone(reference, span), **TRUE)
+
+
+def _framed(axis: Any) -> None:
+    """Limits by all that is drawn but the plain integral, which runs away; a little of it is seen."""
+    values = np.concatenate([as_float(line.get_ydata()) for line in axis.lines[1:]])
+    values = values[np.isfinite(values)]
+    low, high = min(0.0, float(values.min(initial=0.0))), float(values.max(initial=0.1))
+    axis.set_ylim(low - 0.15 * (high - low), high + 0.25 * (high - low))

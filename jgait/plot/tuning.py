@@ -1,0 +1,150 @@
+"""Figures of a tuning: how the fit went, what its data determine, and how sharply.
+
+Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
+"""
+
+import math
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from jgait.plot.legs import ESTIMATE, REFERENCE
+from jgait.plot.walk import blank
+from jgait.tune.fit import Fit
+from jgait.tune.identifiability import Identifiability
+from jgait.tune.profile import Profile
+
+REJECTED = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
+VALIDATION = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+MANY = 14
+"""From so many parameters on the numbers are left out of the squares."""
+
+
+def _plain(axis: Any) -> None:
+    """Numbers instead of powers of ten on a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def correlation(identifiability: Identifiability, *, title: str = "") -> Any:
+    """How the errors of the parameters go together: the darker the closer, with the sign in the number.
+
+    What is not determined by the data is marked with a star.
+
+    Args:
+        identifiability: of `jgait.tune.identifiability`.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+    """
+    values = identifiability.correlation
+    size = len(values)
+    side = 2.6 + (0.62 if size < MANY else 0.32) * size
+    figure, axes = blank(1, 1, side + 0.8, side)
+    axis = axes[0, 0]
+    shown = axis.imshow(np.abs(values), cmap="Greys", vmin=0.0, vmax=1.0)
+    names = [
+        name if good else f"{name} *"
+        for name, good in zip(identifiability.names, identifiability.determined, strict=True)
+    ]
+    axis.set_xticks(range(size), names, rotation=45, ha="right", rotation_mode="anchor")
+    axis.set_yticks(range(size), names)
+    axis.set_xticks(np.arange(size - 1) + 0.5, minor=True)
+    axis.set_yticks(np.arange(size - 1) + 0.5, minor=True)
+    axis.grid(which="minor", color="0.8", linewidth=0.6)
+    axis.tick_params(which="both", length=0)
+    for i, j in np.ndindex(size, size) if size < MANY else ():
+        value = values[i, j]
+        text = "1" if i == j else "0" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
+        axis.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if abs(value) > 0.55 else "black")
+    bar = figure.colorbar(shown, ax=axis, shrink=0.8, pad=0.02)
+    bar.set_label("|correlation| in free coordinates")
+    if not identifiability.determined.all():
+        axis.set_xlabel("* not determined by these data", fontsize=9)
+    if title:
+        axis.set_title(title)
+    return figure
+
+
+def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Any:
+    """How the loss rises as one parameter is held away from its best value, and where the interval ends.
+
+    Args:
+        profile: of `jgait.tune.profile`.
+        level: of the line and the interval.
+        unit: of the parameter, for the axis.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+    """
+    figure, axes = blank(1, 1, 6.0, 3.8)
+    axis = axes[0, 0]
+    need = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2 / 2.0
+    seen = np.isfinite(profile.rises)
+    rises = profile.rises[seen]
+    axis.plot(*profile.curve(), **ESTIMATE)
+    axis.plot(profile.values[seen], rises, "o", color=ESTIMATE["color"], markersize=4.5)
+    line = {**REFERENCE, "label": f"{100 * level:g} %: {need:.3g} nat"}
+    axis.axhline(need, **line)
+    low, high = profile.interval(level)
+    for end, words in ((low, "from"), (high, "to")):
+        if end is not None:
+            axis.plot([end, end], [0.0, need], label=f"{words} {end:.4g}", color="0.35", linewidth=1.0,
+                      linestyle=":" if words == "from" else "-.")  # fmt: skip
+    if low is None and high is None:
+        axis.text(0.5, 0.5, "not determined by these data", transform=axis.transAxes, ha="center", fontsize=10)
+    ratio = profile.values[-1] / profile.values[0] if profile.values[0] > 0.0 else 1.0
+    if profile.transform.low == 0.0 and math.isinf(profile.transform.high) and ratio > 8.0:
+        axis.set_xscale("log")
+        _plain(axis.xaxis)
+    axis.set_ylim(-0.06 * need, 1.05 * min(max(float(rises.max()), 1.35 * need), 5.0 * need))
+    axis.set_xlabel(f"{profile.name} [{unit}]" if unit else profile.name)
+    axis.set_ylabel("loss above its minimum [nat]")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(loc="upper center" if low is not None and high is not None else "best", fontsize=8, framealpha=0.9)
+    if title:
+        axis.set_title(title)
+    return figure
+
+
+def training(fit: Fit[Any], *, unit: str = "", title: str = "") -> Any:
+    """Loss and gradient step by step; crosses are steps that led nowhere and were taken back.
+
+    Args:
+        fit: of `jgait.tune.fit`.
+        unit: of the loss, for the axis.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+    """
+    figure, axes = blank(2, 1, 6.4, 5.2, sharex=True)
+    steps = np.arange(len(fit.losses))
+    rejected = ~np.asarray(fit.accepted, bool)
+    validation = np.asarray(fit.validation, float)
+    norms = np.asarray(fit.gradient_norms, float)
+    norms = np.where(norms > 0.0, norms, np.nan)  # a logarithm follows
+    for axis, values, name in ((axes[0, 0], fit.losses, "loss"), (axes[1, 0], norms, "gradient norm")):
+        axis.plot(steps, values, label=name, **ESTIMATE)
+        if rejected.any():
+            axis.plot(steps[rejected], np.asarray(values)[rejected], label=f"taken back ({rejected.sum()})", **REJECTED)
+        axis.grid(alpha=0.3)
+    looked = np.isfinite(validation)
+    # Seen after a step, which is where the next one starts. Without validation items it is the loss itself.
+    if looked.any() and not np.array_equal(validation[:-1], np.asarray(fit.losses, float)[1:]):
+        axes[0, 0].plot(steps[looked] + 1, validation[looked], label="validation", **VALIDATION)
+    axes[0, 0].set_ylabel(f"loss [{unit}]" if unit else "loss")
+    axes[1, 0].set_ylabel("gradient norm\nin free coordinates")
+    if np.nanmax(norms, initial=0.0) > 8.0 * np.nanmin(norms, initial=np.inf):
+        axes[1, 0].set_yscale("log")
+    axes[1, 0].set_xlabel("step")
+    axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
+    if title:
+        figure.suptitle(title)
+    return figure

@@ -1,0 +1,246 @@
+"""The picture of a trunk that walks: its accelerations, and the initial contacts of both feet over them.
+
+Right contacts are black with dots, left ones light blue with squares: told apart in grey by lightness and shape.
+`jgait.plot` has the function; it returns the matplotlib figure.
+"""
+
+import functools
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
+from jgait.plot.feet import HOLD
+from jgait.plot.walk import blank
+from jgait.types import SIDES, Estimate, Recording, as_float
+
+if TYPE_CHECKING:
+    from jgait.estimators.waist.inputs import WaistInputs
+    from jgait.estimators.waist.params import WaistOptions, WaistParams
+
+RAW = {"color": "0.6", "linewidth": 1.0}
+REBUILT = {"color": "black", "linewidth": 1.9}
+INTEREST = {"color": "0.91", "linewidth": 0.0, "zorder": 0.0}
+CONTACT = {
+    "right": {"color": "black", "linewidth": 1.0, "zorder": 1.5},
+    "left": {"color": "#6fb1e0", "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
+}
+KNOWN = {"color": "#c0392b", "linewidth": 1.6, "linestyle": (0, (1, 1.2)), "zorder": 1.6}
+SHOWN_S = 4.0
+"""[s] About the middle contact, if no time is asked for."""
+
+TICK_S = 0.2
+"""[s] What the axis is divided in, while it is short."""
+
+ROWS = (("forward", "forward [m/s²]"), ("upward", "upward [m/s²]"), ("left", "to the left [m/s²]"))
+
+
+class Trunk(NamedTuple):
+    """How the trunk of a recording moves, on the host; (T,) each, without padding.
+
+    Attributes:
+        time: [s].
+        forward: acceleration along the walking direction [m/s²].
+        left: to its left [m/s²].
+        upward: without gravity [m/s²].
+        inputs: what the estimator takes, padded.
+    """
+
+    time: np.ndarray
+    forward: np.ndarray
+    left: np.ndarray
+    upward: np.ndarray
+    inputs: "WaistInputs"
+
+
+@functools.cache
+def _motion() -> Any:
+    """How the trunk moves, compiled once."""
+    import jax
+
+    from jgait.estimators.waist import motion as waist_motion
+
+    return jax.jit(waist_motion.motion, static_argnames=("smooth", "execution"))
+
+
+def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
+    """How the trunk of a recording moves, as `waist_ofdri` sees it.
+
+    Args:
+        recording: with a sensor at the trunk.
+        p: parameters of the estimator.
+        options: of the estimator.
+        smooth: whether later samples judge earlier ones: so for distances, not so for contacts.
+
+    Raises:
+        RecordingError: as `waist_ofdri.estimate`.
+    """
+    from jgait.estimators import waist as waist_ofdri
+    from jgait.estimators.interface import bucket
+    from jgait.estimators.waist.inputs import pad
+
+    inputs = waist_ofdri.prepared(recording, options).inputs
+    count = np.size(inputs.time)
+    padded = pad(inputs, bucket(count, waist_ofdri.BUCKET))
+    seen = _motion()(p, padded, smooth=smooth, execution=options.execution)
+    forward, left, upward = (as_float(values)[:count] for values in (seen.forward, seen.left, seen.upward))
+    return Trunk(as_float(inputs.time), forward, left, upward, padded)
+
+
+def trunk_contacts(
+    recording: Recording,
+    estimate: Estimate,
+    *,
+    reference: Estimate | None = None,
+    p: "WaistParams | None" = None,
+    options: "WaistOptions | None" = None,
+    rule: PaperRule | None = None,
+    seconds: tuple[float, float] | None = None,
+    title: str = "",
+) -> Any:
+    """The trunk's accelerations, what the wavelet leaves of them, and the initial contacts of both feet.
+
+    Grey ground is the interval of interest, in which the paper looks for the greatest forward acceleration.
+
+    Args:
+        recording: of which the estimate is.
+        estimate: of `waist_ofdri`.
+        reference: with strides, whose contacts are drawn dotted.
+        p: parameters of the estimate; None: the default's.
+        options: of the estimate; None: the default's.
+        rule: settings of the wavelet and of the interval; None: the paper's.
+        seconds: from and to [s]; None: four seconds about the middle contact.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure: forward, upward and sideways acceleration.
+
+    Raises:
+        ValueError: if the estimate has no contacts, or no sample lies in the time asked for.
+        RecordingError: as `waist_ofdri.estimate`.
+    """
+    from jgait.estimators import waist as waist_ofdri
+
+    contacts = contacts_of(estimate)
+    first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
+    check_overlap(estimate, (first, last))
+    rule = PaperRule() if rule is None else rule
+    p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
+    trunk = moves(recording, p, options, smooth=False)
+    at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz, rule)
+    peaks = _peaks(trunk, recording.sampling_rate_hz)
+    kept, fine = ((t >= first) & (t <= last) for t in (trunk.time, at))
+    figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
+    for axis, (field, unit) in zip(axes[:, 0], ROWS, strict=True):
+        for peak in peaks if field == "forward" else ():
+            axis.axvspan(peak - rule.before, peak + rule.after, label="interval of interest", **INTEREST)
+        raw = getattr(trunk, field)
+        axis.plot(trunk.time[kept], raw[kept], label="acceleration", **RAW)
+        axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
+        _drawn(axis, trunk.time, raw, contacts, reference, (first, last))
+        axis.set_ylabel(unit)
+        axis.set_xlim(first, last)
+        axis.grid(alpha=0.3)
+        if last - first <= 2.0 * SHOWN_S:
+            axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
+            axis.grid(alpha=0.18, which="minor", axis="x")
+    axes[-1, 0].set_xlabel("time [s]")
+    figure.align_ylabels()
+    legend_once(figure, axes[:, 0], title)
+    return figure
+
+
+def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Side → times of its initial contacts [s].
+
+    Raises:
+        ValueError: if the estimate does not tell of them, or there is none.
+    """
+    told = estimate.diagnostics
+    if "initial_contact" not in told or "initial_contact_side" not in told:
+        raise ValueError("the estimate tells of no initial contacts at the trunk; it should be one of waist_ofdri")
+    when, side = as_float(told["initial_contact"]), np.asarray(told["initial_contact_side"])
+    there = np.asarray(told.get("initial_contact_valid", np.ones(when.shape, bool)), bool)
+    if not there.any():
+        raise ValueError("there is no initial contact to draw")
+    return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
+
+
+def check_overlap(estimate: Estimate, seconds: tuple[float, float]) -> None:
+    """Refuse times at which nothing was estimated.
+
+    Raises:
+        ValueError: naming the times that there are, and those asked for.
+    """
+    time = as_float(estimate.time)
+    if not np.any((time >= seconds[0]) & (time <= seconds[1])):
+        raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
+
+
+def legend_once(figure: Any, axes: Any, title: str) -> None:
+    """One legend below all axes with each name once, and the title above."""
+    found: dict[str, Any] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    if title:
+        figure.suptitle(title, fontsize=11)
+
+
+def _window(time: np.ndarray, contacts: np.ndarray, seconds: tuple[float, float] | None) -> tuple[float, float]:
+    """From and to [s]."""
+    if seconds is not None:
+        return seconds
+    middle = float(np.sort(contacts)[contacts.size // 2])
+    return max(float(time[0]), middle - 0.5 * SHOWN_S), min(float(time[-1]), middle + 0.5 * SHOWN_S)
+
+
+def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times at the rate at which the paper's wavelet has its scales [s], and each acceleration's details there."""
+    count = len(trunk.time)
+    measured = np.asarray(trunk.inputs.measured, bool)[:count]
+    signals = np.stack([getattr(trunk, field) for field, _ in ROWS], axis=1)
+    kept = np.asarray(details(signals, measured, rate, rule))
+    time = trunk.time[0] + np.arange(len(kept)) / PAPER_RATE
+    return time, {field: kept[:, k] for k, (field, _) in enumerate(ROWS)}
+
+
+@functools.cache
+def _found() -> Any:
+    """Where the low-passed forward acceleration peaks before each contact, compiled once."""
+    import jax
+
+    def times(forward: Any, upward: Any, rate: float, measured: Any) -> tuple[Any, Any]:
+        # sides are not asked for: no yaw rate is needed
+        found = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
+        return found.time, found.valid
+
+    return jax.jit(times, static_argnums=2)
+
+
+def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
+    """Peaks of the low-passed forward acceleration, about which the intervals of interest lie [s]."""
+    measured = np.asarray(trunk.inputs.measured, bool)
+    forward, upward = (np.pad(v, (0, measured.size - v.size)) for v in (trunk.forward, trunk.upward))
+    time, valid = _found()(forward, upward, float(rate), measured)
+    return trunk.time[0] + as_float(time)[np.asarray(valid)]
+
+
+def _drawn(
+    axis: Any, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], reference: Estimate | None,
+    span: tuple[float, float],
+) -> None:  # fmt: skip
+    """Contacts of both feet, as upright lines and as marks on the acceleration; known ones dotted."""
+    for number, (side, times) in enumerate(contacts.items()):
+        own = times[(times >= span[0]) & (times <= span[1])]
+        for when in own:
+            axis.axvline(when, **CONTACT[side])
+        axis.plot(own, np.interp(own, time, raw), label=f"{side} contact", zorder=3.0,
+                  **{**HOLD[side], "markersize": 6.0})  # fmt: skip
+        if reference is None or reference.strides is None:
+            continue
+        rows = np.asarray(reference.strides.valid, bool) & (np.asarray(reference.strides.side) == number)
+        known = np.unique([*as_float(reference.strides.start)[rows], *as_float(reference.strides.end)[rows]])
+        for when in known[(known >= span[0]) & (known <= span[1])]:
+            axis.axvline(when, label="reference contact", **KNOWN)

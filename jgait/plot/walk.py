@@ -1,0 +1,258 @@
+"""Pictures of a walk: the body as a moving stick figure, and one stride of everything that sensors read.
+
+For whoever has the truth of a walk, simulated. `jgait.plot` has both functions.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jgait.geometry.segments import in_world
+from jgait.geometry.vectors import Vector
+from jgait.simulate import Body, Truth
+from jgait.types import PLACEMENTS, SIDES, Recording
+
+LEG = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
+PELVIS = {"color": "0.3", "linewidth": 2.6}
+AXES = (
+    {"color": "black", "linewidth": 1.3, "linestyle": "-"},
+    {"color": "#c0392b", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
+    {"color": "#6fb1e0", "linewidth": 1.7, "linestyle": "-"},
+)
+"""Of x, y and z: told apart in grey by their lightness and dashes."""
+
+CONTACTS = (("initial contact", "-"), ("final contact", (0, (1, 1.5))))
+SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
+
+
+def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Any, Any]:
+    """A figure [inch] drawn without a display, so that servers and tests need none, and its axes (rows, columns)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def stick_figure(
+    truth: Truth,
+    path: str | Path | None = None,
+    *,
+    body: Body | None = None,
+    seconds: tuple[float, float] | None = None,
+    frames_per_second: float = 25.0,
+    slower: float = 1.0,
+    title: str = "",
+) -> Any:
+    """The walking body from the side and from the front, moving; the view follows the pelvis.
+
+    The right leg is black, the left one grey. The toes bend where the sole would sink into the ground.
+
+    Args:
+        truth: of a simulated walk.
+        path: write an animated GIF here; None writes nothing.
+        body: whose feet to draw; None for the default's.
+        seconds: from and to [s]; None shows everything.
+        frames_per_second: of the picture [Hz].
+        slower: how much slower than life it moves [1].
+        title: above the figure.
+
+    Returns:
+        A `matplotlib.animation.FuncAnimation`; in a notebook, `HTML(animation.to_jshtml())` shows it.
+
+    Raises:
+        ValueError: if there is nothing to show between those times.
+    """
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    if not (frames_per_second > 0.0 and slower > 0.0):
+        raise ValueError(f"frames_per_second and slower must be positive; got {frames_per_second!r} and {slower!r}")
+    time = np.asarray(truth.estimate.time)
+    first, last = (time[0], time[-1]) if seconds is None else seconds
+    wanted = np.arange(first, last + 1e-9, 1.0 / (frames_per_second * slower))
+    wanted = wanted[(wanted >= time[0]) & (wanted <= time[-1] + 1e-9)]
+    if not wanted.size:
+        raise ValueError(f"seconds must overlap [{time[0]:g}, {time[-1]:g}] of the walk; got {seconds}")
+    chosen = np.unique(np.clip(np.searchsorted(time, wanted), 0, time.size - 1))
+    lines, ground = _lines(truth, Body() if body is None else body, chosen)
+    figure, axes = blank(1, 2, 6.2, 4.4, width_ratios=(2.3, 1.0))
+    drawn, label = _stage(axes[0], lines, ground, title)
+
+    def show(number: int) -> list[Any]:
+        for (view, name), artist in drawn.items():
+            points = ground[number] if name == "ground" else lines[name][number]
+            artist.set_data(points[:, view], points[:, 2])
+        label.set_text(f"{time[chosen[number]]:.2f} s")
+        return [*drawn.values(), label]
+
+    show(0)
+    animation = FuncAnimation(
+        figure, show, frames=len(chosen), interval=1000.0 / frames_per_second, blit=False, cache_frame_data=False
+    )
+    if path is not None:
+        path = Path(path)
+        part = path.with_name(f".{path.stem}.part{path.suffix}")
+        try:
+            animation.save(part, writer=PillowWriter(fps=round(frames_per_second)), dpi=80)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    return animation
+
+
+def _stage(axes: Any, lines: dict[str, np.ndarray], ground: np.ndarray, title: str) -> tuple[dict[Any, Any], Any]:
+    """Both views with a line for each part of the body, to be filled in; and where the time stands."""
+    everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
+    low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12
+    drawn = {}
+    for axis, view, name in ((axes[0], 0, "forward of the pelvis [m]"), (axes[1], 1, "left of the pelvis [m]")):
+        # What is nearer to the eye is drawn last: from the side that is the right leg.
+        for part in ("ground", "left", "pelvis", "right"):
+            style = {"left": LEG["left"], "right": LEG["right"], "pelvis": PELVIS}.get(part)
+            style = {"color": "0.45", "linewidth": 1.0} if style is None else style
+            (drawn[view, part],) = axis.plot([], [], solid_capstyle="round", solid_joinstyle="round", **style)
+        axis.set_aspect("equal")
+        wide = max(high[view], -low[view])
+        axis.set_xlim(-wide, wide)
+        axis.set_ylim(low[2], high[2])
+        axis.set_xlabel(name)
+        axis.grid(alpha=0.25)
+    axes[0].set_ylabel("height [m]")
+    axes[0].set_title("from the right" + (f": {title}" if title else ""), fontsize=10)
+    axes[1].set_title("from the front", fontsize=10)
+    axes[1].tick_params(labelleft=False)
+    for side in SIDES:
+        axes[0].plot([], [], label=f"{side} leg", **LEG[side])
+    axes[0].legend(loc="upper left", fontsize=8, framealpha=0.9)
+    label = axes[1].text(0.97, 0.97, "", transform=axes[1].transAxes, ha="right", va="top", fontsize=9)
+    return drawn, label
+
+
+def _lines(truth: Truth, body: Body, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Points (n, points, 3) of pelvis, legs and ground, forward and left of the pelvis and up [m]."""
+    segments = truth.motion.pose
+    feet = (segments.foot_right, segments.foot_left)
+    footholds, soles = _footholds(truth, body)
+    lines = {}
+    for side, foot in zip(SIDES, feet, strict=True):
+        thigh, shank = getattr(segments, f"thigh_{side}"), getattr(segments, f"shank_{side}")
+        sole = [
+            Vector(ahead, 0.0, -body.ankle_height)
+            for ahead in (-body.heel_length, body.ball_length, body.ball_length + body.toe_length)
+        ]
+        heel, ball, tip = (_points(in_world(foot, point), chosen) for point in sole)
+        floor = footholds[_nearest(ball, footholds), 2]
+        bent = np.stack([tip[:, 0], tip[:, 1], np.maximum(tip[:, 2], np.minimum(floor, ball[:, 2]))], axis=1)
+        joints = [_points(part.origin, chosen) for part in (thigh, shank, foot)]
+        lines[side] = np.stack([*joints, heel, ball, bent, ball, joints[-1]], axis=1)
+    middle = _points(segments.pelvis.origin, chosen)
+    hips = [lines[side][:, 0] for side in SIDES]
+    up = _points(segments.pelvis.z, chosen)
+    top = middle + body.back_height * 2.0 * up
+    lines["pelvis"] = np.stack([hips[0], top, hips[1], hips[0]], axis=1)
+    heading = np.asarray(truth.estimate.diagnostics["heading"])[chosen]
+    lines = {name: _seen(points, middle, heading) for name, points in lines.items()}
+    return lines, _seen(np.broadcast_to(soles, (len(chosen), *soles.shape)), middle, heading)
+
+
+def _footholds(truth: Truth, body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Where the feet land (K, 3) [m], and their soles as lines on the ground (3 K, 3), a gap after each."""
+    plan = truth.plan
+    taken = np.arange(-1, np.size(plan.x) - 1) < float(plan.end)
+    x, y, z, yaw, slope = (
+        np.asarray(part, float)[taken] for part in (plan.x, plan.y, plan.z, plan.foot_yaw, plan.slope)
+    )
+    ends = [
+        np.stack([x + ahead * np.cos(yaw), y + ahead * np.sin(yaw), z + ahead * np.tan(slope)], axis=1)
+        for ahead in (-body.heel_length, body.ball_length + body.toe_length)
+    ]
+    soles = np.stack([*ends, np.full_like(ends[0], np.nan)], axis=1).reshape(-1, 3)
+    return np.stack([x, y, z], axis=1), soles
+
+
+def _nearest(points: np.ndarray, footholds: np.ndarray) -> np.ndarray:
+    return np.argmin(np.linalg.norm(points[:, None, :2] - footholds[None, :, :2], axis=2), axis=1)
+
+
+def _points(vector: Vector, chosen: np.ndarray) -> np.ndarray:
+    return np.stack([np.asarray(part, float)[chosen] for part in vector], axis=1)
+
+
+def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Points (n, p, 3) forward and left of the pelvis; heights stay as they are."""
+    away = points - middle[:, None, :] * np.array([1.0, 1.0, 0.0])
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
+
+
+def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Any:
+    """Everything that the sensors read over one stride, with the contacts of both feet.
+
+    Args:
+        recording: what was read.
+        truth: of the same walk.
+        stride: which row of `truth.strides`; None: the middle one.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+
+    Raises:
+        ValueError: if there is no such stride.
+    """
+    strides = truth.strides
+    rows = np.flatnonzero(np.asarray(strides.valid))
+    if not rows.size:
+        raise ValueError("the walk has no stride to show")
+    stride = int(rows[len(rows) // 2]) if stride is None else stride
+    if stride not in rows:
+        raise ValueError(f"stride must be one of the valid rows of truth.strides, {rows.tolist()}; got {stride}")
+    start, end = float(strides.start[stride]), float(strides.end[stride])
+    worn = sorted(recording.sensors.items(), key=lambda one: PLACEMENTS.index(one[0]))
+    figure, axes = blank(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
+    for row, (placement, imu) in enumerate(worn):
+        time = np.asarray(imu.time)
+        part = slice(*np.searchsorted(time, [start - 1e-9, end + 1e-9]))
+        share = 100.0 * (time[part] - start) / (end - start)
+        for column, (field, _) in enumerate(SIGNALS):
+            axis, values = axes[row, column], getattr(imu, field)
+            _contacts(axis, strides, stride, labelled=row == column == 0)
+            if values is None:
+                axis.text(0.5, 0.5, "not measured", transform=axis.transAxes, ha="center", va="center", color="0.4")
+            else:
+                kept = np.where(np.asarray(imu.mask)[part, None], np.asarray(values, float)[part], np.nan)
+                for number, style in enumerate(AXES):
+                    axis.plot(share, kept[:, number], label="xyz"[number] if row == column == 0 else None, **style)
+            axis.set_xlim(-1.5, 101.5)
+            axis.grid(alpha=0.3)
+            axis.margins(y=0.08)
+            if row < len(worn) - 1:
+                axis.tick_params(labelbottom=False)
+        axes[row, 0].set_ylabel(placement.replace("_", "\n"))
+    side = SIDES[int(strides.side[stride])]
+    for column, (_, unit) in enumerate(SIGNALS):
+        axes[0, column].set_title(unit, fontsize=10)
+        axes[-1, column].set_xlabel(f"stride of the {side} foot [%]")
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    figure.suptitle(
+        title or f"{recording.name}: {end - start:.2f} s, {float(strides.length[stride]):.2f} m", fontsize=11
+    )
+    return figure
+
+
+def _contacts(axis: Any, strides: Any, stride: int, *, labelled: bool) -> None:
+    """Upright lines where feet land and leave: dark for the foot whose stride it is, light for the other."""
+    start, end, own = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
+    rows = np.flatnonzero(np.asarray(strides.valid))
+    for side in (1 - own, own):
+        color = "0.25" if side == own else "0.7"
+        mine = rows[np.asarray(strides.side)[rows] == side]
+        for (name, dashes), times in zip(CONTACTS, (strides.end, strides.final_contact), strict=True):
+            label = f"{name}, {SIDES[side]}" if labelled else None
+            for time in np.asarray(times)[mine]:
+                if start - 1e-9 <= time <= end + 1e-9:
+                    share = 100.0 * (time - start) / (end - start)
+                    axis.axvline(share, color=color, linewidth=1.1, linestyle=dashes, zorder=0.5, label=label)
+                    label = None

@@ -1,0 +1,156 @@
+"""The picture of two feet in one world: how far apart they step, from above and over time."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jgait.plot.feet import (
+    FOOT,
+    HOLD,
+    any_finite,
+    feet_of,
+    footholds,
+    height_of,
+    inside,
+    legend,
+    places_at,
+    plan_of,
+    rows_of,
+    series_of,
+    shown,
+)
+from jgait.plot.walk import blank
+from jgait.types import SIDES, Estimate, as_float
+
+ACROSS = {"color": "#c0392b", "linewidth": 0.9}
+STRAIGHT = np.deg2rad(15.0)
+"""A stride that turns more is part of a turn."""
+
+FEWEST = 4
+"""Strides of both feet that make a section."""
+
+MOVING = 10
+"""Strides over which the standard deviation of the width is taken."""
+
+
+def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | None = None, title: str = "") -> Any:
+    """Both feet in one world with the widths of their strides: from above, in sections, and over time.
+
+    A width is the line from where a foot stands to the line between the other's two footholds. In the sections the
+    way is turned to the right, and distances across are drawn larger than those along.
+
+    Args:
+        estimate: of `stride_width_ekf`: with `feet` on both sides, and `strides` with widths.
+        sections: from and to [s] of each; None: the up to three longest straight stretches.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure: trajectories, sections, the width over time with bars of two standard deviations, and its
+        standard deviation over the last ten strides.
+
+    Raises:
+        ValueError: if the estimate lacks a foot or has no width.
+    """
+    feet = feet_of(estimate)
+    if len(feet) < 2:
+        raise ValueError(f"two_feet needs both feet; the estimate has the {next(iter(feet))} one alone")
+    rows = rows_of(estimate)
+    if not any_finite(estimate.strides.width, rows):
+        raise ValueError("no stride of the estimate has a width; stride_width_ekf gives them")
+    widths = _width_lines(estimate, rows)
+    sections = _straight(estimate, rows) if sections is None else sections
+    ways = {side: shown(estimate, foot, None) for side, foot in feet.items()}
+    heights = (height_of(ways, 8.2), 2.1, 1.9, 1.1)
+    figure, _ = blank(1, 1, 9.2, sum(heights) + 2.6)
+    figure.clear()
+    grid = figure.add_gridspec(4, len(sections), height_ratios=heights)
+    above, over_time = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[2, :])
+    moving = figure.add_subplot(grid[3, :], sharex=over_time)
+    _draw(above, estimate, widths, None)
+    plan_of(above)
+    for number, part in enumerate(sections):
+        axis = figure.add_subplot(grid[1, number])
+        _draw(axis, estimate, widths, part)
+        axis.set_title(f"{part[0]:.0f} to {part[1]:.0f} s", fontsize=9)
+        axis.set_xlabel("along [m]")
+        axis.grid(alpha=0.3)
+        if number == 0:
+            axis.set_ylabel("across [m]")
+    series_of(over_time, estimate, rows, "width", 100.0, labelled=False)
+    over_time.set_ylabel("stride width [cm]")
+    over_time.tick_params(labelbottom=False)
+    _moving(moving, estimate, rows)
+    moving.set_xlabel("time [s]")
+    legend(figure, title)
+    return figure
+
+
+def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]:
+    """From and to [s] of the longest stretches in which no stride turns, in order; of all, if none is known to turn."""
+    strides = estimate.strides
+    first, last = as_float(strides.standing)[rows], as_float(strides.standing_end)[rows]
+    turn = np.zeros(rows.size) if strides.turn is None else np.nan_to_num(as_float(strides.turn)[rows])
+    groups = itertools.groupby(range(rows.size), key=lambda k: bool(abs(turn[k]) < STRAIGHT))
+    runs = [list(members) for straight, members in groups if straight]
+    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= FEWEST]
+    longest = sorted(spans, key=lambda span: span[0] - span[1])[:3]
+    return sorted(longest) or [(float(first.min()), float(last.max()))]
+
+
+def _width_lines(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """For each stride with a width its middle [s], and the line (2, 2) [m] that is as long as the width."""
+    feet, strides = feet_of(estimate), estimate.strides
+    lines = []
+    for k in rows:
+        side = SIDES[int(np.asarray(strides.side)[k])]
+        other = "left" if side == "right" else "right"
+        first, last = float(strides.standing[k]), float(strides.standing_end[k])
+        between = [time for time in footholds(estimate, other) if first < time < last]
+        if not np.isfinite(strides.width[k]) or not between:
+            continue
+        a, b = places_at(estimate, feet[side], np.array([first, last]))[:, :2]
+        there = places_at(estimate, feet[other], np.array(between[:1]))[0, :2]
+        way = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
+        lines.append((0.5 * (first + last), np.stack([there, a + way * (way @ (there - a))])))
+    return lines
+
+
+def _draw(
+    axis: Any, estimate: Estimate, widths: list[tuple[float, np.ndarray]], part: tuple[float, float] | None
+) -> None:
+    """Feet, footholds and widths from above; of a section turned so that it leads to the right from 0."""
+    feet = feet_of(estimate)
+    ways = {side: shown(estimate, foot, part)[:, :2] for side, foot in feet.items()}
+    origin, turn = np.zeros(2), np.eye(2)
+    if part is not None:
+        seen = ways["right"][np.isfinite(ways["right"][:, 0])]
+        if not seen.size:
+            return
+        origin, way = 0.5 * (seen[0] + ways["left"][np.isfinite(ways["left"][:, 0])][0]), seen[-1] - seen[0]
+        c, s = way / max(float(np.hypot(*way)), 1e-9)
+        turn = np.array([[c, s], [-s, c]])
+    for side, way in ways.items():
+        x, y = turn @ (way - origin).T
+        axis.plot(x, y, label=f"{side} foot" if part is None else None, **FOOT[side])
+        holds = places_at(estimate, feet[side], inside(footholds(estimate, side), part))[:, :2]
+        axis.plot(*(turn @ (holds - origin).T), **HOLD[side])
+    named = "width" if part is None else None
+    for time, line in widths:
+        if part is None or part[0] <= time <= part[1]:
+            axis.plot(*(turn @ (line - origin).T), label=named, **ACROSS)
+            named = None
+
+
+def _moving(axis: Any, estimate: Estimate, rows: np.ndarray) -> None:
+    """Standard deviation of the width over the last strides."""
+    width = 100.0 * as_float(estimate.strides.width)[rows]
+    there = np.isfinite(width)
+    when, width = as_float(estimate.strides.end)[rows][there], width[there]
+    last = [width[max(0, k + 1 - MOVING) : k + 1] for k in range(width.size)]
+    spread = [float(np.std(one, ddof=1)) if one.size == MOVING else np.nan for one in last]
+    axis.plot(when, spread, color="0.3", linewidth=1.2)
+    axis.set_ylabel(f"SD of {MOVING} [cm]")
+    axis.set_ylim(bottom=0.0)
+    axis.grid(alpha=0.3)

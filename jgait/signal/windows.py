@@ -1,0 +1,98 @@
+"""Signal processing: medians, moving statistics, and standing still told from the gyroscope.
+
+Everything but `longest_still` is JAX: usable under `jit` and `vmap`, along the first axis, and differentiable wherever
+the operation itself is (a median has the gradient of the sample it picks; a comparison has none). Windows are centred,
+of an odd number of samples, and the ends are continued by reflection that does not repeat the edge.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.typing import ArrayLike
+
+
+def _reflected(x: ArrayLike, size: int) -> Array:
+    """The samples with both ends continued by reflection, so that every window of `size` is full."""
+    values = jnp.asarray(x)
+    if size < 1 or size % 2 == 0:
+        raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
+    half = size // 2
+    if values.ndim == 0 or values.shape[0] <= half:
+        raise ValueError(f"a window of {size} samples needs more than {half} samples; got shape {values.shape}")
+    return jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
+
+
+def median_filter(x: ArrayLike, size: int) -> Array:
+    """Median over a centred window, y_k = median(x_{k-h} … x_{k+h}) with h = (size-1)/2.
+
+    Args:
+        x: (T, ...) samples, any unit.
+        size: window [samples], odd; 1 changes nothing.
+
+    Returns:
+        The same shape and unit.
+
+    Raises:
+        ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
+    """
+    padded = _reflected(x, size)
+    count = padded.shape[0] - size + 1
+    return jnp.median(jnp.stack([padded[shift : shift + count] for shift in range(size)]), axis=0)
+
+
+def moving_mean(x: ArrayLike, size: int) -> Array:
+    """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit.
+        size: window [samples], odd.
+
+    Returns:
+        The same shape and unit.
+
+    Raises:
+        ValueError: as `median_filter`.
+    """
+    padded = _reflected(x, size)
+    window = (size,) + (1,) * (padded.ndim - 1)
+    # A window sum, not the difference of two cumulative sums: those lose float32's digits on long recordings.
+    zero = np.zeros((), padded.dtype)
+    return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
+
+
+def moving_std(x: ArrayLike, size: int) -> Array:
+    """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), of the window itself (no n-1).
+
+    Its gradient is zero where the window is constant.
+
+    Args:
+        x: (T, ...) samples, floating point, any unit.
+        size: window [samples], odd.
+
+    Returns:
+        The same shape and unit.
+
+    Raises:
+        ValueError: as `median_filter`.
+    """
+    values = jnp.asarray(x)
+    centred = values - values.mean(axis=0, keepdims=True)
+    mean = moving_mean(centred, size)
+    variance = moving_mean(centred * centred, size) - mean * mean
+    # The two terms cancel; what is left below their rounding is nothing.
+    positive = variance > jnp.finfo(variance.dtype).eps * (mean * mean)
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
+
+
+def window_size(window_s: float, sampling_rate_hz: float) -> int:
+    """Seconds to an odd number of samples, at least 1."""
+    return 2 * int(np.ceil(window_s * sampling_rate_hz / 2)) + 1 if window_s > 0 else 1
+
+
+def true_runs(flags: Any) -> list[tuple[int, int]]:
+    """Stretches of True as (start, end) [samples], half-open; on the host."""
+    edges = np.diff(np.concatenate([[0], np.asarray(flags, bool).astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return [(int(start), int(end)) for start, end in zip(starts, ends, strict=True)]

@@ -1,0 +1,266 @@
+"""A body's segments from joint centres: frames built from points, and differentiated exactly with them."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.geometry.segments import Frame, Motion, Segments, differentiated
+from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
+from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, checked_time, covered, evaluate, smooth
+from jgait.types import SIDES, as_float
+
+
+class LegCentres(NamedTuple):
+    """Joint centres and foot markers of one leg, each (T, 3) [m], z up; NaN where not seen."""
+
+    hip: Any
+    knee: Any
+    ankle: Any
+    heel: Any = None
+    toe: Any = None
+
+
+class PelvisMarkers(NamedTuple):
+    """Anterior and posterior iliac spines, each (T, 3) [m], z up; NaN where not seen."""
+
+    front_right: Any
+    front_left: Any
+    back_right: Any
+    back_left: Any
+
+
+class JointCentres(NamedTuple):
+    """What motion capture saw of the lower body.
+
+    Attributes:
+        time: (T,) [s], strictly increasing.
+        right: one leg, or None.
+        left: the other, or None.
+        pelvis: markers, or None: then the pelvis is taken as level, and faces across the line through the hips.
+        heading: (T,) [rad] of the sagittal plane, counter-clockwise from x; None for the pelvis' own, low-passed at
+            1 Hz. Needed for one leg without pelvis markers.
+    """
+
+    time: Any
+    right: LegCentres | None = None
+    left: LegCentres | None = None
+    pelvis: PelvisMarkers | None = None
+    heading: Any = None
+
+
+class Replay(NamedTuple):
+    """A body in motion.
+
+    Attributes:
+        time: (T,) [s].
+        motion: pose, rate and acceleration of `Segments` of `Frame`; None for segments that were not measured.
+        valid: `Segments` of (T,) bool; False in long gaps of any point that the segment's frame is built from.
+        points: name, for example 'knee_right' → (T, 3) [m], smoothed.
+        yaw: (T,) [rad] where the pelvis faces from above, counter-clockwise from x.
+        trajectories: name → spline of that point.
+    """
+
+    time: np.ndarray
+    motion: Motion
+    valid: Segments
+    points: dict[str, np.ndarray]
+    yaw: np.ndarray
+    trajectories: dict[str, Trajectory]
+
+
+def _unit(a: Vector) -> Vector:
+    return scale(1.0 / jnp.sqrt(dot(a, a)), a)
+
+
+def _across(direction: Vector, axis: Vector) -> Vector:
+    """The part of a direction that is perpendicular to a unit axis, of length 1."""
+    return _unit(subtract(direction, scale(dot(direction, axis), axis)))
+
+
+def _middle(a: Vector, b: Vector) -> Vector:
+    return scale(0.5, add(a, b))
+
+
+def frames(points: dict[str, Vector], toe_out: dict[str, Any]) -> Segments:
+    """The segments' frames from points, as elementwise functions that can be differentiated.
+
+    Thigh: z along the bone, y the pelvis' horizontal lateral axis made perpendicular to it.
+    Shank: z along the bone, y across the foot, turned back about z by the toe-out so that on the whole the shank
+    faces as the pelvis does; without foot markers as the thigh.
+    Foot: x from heel to toe, y across the plane of heel, toe and ankle; origin at the ankle.
+    Pelvis: y to the left, x forward: horizontal, or along the markers; origin between the hips.
+
+    Args:
+        points: name → place [m]; `lateral` is any vector to the left whose horizontal part counts for the legs.
+        toe_out: side → constant angle [rad] of the foot from the pelvis about the shank's axis, to the left.
+
+    Returns:
+        Frames, None where points are lacking.
+    """
+    lateral = points["lateral"]
+    pelvis = None
+    if {"hip_right", "hip_left"} <= points.keys():
+        y = _unit(lateral)
+        up = Vector(jnp.zeros_like(y.x), jnp.zeros_like(y.x), jnp.ones_like(y.x))
+        x = _across(points.get("forward", cross(y, up)), y)
+        pelvis = Frame(_middle(points["hip_right"], points["hip_left"]), x, y, cross(x, y))
+    legs = {side: _leg(points, lateral, side, toe_out.get(side)) for side in SIDES}
+    return Segments(pelvis, *(legs[side][i] for i in range(3) for side in SIDES))
+
+
+def _leg(points: dict[str, Vector], lateral: Vector, side: str, toe_out: Any) -> tuple[Frame | None, ...]:
+    if f"hip_{side}" not in points:
+        return None, None, None
+    hip, knee, ankle = (points[f"{joint}_{side}"] for joint in ("hip", "knee", "ankle"))
+    thigh = _bone(hip, knee, lateral)
+    shank = _bone(knee, ankle, lateral)
+    if toe_out is None:
+        return thigh, shank, None
+    heel, toe = points[f"heel_{side}"], points[f"toe_{side}"]
+    across = _across(cross(shank.z, subtract(toe, heel)), shank.z)
+    y = subtract(scale(jnp.cos(toe_out), across), scale(jnp.sin(toe_out), cross(shank.z, across)))
+    x = _unit(subtract(toe, heel))
+    z = _across(subtract(ankle, heel), x)
+    return thigh, Frame(knee, cross(y, shank.z), y, shank.z), Frame(ankle, x, cross(z, x), z)
+
+
+def _bone(proximal: Vector, distal: Vector, lateral: Vector) -> Frame:
+    z = _unit(subtract(proximal, distal))
+    y = _across(lateral._replace(z=jnp.zeros_like(lateral.z)), z)
+    return Frame(proximal, cross(y, z), y, z)
+
+
+@jax.jit
+def _motion(points: Motion, toe_out: dict[str, Any]) -> Motion:
+    """Frames along p + v s + a s²/2, differentiated at s = 0."""
+    place, rate, acceleration = points
+
+    def pose(s: Any) -> Segments:
+        return frames(jax.tree.map(lambda p, v, a: p + s * (v + 0.5 * s * a), place, rate, acceleration), toe_out)
+
+    return differentiated(pose, jnp.zeros_like(place["lateral"].x))
+
+
+def _toe_out(points: dict[str, np.ndarray], side: str, valid: np.ndarray) -> float:
+    """Median angle [rad] about the shank from across the pelvis to across the foot."""
+    z = points[f"knee_{side}"] - points[f"ankle_{side}"]
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    level = points["lateral"] * [1.0, 1.0, 0.0]
+    pelvis = level - np.sum(level * z, axis=1, keepdims=True) * z
+    foot = np.cross(z, points[f"toe_{side}"] - points[f"heel_{side}"])
+    sine, cosine = np.sum(np.cross(pelvis, foot) * z, axis=1), np.sum(pelvis * foot, axis=1)
+    return median(np.arctan2(sine, cosine), valid)
+
+
+def median(values: np.ndarray, valid: np.ndarray) -> float:
+    """Median of the valid values; 0 where there is none, for then nothing built on it is valid either."""
+    return float(np.median(values[valid])) if valid.any() else 0.0
+
+
+def body_motion(
+    points: JointCentres,
+    time: Any,
+    *,
+    cutoff_hz: float = CUTOFF_HZ,
+    noise: float | None = None,
+    max_gap: float = MAX_GAP,
+) -> Replay:
+    """Smooth what was seen and build the moving body from it.
+
+    Args:
+        points: what motion capture saw.
+        time: (T,) [s] when to evaluate, within the times of `points`.
+        cutoff_hz: where the splines halve the amplitude [Hz].
+        noise: see `smooth`; chooses the cut-off of each point by itself.
+        max_gap: longest gap that is bridged [s].
+
+    Returns:
+        The body at those times.
+
+    Raises:
+        ValueError: if shapes are wrong, no leg was seen, nothing says where forward is, or a time lies outside.
+    """
+    seen, time = _named(points), as_float(time)
+    start, end = as_float(points.time)[[0, -1]]
+    if time.ndim != 1 or not (start <= time.min() and time.max() <= end):
+        raise ValueError(f"time must be (T,) within [{start:g}, {end:g}] s; got {time.shape}")
+    splines = {
+        # A heading is no place: the noise of markers says nothing about it.
+        name: smooth(
+            points.time, values, cutoff_hz=cutoff_hz, noise=None if name == "facing" else noise, max_gap=max_gap
+        )
+        for name, values in seen.items()
+    }
+    moving = {name: evaluate(spline, time) for name, spline in splines.items()}
+    known = {name: covered(spline, time) for name, spline in splines.items()}
+    lateral = _lateral(moving.keys())
+    built = {name: moving[name] for name in moving if not name.startswith(("facing", "pelvis"))}
+    built["lateral"] = _combined(moving, lateral)
+    if points.pelvis is not None:
+        ends = (("pelvis_front", 1.0), ("pelvis_back", -1.0))
+        built["forward"] = _combined(moving, {f"{p}_{side}": sign for p, sign in ends for side in SIDES})
+    valid = _valid(known, list(lateral))
+    poses = {name: m.pose for name, m in built.items()}
+    toe_out = {}
+    for side in SIDES:
+        shank = getattr(valid, f"shank_{side}")
+        if getattr(valid, f"foot_{side}") is not None:
+            toe_out[side] = jnp.asarray(_toe_out(poses, side, shank))
+    orders = ({name: Vector(*map(jnp.asarray, m[k].T)) for name, m in built.items()} for k in range(3))
+    motion = jax.tree.map(as_float, _motion(Motion(*orders), toe_out))
+    left = built["lateral"].pose
+    yaw = np.unwrap(np.arctan2(-left[:, 0], left[:, 1]))
+    return Replay(time, motion, valid, {name: m.pose for name, m in moving.items()}, yaw, splines)
+
+
+def _named(points: JointCentres) -> dict[str, np.ndarray]:
+    """Everything that was seen, by name; `facing` is the heading as a vector to the left."""
+    shape = checked_time(points.time).shape
+    parts = [(getattr(points, side), "", f"_{side}") for side in SIDES] + [(points.pelvis, "pelvis_", "")]
+    if parts[0][0] is None and parts[1][0] is None:
+        raise ValueError("JointCentres needs at least one leg; both are None")
+    found = {}
+    for part, before, after in parts:
+        for field, values in part._asdict().items() if part is not None else ():
+            if values is not None:
+                found[before + field + after] = as_float(values)
+    for name, values in found.items():
+        if values.shape != (*shape, 3):
+            raise ValueError(f"{name} must be {(*shape, 3)} like time {shape}; got {values.shape}")
+    if points.heading is not None:
+        heading = as_float(points.heading)
+        if heading.shape != shape:
+            raise ValueError(f"heading must be {shape}; got {heading.shape}")
+        found["facing"] = np.stack([-np.sin(heading), np.cos(heading), np.zeros(shape)], axis=1)
+    return found
+
+
+def _lateral(names: Any) -> dict[str, float]:
+    """The vector to the left as a sum of points: from the pelvis' markers, else the hips, else the heading."""
+    if "pelvis_front_right" in names:
+        ends = ("pelvis_front", "pelvis_back")
+        return {f"{end}_{side}": sign for end in ends for side, sign in zip(SIDES, (-1.0, 1.0), strict=True)}
+    if {"hip_right", "hip_left"} <= names:
+        return {"hip_right": -1.0, "hip_left": 1.0}
+    if "facing" in names:
+        return {"facing": 1.0}
+    raise ValueError("one leg alone does not say where forward is: give JointCentres.heading or pelvis markers")
+
+
+def _combined(moving: dict[str, Motion], factors: dict[str, float]) -> Motion:
+    return Motion(*(sum(factor * moving[name][k] for name, factor in factors.items()) for k in range(3)))
+
+
+def _valid(known: dict[str, np.ndarray], lateral: list[str]) -> Segments:
+    needs = {"pelvis": ["hip_right", "hip_left", *(name for name in known if name.startswith("pelvis_"))]}
+    for side in SIDES:
+        foot = [f"heel_{side}", f"toe_{side}"]
+        needs[f"thigh_{side}"] = [f"hip_{side}", f"knee_{side}", *lateral]
+        needs[f"shank_{side}"] = [f"knee_{side}", f"ankle_{side}", *(foot if set(foot) <= known.keys() else lateral)]
+        needs[f"foot_{side}"] = [f"ankle_{side}", *foot]
+    return Segments(*(
+        np.all([known[name] for name in needs[segment]], axis=0) if set(needs[segment]) <= known.keys() else None
+        for segment in Segments._fields
+    ))  # fmt: skip

@@ -1,0 +1,206 @@
+"""What a worn inertial sensor makes of an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.geometry.rotation import rotation, turn
+from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
+from jgait.types import Imu
+
+DEGREE = math.pi / 180.0
+
+
+class ImuErrors(NamedTuple):
+    """How an inertial sensor errs and how it is put on; every field is a scalar, and the default switches it off.
+
+    Attributes:
+        gyr_noise: density of the gyroscope's white noise [rad/s/√Hz].
+        gyr_bias: standard deviation over trials of its constant bias [rad/s].
+        gyr_drift: random walk of that bias [rad/s/√s].
+        gyr_scale: standard deviation over trials of the scale error of each axis [1].
+        gyr_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+        gyr_range: where the gyroscope saturates [rad/s]; inf: nowhere.
+        gyr_resolution: one step of its converter [rad/s].
+        acc_noise: density of the accelerometer's white noise [m/s²/√Hz].
+        acc_bias: standard deviation over trials of its constant bias [m/s²].
+        acc_drift: random walk of that bias [m/s²/√s].
+        acc_scale: standard deviation over trials of the scale error of each axis [1].
+        acc_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+        acc_range: where the accelerometer saturates [m/s²]; inf: nowhere.
+        acc_resolution: one step of its converter [m/s²].
+        mounting: standard deviation of the angle by which the sensor is turned about a random axis [rad].
+        mounting_x: rotation vector from the segment's axes to the sensor's, the same in every trial [rad].
+        mounting_y: its second component [rad].
+        mounting_z: its third component [rad].
+        packet_loss: probability that a sample is lost on its own [1].
+        burst_loss: probability that at any one sample a burst of losses begins [1].
+        burst_length: how many samples a burst lasts on average [samples], at least 1.
+        soft_tissue_frequency: natural frequency of the sensor on the flesh [Hz]; inf: it is fixed to the bone.
+        soft_tissue_damping: damping ratio of that motion [1].
+        soft_tissue_tilt: how far the sensor leans per displacement [rad/m].
+        left_flipped: 1 if sensors of the left leg are worn turned half round the segment (x and y change sign); for
+            who dresses a person: `measure` has its own argument.
+    """
+
+    gyr_noise: Any = 0.0
+    gyr_bias: Any = 0.0
+    gyr_drift: Any = 0.0
+    gyr_scale: Any = 0.0
+    gyr_bandwidth: Any = math.inf
+    gyr_range: Any = math.inf
+    gyr_resolution: Any = 0.0
+    acc_noise: Any = 0.0
+    acc_bias: Any = 0.0
+    acc_drift: Any = 0.0
+    acc_scale: Any = 0.0
+    acc_bandwidth: Any = math.inf
+    acc_range: Any = math.inf
+    acc_resolution: Any = 0.0
+    mounting: Any = 0.0
+    mounting_x: Any = 0.0
+    mounting_y: Any = 0.0
+    mounting_z: Any = 0.0
+    packet_loss: Any = 0.0
+    burst_loss: Any = 0.0
+    burst_length: Any = 1.0
+    soft_tissue_frequency: Any = math.inf
+    soft_tissue_damping: Any = 0.2
+    soft_tissue_tilt: Any = 0.0
+    left_flipped: Any = 0.0
+
+
+_UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
+_RANGES = {
+    **dict.fromkeys(_UNBOUNDED, (0.0, math.inf)),
+    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt"), (-math.inf, math.inf)),
+    **dict.fromkeys(("packet_loss", "burst_loss", "left_flipped"), (0.0, 1.0)),
+    "burst_length": (1.0, math.inf),
+    "soft_tissue_damping": (0.0, 5.0),
+}
+"""Closed ranges of the fields; the others must not be negative. Those without a bound must not be zero either."""
+
+
+def check_fields(errors: Any, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
+    """Refuse a record of numbers of which one lies outside its range.
+
+    Args:
+        errors: a NamedTuple of numbers; arrays are taken as many of them, and every entry is checked.
+        ranges: field → closed range; the fields not named must not be negative.
+        unbounded: the fields that may be infinite, and may not be zero.
+
+    Raises:
+        TypeError: if a field is no number.
+        ValueError: if a number is outside its range or not finite; the message names the field.
+    """
+    kind = type(errors).__name__
+    for name, value in zip(errors._fields, errors, strict=True):
+        numbers = np.asarray(value)
+        if not (np.issubdtype(numbers.dtype, np.number) or numbers.dtype == np.bool_):
+            raise TypeError(f"{kind}.{name} must be a number; got {value!r}")
+        low, high = ranges.get(name, (0.0, math.inf))
+        good = (numbers >= low) & (numbers <= high)  # false for what is not a number
+        good &= (numbers > 0.0) if name in unbounded else np.isfinite(numbers)
+        if not good.all():
+            expected = "above 0" if name in unbounded else f"finite and in [{low:g}, {high:g}]"
+            raise ValueError(f"{kind}.{name} must be {expected}; got {float(numbers[~good].flat[0]):g}")
+
+
+def check_errors(errors: ImuErrors) -> None:
+    """Refuse errors that no sensor has; on the host, before anything is traced.
+
+    Args:
+        errors: how the sensor errs; arrays in the fields are taken as many sensors.
+
+    Raises:
+        TypeError: if a field is no number.
+        ValueError: if a field lies outside its range; the message names field and range.
+    """
+    check_fields(errors, _RANGES, _UNBOUNDED)
+
+
+def _turned_back(values: Any, matrix: Any) -> Any:
+    """Rows of `values` (T, 3) in axes turned by `matrix` (1 or T, 3, 3): Rᵀ v, in full precision on any device."""
+    return jnp.sum(values[:, :, None] * matrix, axis=1)
+
+
+def _leaning(gyr: Any, acc: Any, errors: ImuErrors, dt: Any) -> tuple[Any, Any]:
+    """What the sensor feels on soft tissue: it leans towards where it is displaced, about y forward, about x left."""
+    frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
+    wobble = soft_tissue(acc, frequency, damping, dt)
+
+    def lean(d: Any) -> Any:
+        return errors.soft_tissue_tilt * jnp.stack([-d[:, 1], d[:, 0], jnp.zeros_like(d[:, 0])], axis=1)
+
+    matrix = rotation(lean(wobble.displacement))
+    return _turned_back(gyr, matrix) + lean(wobble.velocity), _turned_back(acc + wobble.acceleration, matrix)
+
+
+def _quantise(value: Any, resolution: Any) -> Any:
+    step = jnp.where(resolution > 0.0, resolution, 1.0)
+    return jnp.where(resolution > 0.0, step * jnp.round(value / step), value)
+
+
+def _kept(draws: Any, errors: ImuErrors) -> Any:
+    """Which samples arrive (T,), from two uniform draws each (T, 2).
+
+    A burst is a chain of two states. One draw decides it: below `burst_loss` the state is lost whatever it was before,
+    above 1 − 1/`burst_length` it is kept, between it stays. So the later of the two events tells the state.
+    """
+    index = jnp.arange(1, draws.shape[0] + 1)
+    begins = draws[:, 1] < errors.burst_loss
+    ends = ~begins & (draws[:, 1] > 1.0 - 1.0 / jnp.asarray(errors.burst_length, draws.dtype))
+    begun, ended = (jax.lax.cummax(jnp.where(event, index, jnp.zeros_like(index))) for event in (begins, ends))
+    return (draws[:, 0] >= errors.packet_loss) & (begun <= ended)
+
+
+def measure(key: Any, time: Any, gyr: Any, acc: Any, errors: ImuErrors, flipped: Any = 0.0) -> Imu:
+    """Read an exact motion with one sensor.
+
+    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
+
+    White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
+    holds behind the sensor's own filter, and sampling folds what lies above. Gradients flow to every field but the
+    probabilities and `burst_length`, which act through decisions; rounding to a resolution stops the gradients of all
+    that comes before it.
+
+    Args:
+        key: PRNG key of one sensor on one trial.
+        time: (T,) [s], evenly spaced, T ≥ 2.
+        gyr: (T, 3) exact angular rate in the segment's axes [rad/s].
+        acc: (T, 3) exact specific force in the segment's axes, where the sensor sits [m/s²].
+        errors: how the sensor errs.
+        flipped: 1 if it is worn turned half round the segment's long axis (x and y change sign).
+
+    Returns:
+        The readings in the sensor's axes; lost samples are 0 and masked.
+    """
+    dtype, n, e = gyr.dtype, time.shape[0], errors
+    dt = time[1] - time[0]
+    draws = jax.random.normal(key, (14 * n + 18,), dtype)  # one draw: each costs a compilation
+    white, steps = draws[: 6 * n].reshape(n, 6), draws[6 * n : 12 * n].reshape(n, 6)
+    losses, (bias, scale, mount) = draws[12 * n : 14 * n].reshape(n, 2), draws[14 * n :].reshape(3, 6)
+
+    def channels(of_gyr: Any, of_acc: Any) -> Any:
+        return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
+
+    gyr, acc = _leaning(gyr, acc, e, dt)
+    fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
+    across = jnp.where(jnp.asarray(flipped, dtype) > 0.5, -jnp.ones((), dtype), jnp.ones((), dtype))
+    half_turn = jnp.stack([across, across, jnp.ones_like(across)])[None, :]
+    # columns are the sensor's axes in the segment's; the random error comes last, in the axes it was meant to have
+    axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
+    read = jnp.concatenate([_turned_back(part * half_turn, axes) for part in (gyr, acc)], axis=1)
+    read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]
+    read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
+    read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)
+    read = read + (bias * channels(e.gyr_bias, e.acc_bias))[None, :]
+    read = read + jnp.cumsum(steps, axis=0) * channels(e.gyr_drift, e.acc_drift)[None, :] * jnp.sqrt(dt)
+    limit = channels(e.gyr_range, e.acc_range)[None, :]
+    read = jnp.clip(_quantise(read, channels(e.gyr_resolution, e.acc_resolution)[None, :]), -limit, limit)
+    mask = _kept(jax.scipy.special.ndtr(losses), e)
+    read = jnp.where(mask[:, None], read, jnp.zeros_like(read))
+    return Imu(time, read[:, :3], read[:, 3:], mask)

@@ -1,0 +1,130 @@
+"""Distance between the feet by ultrasound: seen only while one passes the other, now and then by a late echo."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jgait.simulate.sensors.imu import check_fields
+from jgait.types import RangeReadings
+
+
+class Ranging(NamedTuple):
+    """How an ultrasonic range between the legs is taken; every field is a scalar.
+
+    Attributes:
+        rate_hz: pings a second [Hz].
+        phase: when the first ping comes after the start, in intervals between pings [1].
+        noise: standard deviation of the distance [m].
+        bias: what every distance is too long by, such as what lies between sensor and skin [m].
+        half_angle: how far from the sender's axis the other leg is still heard [rad].
+        facing_half_angle: how far from the receiver's axis the sender may be [rad]; π: anywhere.
+        min_distance: nearer than this there is no reading [m].
+        max_distance: farther than this there is none [m].
+        outlier: probability that a reading is a late echo [1].
+        outlier_size: how much longer a late echo is on average, exponentially distributed [m].
+        dropout: probability that a ping that should be heard is not [1].
+    """
+
+    rate_hz: Any = 30.0
+    phase: Any = 0.0
+    noise: Any = 0.0
+    bias: Any = 0.0
+    half_angle: Any = math.pi / 12.0
+    facing_half_angle: Any = math.pi
+    min_distance: Any = 0.0
+    max_distance: Any = 4.0
+    outlier: Any = 0.0
+    outlier_size: Any = 0.0
+    dropout: Any = 0.0
+
+
+def measure_range(
+    key: Any, time: Any, sender: Any, receiver: Any, sender_axis: Any, receiver_axis: Any, ranging: Ranging
+) -> RangeReadings:
+    """Read the distance between two feet wherever the one hears the other.
+
+    A ping is taken at the first sample at or after it. It is heard if the receiver lies within `half_angle` of the
+    sender's axis and the sender within `facing_half_angle` of the receiver's. For an echo off a leg, let the receiver
+    be the nearest point of that leg (`nearest_point`) and leave its angle at π.
+
+    Args:
+        key: PRNG key.
+        time: (T,) [s], evenly spaced.
+        sender: (T, 3) where the sender is in the world [m].
+        receiver: (T, 3) where the receiver, or what throws the echo, is [m].
+        sender_axis: (T, 3) where the sender looks, of any length above 0.
+        receiver_axis: (T, 3) where the receiver looks, of any length above 0.
+        ranging: how the sensor errs.
+
+    Returns:
+        The readings. Gradients flow to positions, noise, bias and size of outliers; not to what decides what is heard.
+
+    Source: the sensor is that of section III of Potter's stride width filter: 30 Hz, one foot passing the other.
+    """
+    r, dtype = ranging, sender.dtype
+    dt = time[1] - time[0]
+    way = receiver - sender
+    square = jnp.sum(way * way, axis=1)
+    apart = square > 0.0
+    distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, jnp.ones_like(square))), 0.0)
+
+    def seen(direction: Any, axis: Any, half_angle: Any) -> Any:
+        return _cosine(direction, axis) >= jnp.cos(jnp.asarray(half_angle, dtype)) - 1e-6  # π is everywhere
+
+    # a ping has come since the sample before if their count goes up; the small number keeps t = k / rate in its sample
+    since = jnp.concatenate([-dt[None], time - time[0]])
+    pings = jnp.floor(since * r.rate_hz - r.phase + 1e-3)
+    in_view = seen(way, sender_axis, r.half_angle) & seen(-way, receiver_axis, r.facing_half_angle)
+    in_reach = apart & (distance >= r.min_distance) & (distance <= r.max_distance)
+
+    draws = jax.random.normal(key, (time.shape[0], 4), dtype)
+    late, size, lost = jnp.moveaxis(jax.scipy.special.ndtr(draws[:, 1:]), 1, 0)
+    mask = (pings[1:] > pings[:-1]) & in_view & in_reach & (lost >= r.dropout)
+    # minus the logarithm of a uniform number is exponential; the floor is the smallest that the draw can give
+    delay = -r.outlier_size * jnp.log(jnp.maximum(size, jnp.finfo(dtype).tiny))
+    read = distance + r.bias + r.noise * draws[:, 0] + jnp.where(late < r.outlier, delay, jnp.zeros_like(delay))
+    return RangeReadings(time, jnp.where(mask, read, jnp.zeros_like(read)), mask)
+
+
+def _cosine(a: Any, b: Any) -> Any:
+    """Cosine of the angle between rows (T, 3); 0 where one has no length."""
+    squares = jnp.sum(a * a, axis=1) * jnp.sum(b * b, axis=1)
+    long = squares > 0.0
+    return jnp.where(long, jnp.sum(a * b, axis=1) / jnp.sqrt(jnp.where(long, squares, jnp.ones_like(squares))), 0.0)
+
+
+def nearest_point(point: Any, start: Any, end: Any) -> Any:
+    """The point of a limb, a straight line from start to end, that is nearest to another point: what throws an echo.
+
+    Args:
+        point: (T, 3) [m].
+        start: (T, 3) one end of the limb [m].
+        end: (T, 3) the other, not the same [m].
+
+    Returns:
+        (T, 3) [m].
+    """
+    along = end - start
+    share = jnp.sum((point - start) * along, axis=1) / jnp.sum(along * along, axis=1)
+    return start + jnp.clip(share, 0.0, 1.0)[:, None] * along
+
+
+def check_ranging(ranging: Ranging) -> None:
+    """Refuse a range sensor that cannot be.
+
+    Raises:
+        TypeError: if a field is no number.
+        ValueError: if a field lies outside its range, or the least distance is above the greatest.
+    """
+    shares, angles = ("phase", "outlier", "dropout"), ("half_angle", "facing_half_angle")
+    ranges = {
+        **dict.fromkeys(shares, (0.0, 1.0)),
+        **dict.fromkeys(angles, (0.0, math.pi + 1e-6)),
+        "bias": (-math.inf, math.inf),
+    }
+    check_fields(ranging, ranges, ("rate_hz", "max_distance"))
+    if not ranging.min_distance < ranging.max_distance:
+        nearest, farthest = ranging.min_distance, ranging.max_distance
+        raise ValueError(f"Ranging.min_distance must be below max_distance; got {nearest:g} and {farthest:g}")

@@ -1,0 +1,104 @@
+r"""Strapdown integration: where a sensor went, from what it felt and from where it started.
+
+Sums of samples stand for integrals, so smooth signals are integrated with an error that falls with the sixth power
+of the sample time while the attitude's falls with the fourth. No drift is removed and nothing is assumed about
+standing: the errors of the sensor grow as they do.
+
+Source: the rotation over one interval, from its angular rate ω(s) in the sensor's axes,
+
+    exp(α + (α × μ) / h),   α = ∫ ω ds,   μ = ∫ (s − h/2) ω ds,
+
+is Magnus' expansion to fourth order (Iserles and Nørsett, Phil. Trans. R. Soc. A 357 (1999) 983).
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.geometry.rotation import rotation
+from jgait.geometry.vectors import GRAVITY
+
+_SUM = (11.0 / 1440.0, -93.0 / 1440.0, 802.0 / 1440.0)
+"""Weights of six samples in the integral over the interval between the middle two, the outermost first."""
+
+
+def _moment_weights() -> tuple[float, ...]:
+    """Weights of the differences of opposite samples in ∫ (s − 1/2) f ds over [0, 1]; exact to degree five."""
+    offsets = np.array([2.5, 1.5, 0.5])  # half distances of the pairs
+    powers = np.array([1, 3, 5])
+    wanted = 2.0 * 0.5 ** (powers + 2.0) / (powers + 2.0)
+    weights = np.linalg.solve((2.0 * offsets[None, :] ** powers[:, None]), wanted)
+    return tuple(float(w) for w in weights)
+
+
+_MOMENT = _moment_weights()
+
+
+class Path(NamedTuple):
+    """Where a sensor was.
+
+    Attributes:
+        position: (T, 3) in the world, z up [m].
+        velocity: (T, 3) [m/s].
+        axes: (T, 3, 3); column i is the sensor's axis i in the world [1].
+    """
+
+    position: Any
+    velocity: Any
+    axes: Any
+
+
+def _shifted(samples: Any, by: int) -> Any:
+    """Samples moved by some places along time, the ends repeated; without the last."""
+    index = jnp.clip(jnp.arange(samples.shape[0] - 1) + by, 0, samples.shape[0] - 1)
+    return samples[index]
+
+
+def _integral(samples: Any, dt: Any) -> Any:
+    """Integral from the first sample to each (T, n), exact for polynomials of degree five."""
+    pairs = [_shifted(samples, -i) + _shifted(samples, i + 1) for i in (2, 1, 0)]
+    steps = dt * sum(weight * pair for weight, pair in zip(_SUM, pairs, strict=True))
+    return jnp.concatenate([jnp.zeros_like(samples[:1]), jnp.cumsum(steps, axis=0)])
+
+
+def attitude(gyr: Any, dt: Any, start: Any) -> Any:
+    """Axes of a sensor (T, 3, 3) from its angular rate (T, 3) [rad/s], samples dt [s] apart, and its first axes."""
+    rates = [_shifted(gyr, i) for i in (-2, -1, 0, 1, 2, 3)]
+    total = dt * sum(w * (a + b) for w, a, b in zip(_SUM, rates[:3], rates[:2:-1], strict=True))
+    # First moment about the middle, in units of dt².
+    odd = [(b - a) for a, b in zip(rates[:3], rates[:2:-1], strict=True)]
+    moment = dt * dt * sum(w * d for w, d in zip(_MOMENT, odd, strict=True))
+    turns = rotation(total + jnp.cross(total, moment) / dt)
+    all_turns = jnp.concatenate([start[None], turns])
+    return jax.lax.associative_scan(lambda a, b: a @ b, all_turns)
+
+
+def integrate(gyr: Any, acc: Any, dt: Any, axes: Any, position: Any = None, velocity: Any = None) -> Path:
+    """Integrate a sensor's readings from a known start.
+
+    Args:
+        gyr: (T, 3) angular rate in the sensor's axes [rad/s], T ≥ 2.
+        acc: (T, 3) specific force in the sensor's axes [m/s²].
+        dt: sample time [s].
+        axes: (3, 3) the sensor's axes in the world at the first sample, in columns.
+        position: (3,) at the first sample [m]; None: the origin.
+        velocity: (3,) at the first sample [m/s]; None: at rest.
+
+    Returns:
+        Position, velocity and axes at every sample.
+
+    Raises:
+        ValueError: if the shapes do not fit.
+    """
+    if gyr.ndim != 2 or gyr.shape[1] != 3 or gyr.shape[0] < 2 or acc.shape != gyr.shape:
+        raise ValueError(f"gyr and acc must both be (T, 3) with T >= 2; got {gyr.shape} and {acc.shape}")
+    turned = attitude(gyr, dt, axes)
+    force = jnp.einsum("tij,tj->ti", turned, acc)
+    world = force - jnp.asarray([0.0, 0.0, GRAVITY], acc.dtype)[None, :]
+    speed = _integral(world, dt)
+    speed = speed if velocity is None else speed + velocity[None, :]
+    way = _integral(speed, dt)
+    way = way if position is None else way + position[None, :]
+    return Path(way, speed, turned)
