@@ -13,7 +13,7 @@ from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.events import shank_stance
 from jgait.geometry.vectors import Vector
 from jgait.mounting import shank as shank_axes
-from jgait.signal import butterworth
+from jgait.signal import butterworth, marks
 
 CUTOFF_HZ = 4.0  # the paper's
 _smooth = jax.jit(butterworth.low_pass_both_ways, static_argnums=2)
@@ -36,8 +36,8 @@ class Signals(NamedTuple):
     acc: Any
     straight_gyr: Any
     straight_acc: Any
-    swing: stride_length.Marks
-    stride: stride_length.Marks
+    swing: marks.Marks
+    stride: marks.Marks
     end: Any
     swing_end: Any
     length: Any
@@ -87,8 +87,8 @@ def signals(leg: Leg, turn: np.ndarray | None = None) -> Signals:
     known = np.isfinite(length)
     return Signals(
         raw[0] @ rows.T, raw[1] @ rows.T, raw[0] @ nearest.T, raw[1] @ nearest.T,
-        jax.tree.map(np.asarray, stride_length.marks(start, end, total)),
-        jax.tree.map(np.asarray, stride_length.marks(stood.begin, stood.end, total)),
+        jax.tree.map(np.asarray, marks.marks(start, end, total)),
+        jax.tree.map(np.asarray, marks.marks(stood.begin, stood.end, total)),
         stood.end, end, np.where(known, length, 0.0), known, full & known, np.asarray(1.0 / leg.rate_hz),
     )  # fmt: skip
 

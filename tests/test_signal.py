@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from jgait.events import rest
 from jgait.signal import windows as signal
 
 RNG = np.random.default_rng(0)
@@ -91,22 +92,22 @@ def _walk(rate_hz=100.0):
 
 
 def test_still_where_standing_and_nowhere_in_walking():
-    still = np.asarray(signal.still_mask(_walk(), 100.0))
+    still = np.asarray(rest.still_mask(_walk(), 100.0))
     assert still[:165].all() and still[535:].all()
     assert not still[200:500].any()
 
 
 def test_longest_still_is_the_longer_end():
-    start, end = signal.longest_still(_walk(), 100.0)
+    start, end = rest.longest_still(_walk(), 100.0)
     assert 495 <= start <= 535 and end == 900
 
 
 def test_longest_still_says_none():
     gyr = np.full((500, 3), 1.0)
-    assert signal.longest_still(gyr, 100.0) is None
-    assert signal.longest_still(np.zeros((20, 3)), 100.0) is None, "shorter than a window"
-    assert signal.longest_still(np.zeros((120, 3)), 100.0, at_least_s=2.0) is None, "shorter than asked for"
-    assert signal.longest_still(np.zeros((220, 3)), 100.0, at_least_s=2.0) == (0, 220)
+    assert rest.longest_still(gyr, 100.0) is None
+    assert rest.longest_still(np.zeros((20, 3)), 100.0) is None, "shorter than a window"
+    assert rest.longest_still(np.zeros((120, 3)), 100.0, at_least_s=2.0) is None, "shorter than asked for"
+    assert rest.longest_still(np.zeros((220, 3)), 100.0, at_least_s=2.0) == (0, 220)
 
 
 def test_masked_samples_do_not_count():
@@ -115,9 +116,9 @@ def test_masked_samples_do_not_count():
     spoilt[50:60] = 1e3
     mask = np.ones(len(gyr), bool)
     mask[50:60] = False
-    assert np.asarray(signal.still_mask(spoilt, 100.0, mask=mask))[:165].all()
-    assert not np.asarray(signal.still_mask(spoilt, 100.0))[30:80].any()
-    assert not np.asarray(signal.still_mask(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool))).any()
+    assert np.asarray(rest.still_mask(spoilt, 100.0, mask=mask))[:165].all()
+    assert not np.asarray(rest.still_mask(spoilt, 100.0))[30:80].any()
+    assert not np.asarray(rest.still_mask(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool))).any()
 
 
 def test_window_size_is_odd():

@@ -12,6 +12,7 @@ from jgait.estimators.foot_ins.readout import root, wrapped
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector
+from jgait.signal import marks
 from jgait.types import Strides
 
 SHORTEST = 0.1
@@ -121,8 +122,8 @@ def by_method(
     )
     gyr, raw = gyr - leg.gyr_bias[None, :], leg.gyr - leg.gyr_bias[None, :]
     dt = 1.0 / leg.rate_hz
-    between = stride_length.marks(leg.begin, leg.end, samples, there)
-    swung = stride_length.marks(leg.swing_begin, leg.swing_end, samples, there)
+    between = marks.marks(leg.begin, leg.end, samples, there)
+    swung = marks.marks(leg.swing_begin, leg.swing_end, samples, there)
     spatial = stride_length.inertial(known, gyr, acc, between, dt)
     if method == "3d":
         length = spatial.level[leg.end]
