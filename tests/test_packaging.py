@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import made_shank
 import numpy as np
 import pytest
+from made import shank as made_shank
 
 ROOT = Path(__file__).parents[1]
 RUNTIME = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "pywavelets"}

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from made_cohort import FAKE, TRACED, Params, read, run, walk
+from made.cohort import FAKE, TRACED, Params, read, run, walk
 
 from jgait import evaluate
 from jgait.estimators import leg_ekf

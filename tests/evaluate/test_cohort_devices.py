@@ -12,7 +12,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from made_cohort import FAKE, read, read_or_die, walk
+from made.cohort import FAKE, read, read_or_die, walk
 
 from jgait import evaluate
 from jgait.evaluate import devices as spread
@@ -33,7 +33,7 @@ def test_devices_share_each_batch(tmp_path):
     whole = evaluate.cohort(FAKE, range(18), read=read, out=tmp_path / "one", batch=6)
     script = f"""
 import jax
-from made_cohort import FAKE, TRACED, read
+from made.cohort import FAKE, TRACED, read
 from jgait import evaluate
 from jgait.evaluate import spread
 mesh = jax.make_mesh((4,), ("recordings",), axis_types=(jax.sharding.AxisType.Auto,))
@@ -75,7 +75,7 @@ def test_processes_take_their_shares_and_return_all(tmp_path):
 import sys
 import jax
 jax.distributed.initialize(sys.argv[1], 2, int(sys.argv[2]))
-from made_cohort import FAKE, read
+from made.cohort import FAKE, read
 from jgait import evaluate
 from jgait.evaluate import spread
 number = int(sys.argv[2])

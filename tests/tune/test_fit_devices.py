@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import optax
 import pytest
-from made_people import OWN, PEOPLE, READINGS, START, likelihood
+from made.people import OWN, PEOPLE, READINGS, START, likelihood
 
 from jgait import tune
 
@@ -24,7 +24,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 if len(sys.argv) > 2:
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
     jax.distributed.initialize(f"127.0.0.1:{sys.argv[2]}", 2, int(sys.argv[3]))
-from made_people import OWN, PEOPLE, READINGS, START, likelihood
+from made.people import OWN, PEOPLE, READINGS, START, likelihood
 from jgait import tune
 mesh = jax.make_mesh((jax.device_count(),), ("items",), axis_types=(jax.sharding.AxisType.Auto,))
 """

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from made_people import OWN, PEOPLE, READINGS, START, TRUE, Leg, likelihood
+from made.people import OWN, PEOPLE, READINGS, START, TRUE, Leg, likelihood
 
 from jgait import tune
 from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real

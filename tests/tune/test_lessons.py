@@ -1,9 +1,9 @@
 """From walks to lessons: what is resampled, padded, stacked and refused, and what is minimised over them."""
 
 import jax
-import made_cohort
 import numpy as np
 import pytest
+from made import cohort as made_cohort
 
 from jgait import params, tune
 from jgait.tune.lessons import resampled

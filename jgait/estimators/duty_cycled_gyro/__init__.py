@@ -7,7 +7,7 @@ it, for over a gap it would turn the segment over: they go on by gravity, the ri
 vertical. What the sleep saves comes from `power`.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
-gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/test_duty_cycled_gyro.py.
+gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/duty_cycled_gyro/test_estimator.py.
 
 Sensors:
     `thigh_right` or `shank_right` or both, or those of the left leg, or all four; gyroscopes, and accelerometers for

@@ -34,7 +34,7 @@ Deviations of `duty_model` from the paper:
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010, sections 3.2, 4 and 8;
-tests/estimators/test_duty_model.py.
+tests/estimators/duty_cycled_gyro/test_model.py.
 """
 
 from typing import Any, NamedTuple

@@ -1,0 +1,196 @@
+"""One sensor at an ankle or on a shank on the command line: strides, totals, flags, and what it says of bad files."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from made import shank as made_shank
+from typer.testing import CliRunner
+
+from jgait import io, plot
+from jgait.cli import app
+from jgait.commands.estimate import strides as estimate_strides
+from jgait.estimators import ankle_stride
+from jgait.types import Imu, Recording
+
+RUNNER = CliRunner(env={"COLUMNS": "200"})
+LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
+TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]
+HEIGHT = 0.04
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = RUNNER.invoke(app, [str(word) for word in ("estimate", *words)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+def walked(placement="ankle_right", **options):
+    return made_shank.shank(
+        6, LENGTHS, lever=(0.0, 0.0, HEIGHT), turns=TURNS, rises=RISES, placement=placement, **options
+    )
+
+
+@pytest.fixture
+def csv(tmp_path):
+    """A walk, or what `change` makes of its sensor, as a user's file."""
+
+    def write(change=None, placement="ankle_right", **options):
+        recording = walked(placement, **options).recording
+        if change is not None:
+            recording = recording._replace(sensors={n: change(imu) for n, imu in recording.sensors.items()})
+        return io.write_csv(recording, tmp_path / "walk.csv")
+
+    return write
+
+
+def strides_of(tmp_path):
+    return pd.read_csv(tmp_path / "out" / "walk_strides.csv", keep_default_na=False)
+
+
+@pytest.fixture
+def words(tmp_path):
+    return ("--estimator", "ankle_stride", "--out", tmp_path / "out")
+
+
+def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
+    numbers = tmp_path / "made" / "numbers.json"
+    code, said = run(csv(), *words, "--lever", HEIGHT, "--axes", "x,y,z", "--json", numbers)
+    assert code == 0, said
+    assert "│ walk │ right │ 6 │ 6.2" in said
+    assert all(word in said for word in ("1 turning", "half-step"))  # the cell may wrap
+    assert "no --lever" not in said and "does not walk" not in said and "clips" not in said and "upside" not in said
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "walk_strides.csv", "walk_totals.csv", "walk_strides.png", "walk_distance.png",
+    }  # fmt: skip
+    strides = strides_of(tmp_path)
+    np.testing.assert_allclose(strides["stride_length_m"], LENGTHS, atol=0.02)
+    assert list(strides["special"]) == ["half-step", "", "turning", "stairs", "", "half-step"]
+    (leg,) = pd.read_csv(tmp_path / "out" / "walk_totals.csv").to_dict("records")
+    assert leg["side"] == "right" and leg["strides"] == 6 and leg["half"] == 2 and leg["clipped"] == 0
+    assert leg["distance_m"] == pytest.approx(LENGTHS.sum(), abs=0.06)
+    assert leg["stride_length_m"] == pytest.approx(1.2, abs=0.015)
+    assert abs(leg["lever_m"] - HEIGHT) < 2.0 * leg["lever_std_m"] < 0.04
+    (told,) = json.loads(numbers.read_text())["recordings"].values()
+    assert told["legs"][0]["distance_m"] == pytest.approx(leg["distance_m"])
+    assert told["distance_m"] == pytest.approx(leg["distance_m"])
+    assert told["notes"] == list(io.read_csv(tmp_path / "walk.csv").notes)  # and nothing of the estimator's
+    special = [one["special"] for one in told["strides"]]
+    assert special == [["half-step"], [], ["turning"], ["stairs"], [], ["half-step"]]
+    assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])
+
+
+UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
+BACKWARDS = np.diag([-1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("mount", "message"),
+    [
+        (UPSIDE_DOWN, "ankle_right: the sensor is upside down; strides are told all the same"),
+        (BACKWARDS, "ankle_right: the leg swings the other way: the sensor looks backwards or is on the other leg"),
+    ],
+)
+def test_a_sensor_worn_otherwise_is_noticed_from_the_swing_and_costs_nothing(csv, tmp_path, words, mount, message):
+    code, said = run(csv(mount=mount), *words, "--axes", "x,y,z")
+    assert code == 0 and message in said, said
+    assert "no --lever: a sensor at the ankle is taken to sit 0.03 m above it" in said
+    np.testing.assert_allclose(strides_of(tmp_path)["stride_length_m"], LENGTHS, atol=0.02)
+
+
+def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
+    monkeypatch.setattr(made_shank, "LEAN", 1.0)  # a swing at 5 rad/s, as a brisk walk has
+
+    def clip(imu):
+        return imu._replace(gyr=np.maximum(imu.gyr, 0.9 * imu.gyr.min()))
+
+    code, said = run(csv(clip, placement="shank_right"), *words)
+    assert code == 0, said
+    assert "walk.csv: the gyroscope of shank_right clips in" in said
+    flags = strides_of(tmp_path)["special"]
+    assert len(flags) == 6 and all("clipped" in one for one in flags), list(flags)
+
+
+def test_no_walking_is_an_empty_table(csv, tmp_path, words):
+    def stand(imu):
+        return imu._replace(gyr=0.02 * imu.gyr, acc=np.tile(imu.acc[:1], (len(imu.time), 1)))
+
+    code, said = run(csv(stand), *words, "--json", tmp_path / "numbers.json")
+    assert code == 0, said
+    assert "walk.csv: ankle_right does not walk" in said and "│ walk │ right │ 0 │ 0.00 │ – │" in said
+    assert len(strides_of(tmp_path)) == 0 and "special" in strides_of(tmp_path)
+    assert not list((tmp_path / "out").glob("*.png"))
+    (told,) = json.loads((tmp_path / "numbers.json").read_text())["recordings"].values()
+    assert told["strides"] == [] and told["legs"][0]["stride_length_m"] is None
+
+
+def slowed(factor):
+    return lambda imu: imu._replace(time=factor * imu.time)
+
+
+@pytest.mark.parametrize(
+    ("change", "placement", "more", "message"),
+    [
+        (slowed(5.0), "ankle_right", (), "ankle_stride needs 25 to 400 Hz; the recording has 20 Hz"),
+        (slowed(0.2), "ankle_right", (), "ankle_stride needs 25 to 400 Hz; the recording has 500 Hz"),
+        (lambda imu: imu._replace(acc=None), "ankle_right", (), "ankle_stride needs an accelerometer"),
+        (None, "thigh_right", (), "ankle_stride needs 'ankle_right' or 'ankle_left'"),
+        (None, "ankle_right", ("--axes", "x,y"), "--axes names the axes that look forward, left and up"),
+        (None, "ankle_right", ("--axes", "x,y,-z"), "right-handed, such as x,y,z or -z,y,x; got 'x,y,-z'"),
+        (None, "ankle_right", ("--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
+        (None, "ankle_right", ("--paper",), "--paper is an option of leg_ekf and stride_width_ekf"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_words(csv, tmp_path, words, change, placement, more, message):
+    code, said = run(csv(change, placement), *words, *more)
+    assert code == 2 and message in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_options_of_the_ankle_are_the_ankles_alone_and_failures_are_written(tmp_path):
+    code, said = run(tmp_path / "none.csv", "--lever", 0.03)
+    assert code == 2 and "--lever is an option of ankle_stride; got --estimator leg_ekf" in said
+    code, said = run(tmp_path / "none.csv", "--json", tmp_path / "numbers.json")
+    failures = json.loads((tmp_path / "numbers.json").read_text())["failures"]
+    assert code == 2 and "No such file" in failures[str(tmp_path / "none.csv")]
+
+
+def test_both_legs_have_a_row_and_a_colour():
+    right = ankle_stride.estimate(ankle_stride.AnkleParams(), walked().recording)
+    strides, stated = right.strides, right.strides_stddev
+    both = right._replace(
+        strides=type(strides)(*(None if v is None else np.concatenate([v, v]) for v in strides))._replace(
+            side=np.repeat([0, 1], strides.side.size), start=np.r_[strides.start, strides.start + 0.5],
+            end=np.r_[strides.end, strides.end + 0.5],
+        ),
+        strides_stddev=type(stated)(*(None if v is None else np.concatenate([v, v]) for v in stated)),
+        diagnostics={
+            name.replace("_right", "_left") if again else name: np.concatenate([value, value])
+            if name in ankle_stride.FLAGS else value
+            for again in (False, True) for name, value in right.diagnostics.items()
+        },
+    )  # fmt: skip
+    legs = estimate_strides.totals(both)
+    assert [leg["side"] for leg in legs] == ["right", "left"]
+    assert [leg["strides"] for leg in legs] == [6, 6]
+    assert legs[0]["distance_m"] == pytest.approx(legs[1]["distance_m"])
+    table = estimate_strides.stride_table(both)
+    assert list(table["side"][:4]) == ["right", "right", "left", "left"]  # each first stride is short
+    for side in ("right", "left"):
+        assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
+    figure = plot.leg_strides(both, title="walk")
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["in a turn", "on stairs", "from or to standing", "right leg, ±2σ", "left leg, ±2σ"]
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    assert labels == ["stride length [m]", "stride time [s]", "rise [cm]", "turn [°]"]
+
+
+def test_a_figure_of_no_strides_is_refused():
+    recording = walked().recording
+    imu = recording.sensors["ankle_right"]
+    still = Imu(imu.time, np.zeros_like(imu.gyr), np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
+    result = ankle_stride.estimate(ankle_stride.AnkleParams(), Recording({"ankle_right": still}, 100.0))
+    assert estimate_strides.totals(result)[0]["strides"] == 0
+    with pytest.raises(ValueError, match="no stride is valid"):
+        plot.leg_strides(result)

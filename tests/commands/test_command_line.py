@@ -1,0 +1,181 @@
+"""The command line end to end: a user's CSV, and what it says of bad ones."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jgait import io
+from jgait.cli import app
+from jgait.simulate import protocols
+
+ROOT = Path(__file__).parents[2]
+RUNNER = CliRunner(env={"COLUMNS": "300"})
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = RUNNER.invoke(app, [str(word) for word in words])
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def table():
+    """A simulated walk as a user's table: seconds, deg/s, m/s²."""
+    (walked,) = protocols.bennett(jax.random.key(4))
+    return io.recording_to_dataframe(walked.recording).reset_index()
+
+
+@pytest.fixture
+def csv(table, tmp_path):
+    def write(change=None, name="walk.csv"):
+        frame = table if change is None else change(table.copy())
+        path = tmp_path / name
+        frame.to_csv(path, index=False)
+        return path
+
+    return write
+
+
+def test_estimate_writes_a_table_and_figures(csv, tmp_path):
+    out = tmp_path / "results"
+    code, said = run("estimate", csv(), "--out", out)
+    assert code == 0, said
+    assert "wrote" in said
+    names = {path.name for path in out.iterdir()}
+    assert names == {"walk_legs.csv", "walk_angles.png", "walk_foot_path.png", "walk_distance.png"}
+    import pandas as pd
+
+    written = pd.read_csv(out / "walk_legs.csv")
+    assert np.isfinite(written.select_dtypes("number").to_numpy()).any()
+
+
+def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
+    bad = tmp_path / "empty.csv"
+    bad.write_text("")
+    code, said = run("estimate", bad, csv(), "--out", tmp_path / "results")
+    assert code == 1
+    assert "empty" in said
+    assert "1 of 2 recordings could not be used" in said
+    assert (tmp_path / "results" / "walk_legs.csv").exists()
+
+
+def without_shank(frame):
+    return frame[[c for c in frame.columns if not c.startswith("shank")]]
+
+
+def in_radians(frame):
+    gyr = [c for c in frame.columns if "_gyr_" in c]
+    frame[gyr] = np.radians(frame[gyr])
+    return frame
+
+
+def backwards(frame):
+    time = frame["time"].to_numpy().copy()
+    time[50] = time[48]
+    return frame.assign(time=time)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (without_shank, "leg_ekf needs 'shank_right'"),
+        (in_radians, "rad/s"),
+        (backwards, "time"),
+        (lambda frame: frame.iloc[:2], "samples"),
+        (lambda frame: frame.rename(columns=lambda c: c.replace("gyr", "omega")), "gyr"),
+    ],
+    ids=["no shank", "radians as degrees", "time backwards", "two samples", "unknown columns"],
+)
+def test_bad_files_are_refused_by_name_and_leave_nothing(csv, tmp_path, change, words):
+    out = tmp_path / "results"
+    code, said = run("estimate", csv(change), "--out", out)
+    assert code == 2
+    assert words in said
+    assert "walk.csv" in said
+    assert not out.exists()
+
+
+def test_a_missing_file_is_named(tmp_path):
+    code, said = run("estimate", tmp_path / "nowhere.csv")
+    assert code == 2
+    assert "No such file" in said
+
+
+def test_lost_samples_are_noted(csv, tmp_path):
+    def lose(frame):
+        frame.loc[150:155, [c for c in frame.columns if c.startswith("thigh_right")]] = np.nan
+        return frame
+
+    code, said = run("estimate", csv(lose), "--out", tmp_path / "results")
+    assert code == 0, said
+    assert "thigh_right" in said
+
+
+def test_data_sets_are_listed():
+    code, said = run("datasets", "list")
+    assert code == 0
+    assert "neura_sparse" in said
+    assert "walking5m" in said
+
+
+def test_demo_judges_tunes_and_draws(tmp_path):
+    numbers = tmp_path / "demo.json"
+    words = ("--dataset", "simulated", "--subjects", 2, "--steps", 2, "--out", tmp_path / "figures", "--json", numbers)
+    code, said = run("demo", *words)
+    assert code == 0, said
+    assert "tuned by gradient" in said
+    assert len(list((tmp_path / "figures").glob("*.png"))) == 3
+    (part,) = json.loads(numbers.read_text()).values()
+    assert all(np.isfinite([line["before"], line["after"]]).all() for line in part["lines"])
+    assert part["tuned"]["distance_scale"][0] != part["tuned"]["distance_scale"][1]
+
+
+def test_demo_refuses_an_unknown_data_set():
+    code, said = run("demo", "--dataset", "mine")
+    assert code == 2
+    assert "auto, simulated or neura_sparse; got 'mine'" in said
+
+
+def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch):
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path / "none"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    result = tmp_path / "leg_ekf.json"
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "experiments" / "leg_ekf.py"), "--quick", "--json", str(result)],
+        capture_output=True, text=True, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "left out" in done.stdout
+    written = json.loads(result.read_text())
+    assert written["experiment"] == "leg_ekf"
+    for row in written["rows"]:
+        assert set(row) == {"metric", "value", "unit", "paper", "n", "split"}
+        assert np.isfinite(row["value"])
+    assert {"sim_distance_error_pct", "sim_displacement_rmse_cm"} <= {row["metric"] for row in written["rows"]}
+
+
+def test_the_readme_says_what_the_recordings_give(data):
+    from jgait.estimators import leg_ekf
+    from jgait.evaluate.windows import judge
+
+    walk = data("neura_sparse")[0]
+    lengths, windows = walk.info["lengths"], walk.info["windows"]
+    p = leg_ekf.LegParams(
+        thigh_length=leg_ekf.BySide(lengths["right"][0], lengths["left"][0]),
+        shank_length=leg_ekf.BySide(lengths["right"][1], lengths["left"][1]),
+    )
+    best = judge(leg_ekf.estimate(p, walk.recording), walk.reference, windows["whole"], windows["standing"]).rmse
+    limits = {"right": (3.5, 3.5, 3.5, 3.0), "left": (5.0, 5.5, 3.5, 3.0)}
+    for side, limit in limits.items():
+        assert all(value <= most for value, most in zip(best[side].values(), limit, strict=True)), best[side]
+    paper = judge(
+        leg_ekf.estimate(p, walk.recording, leg_ekf.PAPER), walk.reference, windows["straight_1"], windows["standing"]
+    ).rmse
+    limits = {"right": (4.8, 3.2, 4.0), "left": (5.0, 4.8, 4.0)}
+    for side, limit in limits.items():
+        assert all(value <= most for value, most in zip(paper[side].values(), limit, strict=False)), paper[side]

@@ -1,0 +1,179 @@
+"""Feet on the command line: strides, ways and widths of a user's file, and of sets whose references tell strides."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from made.foot import _rise, foot
+from typer.testing import CliRunner
+
+from jgait import datasets, io
+from jgait.cli import app
+from jgait.commands import cohort, tune
+from jgait.estimators import foot_ins, get
+from jgait.types import Estimate, Imu, Legs, RangeReadings, Recording, Strides, Walk
+
+RUNNER = CliRunner(env={"COLUMNS": "200"})
+HZ, APART, OFFSET = 100.0, 0.2, 0.08
+LENGTHS = {"right": np.r_[0.6, np.full(5, 1.2)], "left": np.full(6, 1.2)}
+RESTS = {"right": 1.5, "left": 2.05}
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = RUNNER.invoke(app, [str(word) for word in words])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+def two_feet():
+    """Six strides of each foot, the left one half a stride later, and the range as one passes the other."""
+    made = {side: foot(strides=6, length=LENGTHS[side], rest=RESTS[side], side=side) for side in LENGTHS}
+    samples = made["left"].recording.sensors["foot_left"].time.size
+    time, sensors, along = np.arange(samples) / HZ, {}, {}
+    for side, one in made.items():
+        imu = one.recording.sensors[f"foot_{side}"]
+        more = [(0, samples - imu.time.size), (0, 0)]
+        sensors[f"foot_{side}"] = Imu(
+            time, np.pad(imu.gyr, more), np.pad(imu.acc, more, mode="edge"), np.ones(samples, bool)
+        )
+        swings = np.clip((time[:, None] - one.lift_off) / (one.contact - one.lift_off), 0.0, 1.0)
+        along[side] = _rise(swings) @ one.length
+    heard = (np.abs(along["right"] - along["left"]) < 0.06) & (np.abs(time - 5.0) < 3.4)
+    read = RangeReadings(time, np.where(heard, APART - OFFSET, 0.0), heard)
+    return Recording(sensors, HZ, "made", feet_range=read), made
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    recording, _ = two_feet()
+    assert recording.feet_range.mask.sum() >= 8
+    return io.write_csv(recording, tmp_path_factory.mktemp("feet") / "walk.csv")
+
+
+def test_strides_and_ways_of_both_feet(walk, tmp_path):
+    code, said = run("estimate", walk, "--estimator", "foot_ins", "--pivot", 0, "--out", tmp_path / "out")
+    assert code == 0, said
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "walk_feet.csv", "walk_strides.csv", "walk_strides.png", "walk_paths.png", "walk_height.png",
+    }  # fmt: skip
+    assert "│ 12 │ 1.20 │" in said  # strides and their median length
+    strides = pd.read_csv(tmp_path / "out" / "walk_strides.csv")
+    for side, lengths in LENGTHS.items():
+        own = strides[strides["side"] == side]
+        np.testing.assert_allclose(own["stride_length_m"], lengths, atol=0.01)
+        assert (own["stride_length_std_m"] > 0.0).all() and own["stride_width_m"].isna().all()
+    ways = pd.read_csv(tmp_path / "out" / "walk_feet.csv")
+    assert ways["position_x_left_m"].iloc[-1] == pytest.approx(7.2, abs=0.03)
+
+
+def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
+    words = ("--estimator", "stride_width_ekf", "--pivot", 0, "--range-offset", OFFSET, "--out", tmp_path / "out")
+    code, said = run("estimate", walk, *words)
+    assert code == 0, said
+    assert "walk_widths.png" in said and "widths over those that can be trusted" in said
+    strides = pd.read_csv(tmp_path / "out" / "walk_strides.csv")
+    good = strides[strides["width_valid"]]
+    assert len(good) >= 6
+    np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
+    code, said = run("estimate", walk, "--estimator", "stride_width_ekf", "--pivot", 0, "--out", tmp_path / "out")
+    assert code == 0 and "no --range-offset: the default of 0.08 m is taken" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--estimator", "foot_ins", "--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
+        (("--estimator", "foot_ins", "--scale", 1), "--scale is an option of leg_ekf; got --estimator foot_ins"),
+        (("--pivot", 0.1), "--pivot is an option of foot_ins and stride_width_ekf; got --estimator leg_ekf"),
+        (("--estimator", "foot_ins", "--range-offset", 0.1), "--range-offset is an option of stride_width_ekf"),
+        (("--estimator", "foot_ins", "--paper"), "--paper is an option of leg_ekf and stride_width_ekf"),
+        (("--estimator", "foot_ins", "--level", "perhaps"), "--level is auto, yes, no; got 'perhaps'"),
+        (("--estimator", "gaze"), "estimator must be one of leg_ekf, foot_ins, stride_width_ekf"),
+        (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit 'm/s^2'"),
+        (("--estimator", "foot_ins", "--range-unit", "mm"), "feet_range is 0.00012 m in the median (given as mm)"),
+        ((), "leg_ekf needs 'thigh_left' and 'shank_left'; the recording has ['foot_left', 'foot_right']"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_in_words(walk, tmp_path, words, message):
+    code, said = run("estimate", walk, *words, "--out", tmp_path / "out")
+    assert code == 2 and message in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_foot_is_not_enough_for_widths(tmp_path):
+    path = io.write_csv(foot(strides=3).recording, tmp_path / "one.csv")
+    code, said = run("estimate", path, "--estimator", "stride_width_ekf", "--out", tmp_path / "out")
+    assert code == 2 and "foot_left" in said, said
+
+
+@pytest.fixture
+def as_a_set(monkeypatch):
+    """Two walks of made feet as the recordings of a data set, with the strides that they have."""
+
+    def load(name, only=None):
+        found = []
+        for number, walked in enumerate(("first", "second")):
+            recording, made = two_feet()
+            strides = [
+                (np.full(6, number_of), one.lift_off, one.lift_off, one.contact, one.length)
+                for number_of, one in enumerate(made.values())
+            ]
+            side, start, off, end, length = (np.concatenate(column) for column in zip(*strides, strict=True))
+            nothing, ok = np.full(side.size, np.nan), np.ones(side.size, bool)
+            known = Strides(side, start, off, end, length, nothing, nothing, ok)
+            time = recording.sensors["foot_right"].time
+            truth = Estimate(time, Legs(None, None), None, None, np.ones(time.size, bool), {}, known)
+            whole = recording._replace(name=walked, subject=f"p{number}", feet_range=None)
+            found.append(Walk(whole, truth, {"lengths": {"right": (0.4, 0.4), "left": (0.4, 0.4)}}))
+        return [one for one in found if only is None or one.recording.name in only]
+
+    monkeypatch.setattr(datasets, "names", lambda name: ("first", "second"))
+    monkeypatch.setattr(datasets, "load", load)
+
+
+def test_stride_lengths_of_a_set_are_judged(as_a_set, tmp_path):
+    words = ("--dataset", "neura_sparse", "--estimator", "foot_ins", "--batch", 2, "--out", tmp_path / "out")
+    code, said = run("evaluate", *words)
+    assert code == 0, said
+    assert "foot_ins on neura_sparse: 2 recordings of 2 people" in said
+    rows = pd.read_csv(tmp_path / "out" / "strides.csv")
+    assert (rows["quantity"] == "stride_length_m").sum() == 24
+    length = rows[rows["quantity"] == "stride_length_m"]
+    assert length["abs_error"].max() < 0.1  # the default pivot is not that of a foot that stands still
+    quantities = pd.read_csv(tmp_path / "out" / "quantities.csv")
+    assert set(quantities["quantity"]) >= {"nis_right", "stride_length_within_2sd_percent"}
+    assert (tmp_path / "out" / "stride_length_agreement.png").exists()
+
+
+def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
+    pipeline = get("foot_ins")
+    source = cohort.source(None, "neura_sparse", None, 0, "deg/s", "m/s^2", ("pivot_height",))
+    failures: list[tuple[str, str]] = []
+    made = tune._lessons(pipeline, source, pipeline.params, ["velocity_noise"], failures, True)
+    assert failures == [] and made.names == ("first", "second")
+    np.testing.assert_allclose(made.data.own["pivot_height"], foot_ins.FootParams().pivot_height)
+    assert set(made.data.own) == {"pivot_height"}
+    made = tune._lessons(pipeline, source, pipeline.params, ["pivot_height"], failures, True)
+    assert made.data.own == {}
+    walk = datasets.load("neura_sparse")[0]
+    assert set(cohort.body(walk)) == {"thigh_length", "shank_length"} and cohort.body(walk, ("pivot_height",)) == {}
+
+
+def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
+    io.write_csv(foot(strides=2).recording, tmp_path / "a.csv")
+    rows = {"file": ["a.csv"], "subject": ["p"], "pivot_height_m": [0.09], "range_offset_m": [-0.05]}
+    pd.DataFrame(rows).to_csv(tmp_path / "cohort.csv", index=False)
+    found = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", ("pivot_height",))
+    assert found.notes == [] and found.failures == []
+    walk = found.read("a.csv")
+    assert cohort.body(walk, ("pivot_height", "range_offset")) == {"pivot_height": 0.09, "range_offset": -0.05}
+    legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2")
+    assert [note.split(":")[0] for note in legs.notes] == [
+        "1 of 1 recordings have no thigh_length_m", "1 of 1 recordings have no shank_length_m",
+    ]  # fmt: skip
+
+
+def test_the_sets_with_shoes_are_listed():
+    code, said = run("datasets", "list")
+    assert code == 0
+    for name in ("gaitmap_example", "footprints", "pyshoe_vicon", "xio_gait"):
+        assert name in said

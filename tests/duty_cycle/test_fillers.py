@@ -1,0 +1,194 @@
+"""Every filler keeps the interface; hold, replicate and the pace do what they say."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
+
+from jgait import datasets
+from jgait.duty_cycle.fillers import base as gap_filling
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals, fillers, hold, pace, replicate
+from jgait.mounting import shank as shank_axes
+from jgait.params import check_params
+
+CHANGED = 250  # from here on the future differs
+
+
+@cache
+def told(name):
+    """Five recordings through one filler at once: as it is; other values where off; another future; little measured."""
+    rate, acc = walk(seed=1)
+    on = schedule()
+    other = np.where(on, rate, 1e3)
+    after = np.arange(COUNT) >= CHANGED
+    future, felt = rate + 3.0 * after, acc + 2.0 * after[:, None]
+    little = on & (np.arange(COUNT) < STRIDE)
+    rates = jnp.asarray(np.stack([rate, other, future, rate]))
+    masks = jnp.asarray(np.stack([on, on, on ^ (after & ~on), little]))
+    accs = jnp.asarray(np.stack([acc, acc, felt, acc]))
+    one = fillers()[name]
+    found = jax.jit(jax.vmap(lambda r, u, a: one.fill(r, u, a, RATE_HZ, one.params)))(rates, masks, accs)
+    return SimpleNamespace(rates=rates, masks=masks, rate=np.asarray(found.rate), how=np.asarray(found.how),
+                           latency=int(found.latency[0]))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(fillers()))
+class TestInterface:
+    def test_measured_samples_are_passed_on_and_every_sample_is_flagged(self, name):
+        t = told(name)
+        on = np.asarray(t.masks[0])
+        np.testing.assert_array_equal(t.rate[0][on], np.asarray(t.rates[0])[on])
+        assert np.isfinite(t.rate).all()
+        np.testing.assert_array_equal(t.how[0], np.where(on, MEASURED, HELD if name == "hold" else FILLED))
+
+    def test_what_is_off_is_inert(self, name):
+        t = told(name)
+        np.testing.assert_array_equal(t.rate[1], t.rate[0])
+        np.testing.assert_array_equal(t.how[1], t.how[0])
+
+    def test_the_future_beyond_the_latency_changes_nothing(self, name):
+        t = told(name)
+        until = CHANGED - t.latency
+        np.testing.assert_array_equal(t.rate[2][:until], t.rate[0][:until])
+        assert not np.allclose(t.rate[2], t.rate[0])
+
+    def test_less_than_two_strides_measured_is_held_and_flagged(self, name):
+        t = told(name)
+        off = ~np.asarray(t.masks[3])
+        assert (t.how[3][off] == HELD).all()
+        np.testing.assert_array_equal(t.rate[3][off], np.asarray(t.rates[3])[STRIDE - 1])
+
+    def test_default_parameters_lie_in_their_ranges(self, name):
+        one = fillers()[name]
+        if name == "hold":
+            one = one._replace(params=one.params._replace(decay_s=1.0))  # infinite, the default, is its limit
+        check_params(one.params, one.transforms)
+
+    def test_the_accelerometer_is_asked_for_where_it_is_needed(self, name):
+        one = fillers()[name]
+        rate, _ = walk(120)
+        if name in ("neighbours", "ridge", "ridge_later", "blend"):
+            assert one.needs_acc
+            with pytest.raises(ValueError, match="acc is None"):
+                one.fill(rate, schedule(120), None, RATE_HZ, one.params)
+
+
+@pytest.mark.parametrize("name", ["replicate", "extrapolate", "resonate", "ridge", "neighbours"])
+def test_gradients_agree_with_finite_differences(name):
+    rate, acc = walk(200, 54.6, seed=2)
+    on, one = schedule(200), fillers()[name]
+
+    @jax.jit
+    @jax.value_and_grad
+    def loss(params):
+        found = one.fill(jnp.asarray(rate), jnp.asarray(on), jnp.asarray(acc), RATE_HZ, params)
+        return jnp.mean((found.rate - rate) ** 2)
+
+    params = jax.tree.map(jnp.asarray, one.params)
+    slopes = loss(params)[1]
+    for field in params._fields:
+        if field == "least_strides" or field.startswith("thigh"):
+            assert getattr(slopes, field) == 0.0  # a decision; a sensor that is not worn
+            continue
+        size = 1e-5 * getattr(params, field)
+        up, down = (loss(params._replace(**{field: getattr(params, field) + s * size}))[0] for s in (1, -1))
+        # Replicate's interpolation has kinks, one sample apart.
+        np.testing.assert_allclose(getattr(slopes, field), (up - down) / (2 * size), rtol=1e-4, atol=1e-7)
+        assert getattr(slopes, field) != 0.0
+
+
+def test_replicate_repeats_an_even_walk_exactly():
+    rate, acc = walk(COUNT)
+    found = replicate(rate, schedule(), acc, RATE_HZ)
+    # The period's estimate is a parabola's vertex: off by some thousandths of a sample.
+    np.testing.assert_allclose(found.rate[60:-1], rate[60:-1], atol=0.05)  # the last is a one-sided difference
+
+
+@pytest.mark.parametrize(("name", "most"), [("resonate", 0.1), ("oscillate", 0.2), ("oscillate_alone", 0.3)])
+def test_harmonics_run_on_through_a_gap(name, most):
+    t, rate = told(name), walk()[0]
+    off = ~np.asarray(t.masks[0])
+    assert np.sqrt(np.mean((t.rate[0] - rate)[off] ** 2) / np.mean(rate**2)) < most
+
+
+def test_hold_decays_from_the_last_measured_value():
+    rate, acc = walk()
+    on = schedule()
+    found = hold(rate, on, None, RATE_HZ, gap_filling.Hold(decay_s=0.2))
+    np.testing.assert_allclose(found.rate[130:135], rate[129] * np.exp(-np.arange(1, 6) / 10.0), rtol=1e-12)
+    np.testing.assert_array_equal(hold(rate, on, acc, RATE_HZ).rate[130:135], rate[129])
+
+
+@pytest.mark.parametrize("felt", [True, False])
+def test_the_pace_is_told_through_gaps(felt):
+    rate, acc = walk(500, 60.3, seed=3)
+    on = schedule(500, first=150, on=60)
+    s = check_signals(rate, jnp.asarray(on), acc if felt else None, RATE_HZ, None)
+    p = pace(s, RATE_HZ)
+    np.testing.assert_allclose(p.period[150:], 60.3 / RATE_HZ, atol=0.01)
+    np.testing.assert_allclose(p.strides[149], 150 / 60.3, atol=0.1)
+    assert bool(p.known[149]) and not bool(p.known[30])
+
+
+def test_standing_counts_for_no_stride():
+    rate, acc = walk(200)
+    still = np.concatenate([np.zeros(300), rate]), np.concatenate([np.tile([0.0, 0.0, 9.81], (300, 1)), acc])
+    on = np.arange(500) < 300 + STRIDE
+    found = replicate(*(still[0], jnp.asarray(on), still[1]), RATE_HZ)
+    assert (np.asarray(found.how)[~on] == HELD).all()
+
+
+def test_one_stride_suffices_where_the_caller_says_so():
+    rate, acc = walk()
+    on = np.arange(COUNT) < 70
+    found = replicate(rate, jnp.asarray(on), acc, RATE_HZ, gap_filling.Replicate(least_strides=1.0))
+    assert (np.asarray(found.how)[~on] == FILLED).all()
+
+
+def test_float32_stays_close_to_float64():
+    rate, acc = walk(seed=4)
+    on, one = schedule(), fillers()
+    for name in ("ridge", "neighbours"):
+        fill, params = one[name].fill, one[name].params
+        wide = fill(rate, on, acc, RATE_HZ, params)
+        narrow = fill(rate.astype(np.float32), on, acc.astype(np.float32), RATE_HZ, params)
+        assert narrow.rate.dtype == np.float32
+        np.testing.assert_allclose(narrow.rate, wide.rate, atol=2e-3)
+
+
+def test_bad_input_is_refused():
+    rate, acc = walk(100)
+    on = np.ones(100, bool)
+    for arguments, message in (
+        ((rate, on, acc, 10.0), "sampling rate"),
+        ((rate, on[:50], acc, RATE_HZ), r"usable must be \(100,\)"),
+        ((rate, on.astype(float), acc, RATE_HZ), "bool"),
+        ((rate, on, acc[:, :2], RATE_HZ), "acc must have shape"),
+        ((rate[:, None], on, acc, RATE_HZ), r"rate must be \(T,\)"),
+        ((np.arange(100), on, acc, RATE_HZ), "floating"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            hold(*arguments)
+    with pytest.raises(ValueError, match=r"thigh\.rate"):
+        hold(rate, on, acc, RATE_HZ, thigh=Thigh(rate[:9], acc))
+
+
+def test_a_real_shank_is_filled_better_than_the_paper_fills_it():
+    """First 14 s of the steady walk, ten units of 1.4 s, four of ten on; the paper has 0.267, replicate 0.18."""
+    if not datasets.available("tripod"):
+        pytest.skip(datasets.unavailable_reason("tripod"))
+    walk = datasets.load("tripod", ("Sub_FZ/PWS",))[0]
+    imu = walk.recording.sensors["shank_right"]
+    axes = shank_axes.functional_axes(imu)
+    begin = walk.info["windows"]["steady"][0]
+    part = slice(begin, begin + round(14 * walk.recording.sampling_rate_hz), 2)
+    rate, acc = np.asarray(imu.gyr)[part] @ axes.rows[1], np.asarray(imu.acc)[part] @ axes.rows.T
+    on = np.arange(len(rate)) // 90 % 5 < 2  # 1.4 s at 64 Hz
+    one = fillers()["neighbours"]
+    found = one.fill(rate, on, acc, walk.recording.sampling_rate_hz / 2, one.params)
+    error = np.asarray(found.rate) - rate
+    assert np.sqrt(np.mean(error**2) / np.mean(rate**2)) < 0.10

@@ -1,0 +1,278 @@
+"""Strides of made shanks whose way is known, and what every estimator owes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.shank import shank
+
+from jgait import estimators
+from jgait.estimators import ankle_stride
+from jgait.estimators.ankle_stride import FLAGS, TRANSFORMS, UNUSED, AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride import prepare as ankle_calibration
+from jgait.estimators.ankle_stride.inputs import capacity, pad
+from jgait.types import Imu, Recording, RecordingError
+
+MILLIMETRE = 1e-3
+P = AnkleParams()
+RUN = jax.jit(ankle_stride.run, static_argnames=("options",))
+
+
+def estimated(made, p=P, options=ankle_stride.DEFAULT):
+    return ankle_stride.estimate(p, made.recording, options)
+
+
+def rotation(seed=3):
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+def ready(made, samples=1024, options=ankle_stride.DEFAULT):
+    return pad(ankle_stride.prepared(made.recording, options).inputs, samples)
+
+
+@pytest.fixture(scope="module")
+def straight():
+    made = shank()
+    return made, estimated(made)
+
+
+def test_a_straight_walk(straight):
+    made, estimate = straight
+    strides = estimate.strides
+    np.testing.assert_allclose(strides.length, made.length, atol=MILLIMETRE)
+    np.testing.assert_allclose(strides.height, 0.0, atol=8 * MILLIMETRE)
+    np.testing.assert_allclose(strides.turn, 0.0, atol=1e-3)
+    np.testing.assert_allclose(strides.end, made.lands, atol=0.05)
+    np.testing.assert_allclose(strides.final_contact, made.leaves, atol=0.05)
+    np.testing.assert_allclose(strides.speed[1:], strides.length[1:] / np.diff(strides.end), rtol=1e-12)
+    np.testing.assert_allclose(estimate.distance[-1], 4.8, atol=3 * MILLIMETRE)
+    assert np.all(np.diff(estimate.distance) >= 0.0)
+    np.testing.assert_allclose(estimate.diagnostics["lever_right"], [0.0, 0.0, 0.18], atol=2 * MILLIMETRE)
+    assert estimate.diagnostics["half"].tolist() == [True, False, False, True]
+    assert not any(estimate.diagnostics[name].any() for name in ("turning", "stairs", "clipped"))
+    assert np.all((estimate.strides_stddev.length > 0.01) & (estimate.strides_stddev.length < 0.04))
+    assert estimate.strides.length.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("walk", "flag"),
+    [
+        ({"turns": 0.5}, "turning"),
+        ({"rises": [0.17, 0.17, -0.17, -0.17]}, "stairs"),
+        ({"bias": (0.02, -0.01, 0.03)}, None),
+        ({"length": [0.4, 0.8, 1.2, 1.5]}, None),
+        ({"seed": 1}, None),
+    ],
+    ids=["turning", "stairs", "bias", "lengths", "noise"],
+)
+def test_other_walks(walk, flag):
+    made = shank(**walk)
+    estimate = estimated(made)
+    tolerance = 12 * MILLIMETRE if "seed" in walk else 7 * MILLIMETRE
+    np.testing.assert_allclose(estimate.strides.length, made.length, atol=tolerance)
+    np.testing.assert_allclose(estimate.strides.height, made.rise, atol=2 * tolerance)
+    np.testing.assert_allclose(estimate.strides.turn, made.turn, atol=0.01)
+    for name in ("turning", "stairs", "clipped"):
+        assert estimate.diagnostics[name].all() == (name == flag)
+
+
+def test_a_lever_that_is_not_as_believed_is_looked_for_within_its_spread():
+    made = shank(lever=(0.0, 0.0, 0.12))
+    sure = estimated(made, AnkleParams(lever_along_sd=1e-4))
+    free = estimated(made, AnkleParams(lever_along_sd=0.1))
+    off = [np.abs(e.strides.length - made.length).mean() for e in (sure, free)]
+    assert off[1] < 0.5 * off[0]
+    assert abs(free.diagnostics["lever_right"][2] - 0.12) < 0.03
+
+
+def test_a_sensor_at_the_ankle_has_a_lever_of_its_own():
+    made = shank(lever=(0.0, 0.0, 0.03), placement="ankle_left")
+    strides = RUN(AnkleParams(), ready(made)._replace(right=ready(made).left, left=None)).strides
+    np.testing.assert_allclose(strides.length[:4], made.length, atol=MILLIMETRE)
+
+
+def test_a_bias_that_was_not_read_at_rest_is_found():
+    made = shank(bias=(0.02, 0.02, 0.0), strides=4)
+    unread = ready(made, options=AnkleOptions(standing=False))
+    assert unread.right.still_time == 0.0
+    strides = RUN(AnkleParams(), unread).strides
+    np.testing.assert_allclose(strides.length[:4], made.length, rtol=0.01)
+
+
+def test_mounting_changes_nothing(straight):
+    _, plain = straight
+    for mount in (rotation(), np.diag([1.0, -1.0, -1.0])):
+        turned = estimated(shank(mount=mount))
+        for name in ("length", "height", "turn", "end"):
+            np.testing.assert_allclose(getattr(turned.strides, name), getattr(plain.strides, name), atol=1e-6)
+
+
+def test_standing_alone_is_an_empty_table():
+    imu = shank(strides=2).recording.sensors["shank_right"]
+    still = Imu(imu.time, 0.0 * imu.gyr, np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
+    estimate = ankle_stride.estimate(AnkleParams(), Recording({"shank_right": still}, 100.0))
+    assert estimate.strides.length.size == estimate.strides_stddev.length.size == 0
+    assert not estimate.valid.any()
+    np.testing.assert_array_equal(estimate.distance, 0.0)
+    assert "shank_right does not walk" in estimate.diagnostics["notes"]
+
+
+def test_lost_samples_and_clipped_swings_are_told():
+    made = shank(seed=2)
+    imu = made.recording.sensors["shank_right"]
+    mask = imu.mask.copy()
+    mask[250:255] = False
+    gone = np.where(mask[:, None], imu.gyr, 0.0)
+    lost = ankle_stride.estimate(AnkleParams(), Recording({"shank_right": imu._replace(gyr=gone, mask=mask)}, 100.0))
+    plain = estimated(made)
+    assert len(lost.strides.length) == 4
+    assert lost.strides_stddev.length[1] > 1.05 * plain.strides_stddev.length[1]
+    assert any("5 samples of shank_right are lost" in note for note in lost.diagnostics["notes"])
+    gyr = imu.gyr.copy()
+    gyr[:, 1] = np.maximum(2.0 * gyr[:, 1], -4.2)  # twice as fast, and a range that this passes
+    inputs = ankle_calibration.prepare(Recording({"shank_right": imu._replace(gyr=gyr)}, 100.0), ankle_stride.DEFAULT)
+    assert inputs.inputs.right.clips[: int(inputs.inputs.right.count)].all()
+    assert any("gyroscope of shank_right clips" in note for note in inputs.notes)
+
+
+METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7, "li": 0.06}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_papers_methods_measure_and_move_with_their_parameters_alone(method):
+    made = shank()
+    options = AnkleOptions(length=method)
+    told = RUN(AnkleParams(), ready(made), options)
+    np.testing.assert_allclose(told.strides.length[:4], made.length, atol=METHODS[method])
+    assert told.strides_stddev is None
+    unused = silent(method)
+    slope = along(ready(shank(seed=4, turns=0.1)), options, np.eye(unused.size))[0]
+    np.testing.assert_array_equal(np.any(slope != 0.0, axis=1), ~unused)
+    assert np.all(np.isfinite(slope))
+
+
+def along(inputs, options, directions):
+    """Derivatives of the lengths of four strides along directions of the parameters (n, 4), in shares of each."""
+    values = jnp.asarray([float(v) for v in P])
+    steps = jnp.asarray(directions) * jnp.where(values != 0.0, values, 1.0)[None, :]
+
+    def lengths(c):
+        return ankle_stride.run(AnkleParams(*(values + c @ steps)), inputs, options).strides.length[:4]
+
+    return np.asarray(jax.jit(jax.jacfwd(lengths))(jnp.zeros(len(steps)))).T, np.asarray(steps), np.asarray(values)
+
+
+def silent(method):
+    """Which parameters move no length of one leg at mid shank that stood still."""
+    names = {*UNUSED[method], "lever_ankle", *(("gyr_bias_unknown",) if method == "filter" else ())}
+    return np.array([name in names for name in AnkleParams._fields])
+
+
+def test_gradients_are_those_of_finite_differences_and_zero_where_said():
+    # of the filter alone: the smoother's derivatives take minutes to compile
+    options = AnkleOptions(smooth=False)
+    inputs = ready(shank(seed=4, turns=0.1))
+    unused = silent("filter")
+    shares = np.random.default_rng(0).uniform(0.5, 1.5, unused.size)
+    # all that is said to be unused, and all the rest, each with a share of its own so that none hides another
+    slope, steps, values = along(inputs, options, [shares * unused, shares * ~unused])
+    np.testing.assert_array_equal(slope[0], 0.0)
+    ends = [RUN(AnkleParams(*(values + h * steps[1])), inputs, options).strides.length[:4] for h in (1e-4, -1e-4)]
+    np.testing.assert_allclose(slope[1], (ends[0] - ends[1]) / 2e-4, rtol=1e-5, atol=1e-8)
+    for row in np.flatnonzero(~unused):
+        moved = values.copy()
+        moved[row] = 1.5 * moved[row] if moved[row] else 0.01
+        told = RUN(AnkleParams(*moved), inputs, options).strides.length
+        assert np.any(told != RUN(AnkleParams(*values), inputs, options).strides.length), AnkleParams._fields[row]
+
+
+def test_mapped_padded_and_alone_are_the_same(straight):
+    made, whole = straight
+    items = [made, shank(strides=3, length=0.9)]
+    together = jax.tree.map(lambda *v: np.stack(v), *(ready(one, 700) for one in items))
+    mapped = jax.jit(jax.vmap(lambda i: ankle_stride.run(AnkleParams(), i)))(together)
+    alone = [whole, estimated(items[1])]
+    for row, estimate in enumerate(alone):
+        count = len(estimate.strides.length)
+        assert int(mapped.strides.valid[row].sum()) == count
+        for name in ("length", "height", "turn", "start", "end"):
+            np.testing.assert_allclose(
+                getattr(mapped.strides, name)[row][:count], getattr(estimate.strides, name), atol=1e-9
+            )
+        np.testing.assert_allclose(mapped.strides_stddev.length[row][:count], estimate.strides_stddev.length, rtol=1e-8)
+        samples = len(estimate.distance)
+        np.testing.assert_allclose(mapped.distance[row][: min(samples, 700)], estimate.distance, atol=1e-9)
+
+
+def test_float32_is_close():
+    made = shank(seed=5)
+    inputs = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, ready(made))
+    p = AnkleParams(*(np.float32(v) for v in AnkleParams()))
+    told = RUN(p, inputs)
+    assert told.strides.length.dtype == np.float32
+    exact = estimated(made).strides
+    np.testing.assert_allclose(told.strides.length[:4], exact.length, atol=2 * MILLIMETRE)
+
+
+@pytest.mark.parametrize("detector", ["machine", "paper", "jimenez", "feliz"])
+def test_other_detectors_find_the_strides_of_a_clean_walk(detector):
+    made = shank(strides=5)
+    inputs = ankle_stride.prepared(made.recording, AnkleOptions(detector=detector)).inputs.right
+    # the paper's machine and the baselines may miss a half-step or split one
+    assert abs(int(inputs.count) - 5) <= (0 if detector in ("machine", "paper") else 1)
+    assert np.all(inputs.end[: int(inputs.count)] > inputs.begin[: int(inputs.count)])
+
+
+IMU = shank(strides=2).recording.sensors["shank_right"]
+
+
+def changed(hz=100.0, **fields):
+    return Recording({"shank_right": IMU._replace(**fields)}, hz)
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (Recording({"thigh_right": IMU}, 100.0), r"needs 'ankle_right' or .*; the recording has \['thigh_right'\]"),
+        (changed(acc=None), "needs an accelerometer"),
+        (changed(gyr=IMU.gyr[:-1]), r"gyr of 'shank_right' must have shape"),
+        (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
+        (changed(time=IMU.time[::-1]), "time must increase"),
+        (changed(hz=20.0, time=5.0 * IMU.time), "25 to 400 Hz; the recording has 20 Hz"),
+        (changed(hz=50.0), "a sample every 0.01 s, and is said to have 50 Hz"),
+        (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'shank_right' is masked"),
+        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "a second or more"),
+        (Recording({"shank_right": IMU, "shank_left": IMU._replace(time=IMU.time + 0.02)}, 100.0), "on one clock"),
+    ],
+    ids=["placement", "acc", "shape", "nan", "time", "slow", "rate", "masked", "short", "clocks"],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_in_words(recording, message):
+    with pytest.raises(RecordingError, match=message):
+        ankle_stride.estimate(AnkleParams(), recording)
+
+
+def test_options_parameters_and_measures_that_are_none_are_refused():
+    made = shank(strides=2)
+    with pytest.raises(ValueError, match="length must be one of filter, 3d, sl1, sl2, li; got 'long'"):
+        estimated(made, options=AnkleOptions(length="long"))
+    with pytest.raises(ValueError, match="detector must be one of swings.*; got 'eye'"):
+        estimated(made, options=AnkleOptions(detector="eye"))
+    with pytest.raises(ValueError, match="velocity_noise"):
+        estimated(made, AnkleParams(velocity_noise=-1.0))
+    with pytest.raises(ValueError, match="pad only lengthens"):
+        ready(made, 100)
+    with pytest.raises(ValueError, match=r"takes lever_ankle, .* of a person; got 'mass'"):
+        ankle_stride.with_body(AnkleParams(), {"mass": 70.0})
+    assert ankle_stride.with_body(AnkleParams(), {"leg_length": (0.8, 0.9)}).leg_length == pytest.approx(0.85)
+
+
+def test_the_registry_and_the_documents_know_it():
+    found = estimators.get("ankle_stride")
+    assert found.name == "ankle_stride"
+    assert found.params == AnkleParams()
+    assert found.transforms == TRANSFORMS
+    for name in AnkleParams._fields:
+        assert f"        {name}: " in AnkleParams.__doc__
+    assert capacity(1000) == 102
+    assert set(FLAGS) == {"turning", "stairs", "clipped", "half"}

@@ -1,0 +1,186 @@
+"""The ankle's estimator a sample at a time: as over the recording, and near the one that knows the whole walk."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.shank import REST, shank
+
+from jgait.estimators import ankle_stride
+from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride import online as ankle_online
+from jgait.estimators.ankle_stride.online import ONLINE
+from jgait.events import shank_stance_online as shank_valley
+from jgait.types import Imu, Recording, RecordingError
+
+P = AnkleParams()
+SAMPLES = 700
+MILLIMETRE = 1e-3
+MOUNT = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
+
+
+def walked(made, worn, measured=None):
+    """A made walk as a device saw it, standing on behind its end so that one program serves all."""
+    imu = made.recording.sensors["shank_right"]
+    index = np.minimum(np.arange(SAMPLES), len(imu.time) - 1)
+    measured = np.ones(SAMPLES, bool) if measured is None else measured
+    return ankle_online.walk(P, worn, imu.gyr[index], imu.acc[index], measured)
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    """Another walk of the same leg: how the sensor is worn."""
+    made = shank(strides=3, length=1.0, mount=MOUNT, bias=(0.01, -0.02, 0.01))
+    return ankle_online.worn(P, made.recording, "right")
+
+
+@pytest.fixture(scope="module")
+def straight(calibrated):
+    made = shank(strides=4, seed=1, mount=MOUNT, bias=(0.01, -0.02, 0.01))
+    return made, walked(made, calibrated)
+
+
+def test_every_stride_is_known_soon_and_is_as_long_as_it_was(straight):
+    made, now = straight
+    strides, stddev, flags = ankle_online.table(now)
+    np.testing.assert_allclose(strides.length, made.length, atol=8 * MILLIMETRE)
+    np.testing.assert_allclose(strides.height, 0.0, atol=25 * MILLIMETRE)
+    np.testing.assert_allclose(strides.turn, 0.0, atol=0.01)
+    np.testing.assert_allclose(strides.end, made.lands, atol=0.05)
+    np.testing.assert_allclose(strides.final_contact, made.leaves, atol=0.05)
+    assert np.all((stddev.length > 0.01) & (stddev.length < 0.04))
+    # within a stance: the valley in its middle, as long as it has to last, and the filter's lag
+    assert np.all((flags["known"] / 100.0 - made.lands > 0.2) & (flags["known"] / 100.0 - made.lands < 0.9))
+    assert flags["half"].tolist() == [True, False, False, False]
+    assert not flags["turning"].any()
+    assert not flags["stairs"].any()
+    np.testing.assert_array_equal(np.diff(now.count) == 1, now.stride[1:])
+    np.testing.assert_allclose(now.distance[-1], strides.length.sum(), rtol=1e-12)
+    assert np.all(strides.side == 0)
+    assert now.stands[int(0.8 * REST * 100)]
+    assert not now.stands[300]
+    assert np.all(now.valid)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_near_what_knows_the_whole_walk(straight, smooth):
+    made, now = straight
+    strides, stddev, _ = ankle_online.table(now)
+    whole = ankle_stride.estimate(P, made.recording, AnkleOptions(smooth=smooth))
+    assert len(strides.length) == len(whole.strides.length) == 4
+    # measured: 1.4 mm (not smoothed), 3.4 mm (smoothed) at most
+    np.testing.assert_allclose(strides.length, whole.strides.length, atol=(7 if smooth else 4) * MILLIMETRE)
+    np.testing.assert_allclose(strides.turn, whole.strides.turn, atol=0.01)
+    for name in ("start", "final_contact", "end"):
+        np.testing.assert_allclose(getattr(strides, name), getattr(whole.strides, name), atol=0.03)
+    if not smooth:
+        np.testing.assert_allclose(stddev.length, whole.strides_stddev.length, rtol=0.1)
+
+
+def test_sample_by_sample_as_over_the_recording_in_constant_memory(calibrated, straight):
+    made, now = straight
+    imu = made.recording.sensors["shank_right"]
+    state = ankle_online.begin(P, calibrated, imu.gyr[0], imu.acc[0])
+    sizes = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)]
+    told = []
+    for gyr, acc in zip(imu.gyr, imu.acc, strict=True):
+        state, one = ankle_online.step(P, calibrated, state, gyr, acc, np.bool_(True))
+        told.append(one)
+    assert [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(state)] == sizes
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(state)) < 5000
+    online = jax.tree.map(lambda *leaves: np.stack(leaves), *told)
+    assert int(state.count) == 4
+    for name in ("stride", "count", "stands", "valid"):
+        np.testing.assert_array_equal(getattr(online, name), getattr(now, name)[: len(told)])
+    for mine, scanned in zip(ankle_online.table(online), ankle_online.table(now), strict=True):
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9), mine, scanned)
+
+
+def test_turns_and_stairs(calibrated):
+    for walk, flag in (({"turns": 0.5}, "turning"), ({"rises": [0.17, 0.17, -0.17, -0.17]}, "stairs")):
+        made = shank(strides=4, mount=MOUNT, bias=(0.01, -0.02, 0.01), **walk)
+        strides, _, flags = ankle_online.table(walked(made, calibrated))
+        np.testing.assert_allclose(strides.length, made.length, atol=10 * MILLIMETRE)
+        np.testing.assert_allclose(strides.height, made.rise, atol=20 * MILLIMETRE)
+        np.testing.assert_allclose(strides.turn, made.turn, atol=0.01)
+        for name in ("turning", "stairs"):
+            assert flags[name].all() == (name == flag)
+
+
+def test_lost_samples_are_not_looked_at_and_cost_certainty(calibrated, straight):
+    made, now = straight
+    imu = made.recording.sensors["shank_right"]
+    measured = np.ones(SAMPLES, bool)
+    measured[270:274] = False
+    garbled = [np.where(measured[: len(imu.time), None], values, 99.0) for values in (imu.gyr, imu.acc)]
+    worse = made._replace(recording=Recording({"shank_right": imu._replace(gyr=garbled[0], acc=garbled[1])}, 100.0))
+    strides, stddev, _ = ankle_online.table(walked(worse, calibrated, measured))
+    _, plain, _ = ankle_online.table(now)
+    np.testing.assert_allclose(strides.length, made.length, atol=0.2)
+    assert stddev.length[1] > 1.05 * plain.length[1]
+
+
+def test_who_stands_makes_no_strides(calibrated):
+    imu = shank(strides=1).recording.sensors["shank_right"]
+    gyr, acc = np.tile([0.01, -0.02, 0.01], (SAMPLES, 1)), np.tile(np.array([0.0, 0.0, 9.81]) @ MOUNT, (SAMPLES, 1))
+    still = shank(strides=1)._replace(recording=Recording({"shank_right": Imu(imu.time, gyr, acc, imu.mask)}, 100.0))
+    now = walked(still, calibrated)
+    assert not now.stride.any()
+    assert now.stands[-1]
+    assert now.distance[-1] == 0.0
+
+
+def test_the_valley_is_the_first_minimum_that_lasts():
+    time = np.arange(120)
+    # the foot comes down until 20, in two bumps with a deep dip between; the valley is at 45; push-off, swing
+    rate = np.interp(time, [0, 6, 10, 16, 45, 70, 90, 119], [0.0, 1.0, 0.1, 2.0, 0.5, 2.5, -3.0, -3.0])
+    leaves = time > 70
+    step = jax.jit(shank_valley.step)
+
+    def found(hold, landing):
+        state, at = shank_valley.begin(jnp.asarray(rate[0])), []
+        for k in time:
+            phase = shank_valley.Phase(jnp.asarray(k == 0), jnp.asarray(leaves[k]))
+            state, lasted = step(state, k, rate[k], phase, hold, landing)
+            at += [(int(state.at), int(k))] if lasted else []
+        return at
+
+    assert found(20, 20) == [(45, 65)]
+    assert found(4, 8) == [(10, 14)]  # one that is not asked to last is taken in by the dip
+    assert found(20, 12) == [(10, 30)]  # and so is one that thinks that the foot is down before it is
+    assert found(60, 20) == [(45, 105)]  # what comes after push-off does not count
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (AnkleOptions(), r"smooth=False; got length='filter', smooth=True"),
+        (ONLINE._replace(length="sl1"), "got length='sl1'"),
+        (ONLINE._replace(detector="feliz"), "must be one of machine, paper, swings; got 'feliz'"),
+    ],
+    ids=["smooth", "method", "detector"],
+)
+def test_what_cannot_be_had_online_is_refused(calibrated, options, message):
+    with pytest.raises(ValueError, match=message):
+        ankle_online.begin(P, calibrated, np.zeros(3), np.array([0.0, 0.0, 9.8]), options)
+
+
+def test_a_recording_that_tells_nothing_is_refused():
+    made = shank(strides=2)
+    with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'middle'"):
+        ankle_online.worn(P, made.recording, "middle")
+    with pytest.raises(RecordingError, match="left sensor is worn; this one has no sensor there"):
+        ankle_online.worn(P, made.recording, "left")
+    imu = made.recording.sensors["shank_right"]
+    still = Recording({"shank_right": imu._replace(gyr=0.0 * imu.gyr)}, 100.0)
+    with pytest.raises(RecordingError, match="right sensor is worn; this one does not walk there"):
+        ankle_online.worn(P, still, "right")
+
+
+def test_a_packed_state_is_the_state(load_experiment, calibrated):
+    timing = load_experiment("_ankle_online")
+    state = ankle_online.begin(P, calibrated, np.ones(3), np.array([0.0, 0.0, 9.8]))
+    parts = timing.packed(state)
+    assert len(parts) == len({leaf.dtype for leaf in jax.tree.leaves(state)})
+    for one, other in zip(*(jax.tree.leaves(s) for s in (state, timing.unpacked(parts, state))), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -1,0 +1,340 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.foot import foot
+
+from jgait import datasets, estimators
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins import windows as foot_windows
+from jgait.estimators.foot_ins.params import TEXTBOOK, TRANSFORMS
+from jgait.events.rest import rest
+from jgait.types import Imu, Recording, RecordingError
+
+STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)
+"""For feet that are made to stand quite still, and of which the model knows everything."""
+
+MILLIMETRE = 1e-3
+
+
+def estimated(made, p=STILL, options=foot_ins.DEFAULT):
+    return foot_ins.estimate(p, made.recording, options)
+
+
+def rotation(seed=3):
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+@pytest.fixture(scope="module")
+def straight():
+    made = foot(strides=6)
+    return made, estimated(made)
+
+
+def test_lengths_heights_and_lift_of_a_straight_walk(straight):
+    made, estimate = straight
+    strides = estimate.strides
+    np.testing.assert_allclose(strides.length, made.length, atol=MILLIMETRE)
+    np.testing.assert_allclose(strides.height, 0.0, atol=MILLIMETRE)
+    np.testing.assert_allclose(strides.lift, 0.12, atol=2 * MILLIMETRE)
+    np.testing.assert_allclose(strides.turn, 0.0, atol=1e-3)
+    np.testing.assert_allclose(estimate.distance[-1], 7.2, atol=6 * MILLIMETRE)
+    np.testing.assert_allclose(estimate.feet.right.position[-1], [7.2, 0.0, 0.0], atol=6 * MILLIMETRE)
+    assert np.all(strides.start < strides.end)
+    assert np.all(np.diff(strides.end) > 0)
+    assert np.all(strides.push_off_angle < -0.2)
+    assert np.all(strides.contact_angle > 0.05)
+    assert np.all(estimate.strides_stddev.length > 0.0005)
+
+
+@pytest.mark.parametrize(
+    "walk",
+    [
+        {"turns": [0.4] * 6},
+        {"rises": [0.17, 0.17, 0.17, -0.17, -0.17, -0.17]},
+        {"bias": (0.02, -0.03, 0.01)},
+        {"length": [0.3, 0.6, 1.2, 1.6, 1.2, 0.6]},
+        {"swing": 0.4, "stance": 0.25},
+        {"seed": 1},
+    ],
+    ids=["turning", "stairs", "bias", "lengths", "fast", "noise"],
+)
+def test_other_walks(walk):
+    made = foot(strides=6, **walk)
+    strides = estimated(made).strides
+    tolerance = 8 * MILLIMETRE if "seed" in walk else 2 * MILLIMETRE
+    np.testing.assert_allclose(strides.length, made.length, atol=tolerance)
+    np.testing.assert_allclose(strides.height, made.rise, atol=tolerance)
+    np.testing.assert_allclose(strides.turn, made.turn, atol=8e-3)
+
+
+@pytest.mark.parametrize("mount", [rotation(), np.diag([1.0, -1.0, -1.0])], ids=["any", "upside down"])
+def test_mounting_changes_nothing(straight, mount):
+    _, plain = straight
+    turned = estimated(foot(strides=6, mount=mount))
+    for name in ("length", "height", "turn", "lift", "contact_angle", "push_off_angle"):
+        np.testing.assert_allclose(getattr(turned.strides, name), getattr(plain.strides, name), atol=2e-5)
+    np.testing.assert_allclose(turned.feet.right.position, plain.feet.right.position, atol=1e-4)
+
+
+def test_a_foot_that_rolls_over_the_ground_needs_the_pivot():
+    """A sensor 8 cm over the point about which the standing foot turns goes forward while it stands."""
+    made = foot(strides=6, roll=0.08, stance=0.5)
+    imu = made.recording.sensors["foot_right"]
+    # the sensor is 8 cm up the foot's own z axis from what was made
+    point = np.array([0.0, 0.0, 0.08])
+    spin = np.gradient(imu.gyr, 0.01, axis=0)
+    acc = imu.acc + np.cross(spin, point) + np.cross(imu.gyr, np.cross(imu.gyr, point))
+    worn = made._replace(recording=made.recording._replace(sensors={"foot_right": imu._replace(acc=acc)}))
+    errors = {
+        height: np.abs(estimated(worn, FootParams(pivot_height=height)).strides.length - made.length).mean()
+        for height in (0.0, 0.08)
+    }
+    assert errors[0.08] < 0.5 * errors[0.0]
+
+
+def test_level_ground_can_be_told_to_the_filter():
+    made = foot(strides=6, seed=2)
+    strides = estimated(made, options=FootOptions(level=True)).strides
+    np.testing.assert_allclose(strides.height, 0.0, atol=1e-4)
+    np.testing.assert_allclose(strides.length, made.length, atol=8 * MILLIMETRE)
+
+
+def test_heights_that_errors_can_explain_are_flattened_in_the_trajectory_alone():
+    made = foot(strides=6, seed=2)
+    auto, raw = (estimated(made, options=FootOptions(level=level)) for level in ("auto", False))
+    steps = auto.diagnostics["footholds_right"]
+    np.testing.assert_allclose(auto.feet.right.position[steps, 2], 0.0, atol=1e-9)
+    assert np.abs(raw.feet.right.position[steps, 2]).max() > 1e-4
+    np.testing.assert_array_equal(auto.strides.height, raw.strides.height)
+
+
+def test_a_fixed_detector_instead_of_the_adaptive_one(straight):
+    made, _ = straight
+    strides = estimated(made, options=FootOptions(detector="ared")).strides
+    np.testing.assert_allclose(strides.length, made.length, atol=2 * MILLIMETRE)
+
+
+@pytest.mark.parametrize(
+    "walk", [{}, {"turns": [0.4] * 6}, {"mount": rotation()}], ids=["straight", "turning", "mount"]
+)
+def test_forward_and_backward_stride_by_stride(walk):
+    made = foot(strides=6, bias=(0.01, 0.0, -0.01), **walk)
+    estimate = estimated(made, options=FootOptions(integration="forward_backward"))
+    np.testing.assert_allclose(estimate.strides.length, made.length, atol=10 * MILLIMETRE)
+    np.testing.assert_allclose(estimate.strides.height, 0.0, atol=10 * MILLIMETRE)
+    np.testing.assert_allclose(estimate.strides.turn, made.turn, atol=0.01)
+    assert estimate.strides_stddev is None
+    assert estimate.feet_stddev is None
+
+
+def test_options_that_are_none_are_refused():
+    made = foot(strides=2)
+    with pytest.raises(ValueError, match="integration must be 'filter' or 'forward_backward'; got 'sideways'"):
+        estimated(made, options=FootOptions(integration="sideways"))
+    with pytest.raises(ValueError, match="level must be True, False or 'auto'; got 'flat'"):
+        estimated(made, options=FootOptions(level="flat"))
+
+
+def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
+    made, plain = straight
+    imu = made.recording.sensors["foot_right"]
+    mask = imu.mask.copy()
+    lost = int(100 * (made.lift_off[2] + 0.2))
+    mask[lost : lost + 5] = False
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
+    estimate = foot_ins.estimate(STILL, holes)
+    assert "5 samples of foot_right are lost" in " ".join(estimate.diagnostics["notes"])
+    ratio = estimate.strides_stddev.length / plain.strides_stddev.length
+    assert ratio[2] > 1.2
+    np.testing.assert_allclose(np.delete(ratio, 2), 1.0, atol=0.05)
+    error = np.abs(estimate.strides.length - made.length)
+    assert error[2] < 3.0 * estimate.strides_stddev.length[2]
+
+
+def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
+    made, plain = straight
+    imu = made.recording.sensors["foot_right"]
+    mask = imu.mask.copy()
+    lost = int(100 * (made.lift_off[2] + 0.05))
+    mask[lost : lost + 40] = False
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
+    estimate = foot_ins.estimate(STILL, holes)
+    assert "1 strides of foot_right are left out" in " ".join(estimate.diagnostics["notes"])
+    assert len(estimate.strides.length) == 5
+    np.testing.assert_allclose(estimate.strides.length, 1.2, atol=5 * MILLIMETRE)
+    assert not estimate.valid[lost + 20]
+    assert estimate.valid[lost - 80]
+    assert estimate.distance[-1] == pytest.approx(plain.distance[-1] - 1.2, abs=0.02)
+
+
+def test_both_feet_share_a_program_and_an_estimate(straight):
+    made, plain = straight
+    left = foot(strides=6, side="left").recording.sensors
+    both = foot_ins.estimate(STILL, made.recording._replace(sensors={**made.recording.sensors, **left}))
+    assert len(both.strides.length) == 12
+    for side in (0, 1):
+        np.testing.assert_allclose(both.strides.length[both.strides.side == side], plain.strides.length, atol=1e-9)
+    np.testing.assert_allclose(both.distance, plain.distance, atol=1e-9)
+
+
+def test_contract_padding_vmap_precision_and_gradient(straight):
+    made, plain = straight
+    inputs = foot_ins.pad(foot_ins.prepared(made.recording).inputs, 1024)
+    few = jax.tree.map(lambda *v: np.stack(v), inputs, inputs)
+    many = jax.jit(jax.vmap(lambda one: foot_ins.run(STILL, one)))(few)
+    rows = np.flatnonzero(np.asarray(many.strides.valid[1]))
+    np.testing.assert_allclose(many.strides.length[1][rows], plain.strides.length, atol=1e-9)
+
+    single = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, inputs)
+    light = jax.jit(foot_ins.run)(jax.tree.map(jnp.float32, STILL), single)
+    assert light.strides.length.dtype == jnp.float32
+    np.testing.assert_allclose(light.strides.length[rows], plain.strides.length, atol=1e-4)
+    np.testing.assert_allclose(light.feet.right.position[: len(plain.time)], plain.feet.right.position, atol=5e-4)
+
+
+def test_gradients_are_those_of_finite_differences():
+    made = foot(strides=2, rest=0.7, stance=0.5, roll=0.03)
+    inputs = foot_ins.prepared(made.recording).inputs
+    inputs = foot_ins.pad(inputs, 256 * int(np.ceil(inputs.time.size / 256)))
+
+    @jax.jit
+    def loss(free):
+        p = FootParams(pivot_height=free[0], acc_noise=free[1], velocity_noise=free[2])
+        strides = foot_ins.run(p, inputs, FootOptions(smooth=False)).strides
+        return jnp.sum(jnp.where(strides.valid, strides.length, 0.0))
+
+    at = jnp.array([0.08, 0.05, 0.01])
+    # forward mode: three tangents compile in a tenth of the time that the way back through a smoother takes
+    gradient = jax.jit(jax.jacfwd(loss))(at)
+    for k, step in enumerate((1e-4, 1e-4, 1e-5)):
+        move = jnp.zeros(3).at[k].set(step)
+        slope = (loss(at + move) - loss(at - move)) / (2.0 * step)
+        np.testing.assert_allclose(gradient[k], slope, rtol=1e-4, atol=1e-6)
+
+
+def test_parameters_have_transforms_units_and_an_estimator():
+    assert FootParams._fields == TRANSFORMS._fields
+    documented = FootParams.__doc__
+    for name in FootParams._fields:
+        assert f"{name}: " in documented
+    estimator = estimators.get("foot_ins")
+    assert estimator.own(FootParams(), {"pivot_height": 0.1}).pivot_height == 0.1
+    with pytest.raises(ValueError, match="takes pivot_height of a person; got 'thigh_length'"):
+        estimator.own(FootParams(), {"thigh_length": 0.4})
+    assert TEXTBOOK.pivot_height == 0.0
+
+
+def changed(**fields):
+    made = foot(strides=2)
+    imu = made.recording.sensors["foot_right"]
+    return made.recording._replace(sensors={"foot_right": imu._replace(**fields)})
+
+
+def spun():
+    time = np.arange(1000) / 100.0
+    gyr = np.stack([4.0 + np.sin(9.0 * time), np.cos(7.0 * time), 0 * time], axis=1)
+    return Recording({"foot_right": Imu(time, gyr, np.tile([0.0, 0.0, 9.81], (1000, 1)), np.ones(1000, bool))}, 100.0)
+
+
+IMU = foot(strides=2).recording.sensors["foot_right"]
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (Recording({"thigh_right": IMU}, 100.0), r"needs 'foot_right' or 'foot_left'; .* has \['thigh_right'\]"),
+        (changed(acc=None), "needs an accelerometer"),
+        (changed(gyr=IMU.gyr[:-1]), r"gyr of 'foot_right' must have shape"),
+        (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
+        (changed(time=IMU.time[::-1]), "time must increase"),
+        (changed(time=4.0 * IMU.time), "45 Hz or more; the recording has 25.0 Hz"),
+        (changed(acc=IMU.acc / 9.81), "must read 9.81 m/s² at rest; it reads 1"),
+        (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'foot_right' is masked"),
+        (spun(), "never stands"),
+        (
+            Recording({"foot_right": IMU, "foot_left": IMU._replace(time=IMU.time + 0.02)}, 100.0),
+            "both feet on one clock",
+        ),
+    ],
+    ids=["placement", "acc", "shape", "nan", "time", "slow", "unit", "masked", "spinning", "clocks"],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_in_words(recording, message):
+    with pytest.raises(RecordingError, match=message):
+        foot_ins.estimate(FootParams(), recording)
+
+
+def test_a_long_recording_takes_the_fast_path_to_the_same_strides(straight):
+    made, plain = straight
+    fast = estimated(made, options=FootOptions(execution="fast"))
+    np.testing.assert_allclose(fast.strides.length, plain.strides.length, atol=1e-4)
+    np.testing.assert_allclose(fast.strides_stddev.length, plain.strides_stddev.length, rtol=0.02)
+    np.testing.assert_allclose(fast.feet.right.position, plain.feet.right.position, atol=1e-3)
+
+
+def test_a_parameter_outside_its_range_is_refused():
+    with pytest.raises(ValueError, match="velocity_noise"):
+        foot_ins.estimate(FootParams(velocity_noise=-1.0), foot(strides=2).recording)
+
+
+def test_standing_alone_is_an_empty_table():
+    made = foot(strides=2)
+    imu = made.recording.sensors["foot_right"]
+    still = Imu(imu.time, 0.0 * imu.gyr, np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
+    estimate = foot_ins.estimate(STILL, made.recording._replace(sensors={"foot_right": still}))
+    assert estimate.strides.length.size == 0
+    np.testing.assert_allclose(estimate.distance, 0.0)
+
+
+def test_rest_weighs_windows_by_their_length():
+    rng = np.random.default_rng(0)
+    gyr = rng.normal(scale=0.005, size=(2000, 3)) + np.array([0.02, 0.0, -0.01])
+    gyr[400:1500] += 3.0 * np.sin(np.arange(1100) / 10.0)[:, None]
+    acc = np.tile([0.0, 0.0, 9.9], (2000, 1))
+    found = rest(gyr, acc, np.ones(2000, bool), 100.0)
+    np.testing.assert_allclose(found.gyr_bias, [0.02, 0.0, -0.01], atol=1e-3)
+    assert found.force == pytest.approx(9.9)
+    assert found.time > 4.0
+
+
+def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
+    data("pyshoe_vicon")
+    walk = datasets.load("pyshoe_vicon", only=["2017-11-22-11-22-03"])[0]
+    estimate = foot_ins.estimate(FootParams(), walk.recording)
+    marks = walk.info["footprints"]
+    true = np.linalg.norm(np.diff(marks["position"][:, :2], axis=0), axis=1)
+    assert len(estimate.strides.length) == len(true)
+    assert np.median(np.abs(estimate.strides.length - true)) < 0.01
+
+
+def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
+    made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
+    whole = foot_ins.estimate(STILL, made.recording)
+    for module in (foot_ins, foot_windows):
+        monkeypatch.setattr(module, "WINDOW", 1024)
+    monkeypatch.setattr(foot_windows, "OVERLAP", 500)
+    parts = foot_windows.windows(foot_ins.prepared(made.recording).inputs.right, len(whole.time))
+    assert len(parts) > 3
+    assert [part.first for part in parts[1:]] == [part.last for part in parts[:-1]]
+    cut = foot_ins.estimate(STILL, made.recording)
+    np.testing.assert_allclose(cut.strides.length, whole.strides.length, atol=3e-3)
+    np.testing.assert_allclose(cut.strides.start, whole.strides.start, atol=1e-9)
+    np.testing.assert_allclose(cut.strides_stddev.length, whole.strides_stddev.length, rtol=0.05)
+    # what is added up: heading over 26 strides, and the way
+    np.testing.assert_allclose(cut.feet.right.position, whole.feet.right.position, atol=0.1)
+    dots = np.abs(np.sum(cut.feet.right.orientation * whole.feet.right.orientation, axis=1))
+    assert dots.min() > np.cos(0.01)
+    np.testing.assert_allclose(cut.distance, whole.distance, atol=0.02)
+    assert np.all(np.diff(cut.feet_stddev.right.orientation[::300, 2]) > 0.0)
+
+
+def test_a_foot_that_rests_for_minutes_has_footholds_on_the_way():
+    made = foot(strides=3, rest=50.0)
+    inputs = foot_ins.prepared(made.recording).inputs.right
+    holds = inputs.foothold[: int(inputs.count)]
+    assert len(holds) > 4
+    assert np.diff(holds).max() <= 4100

@@ -1,0 +1,339 @@
+"""Stride width: the paper's protocol, what the range cannot tell, honest deviations, and the contract."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.footsteps import OFFSET, WIDTH, distances, drifting, footsteps, widths
+
+from jgait import filtering, params
+from jgait.estimators import stride_width_ekf as sw
+from jgait.estimators.stride_width_ekf import model, readout
+from jgait.estimators.stride_width_ekf.inputs import pad
+from jgait.filtering import CKF, EKF, UKF
+from jgait.simulate import protocols
+from jgait.types import Feet, FootTrajectory, RangeReadings
+
+KNOWN = sw.WidthParams(range_offset=OFFSET)
+RUN = jax.jit(sw.run, static_argnames=("options",))
+SIDE_BY_SIDE = sw.DEFAULT._replace(check_swap=False)
+
+
+def told(walk, options=SIDE_BY_SIDE, p=KNOWN, **changes):
+    read = changes.pop("read", walk.read)
+    return sw.estimate_from_feet(p, walk.time, walk.feet, walk.mids, read, options, **changes)
+
+
+def errors(truth, estimate):
+    """Errors of width and step length where there are both, and their stated deviations."""
+    width, step = widths(truth, estimate.strides)
+    there = np.isfinite(width)
+    assert np.array_equal(there, np.isfinite(estimate.strides.width))
+    pairs = ((estimate.strides.width, width, estimate.strides_stddev.width),
+             (estimate.strides.step_length, step, estimate.strides_stddev.step_length))  # fmt: skip
+    return [(np.asarray(a)[there] - b[there], np.asarray(s)[there]) for a, b, s in pairs]
+
+
+def sections(truth, estimate):
+    """Mean and SD of the errors of z₁ and z₂ at double support, in the paper's three sections."""
+    time, own = np.asarray(estimate.time), estimate.diagnostics
+    z1, z2 = distances(truth, time)
+    way = np.interp(time, truth.time, truth.places[0][:, 0])  # along the first straight
+    turned = np.interp(time, truth.time, truth.places[0][:, 1]) < -3.0
+    there = np.asarray(own["double_support"]) & ~np.asarray(own["turning"])
+    parts = (there & (way < 28.0), there & (way >= 28.0) & (way < 49.0), there & turned)
+    return [
+        [(np.mean(e[part]), np.std(e[part])) for e in (np.asarray(own["z1"]) - z1, np.asarray(own["z2"]) - z2)]
+        for part in parts
+    ]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return footsteps()
+
+
+@pytest.fixture(scope="module")
+def walk(truth):
+    return drifting(truth, 1)
+
+
+@pytest.fixture(scope="module")
+def smoothed(walk):
+    return told(walk, sw.DEFAULT, start_heading=(0.0, np.radians(10.0)))
+
+
+def test_the_papers_protocol_within_a_centimetre_after_smoothing(truth):
+    for seed, heading in enumerate(np.radians([10.0, -15.0])):
+        estimate = told(drifting(truth, 10 + seed), start_heading=(0.0, float(heading)))
+        found = sections(truth, estimate)
+        for (z1_mean, z1_sd), _ in found:
+            assert abs(z1_mean) <= 0.01 and z1_sd <= 0.01  # the paper: 0.246, 0.044, 0.033 m
+        assert found[2][1][1] <= 0.03  # z₂ after the turn; the paper 0.554 m
+        (width, _), (step, _) = errors(truth, estimate)
+        assert np.mean(np.abs(width)) < 0.011
+        assert np.mean(np.abs(step)) < 0.03
+        assert np.all(estimate.diagnostics["width_valid"][np.isfinite(estimate.strides.width)])
+
+
+@pytest.mark.parametrize("method", [EKF(), UKF(), CKF()])
+def test_methods_agree_once_the_start_is_over(walk, smoothed, method):
+    other = told(walk, SIDE_BY_SIDE._replace(method=method), start_heading=(0.0, np.radians(10.0)))
+    late = slice(10, None)
+    np.testing.assert_allclose(other.strides.width[late], smoothed.strides.width[late], atol=0.006)
+    np.testing.assert_allclose(other.strides_stddev.width[late], smoothed.strides_stddev.width[late], atol=0.004)
+
+
+def outside(strides):
+    """Strides far from the turn: in it there are no ranges."""
+    turned = np.flatnonzero(np.abs(np.asarray(strides.turn)) > 0.2)
+    return np.abs(np.arange(strides.turn.size)[:, None] - turned[None, :]).min(axis=1) > 5
+
+
+def test_particles_agree_where_resampling_left_enough(truth, walk):
+    options = SIDE_BY_SIDE._replace(smooth=False)
+    kalman = told(walk, options)
+    cloud = told(walk, options._replace(method=sw.Particles(2000, 3)))
+    (error, _), _ = errors(truth, cloud)
+    (best, stddev), _ = errors(truth, kalman)
+    assert np.mean(np.abs(error)) < np.mean(np.abs(best)) + 0.005
+    late = np.isfinite(kalman.strides.width) & (np.arange(kalman.strides.width.size) > 10)
+    gap = np.asarray(cloud.strides.width - kalman.strides.width)[late]
+    assert np.mean(np.abs(gap)) < 0.5 * np.mean(stddev)
+    assert float(cloud.diagnostics["effective_size"]) >= 1.0
+    likelihood = [float(estimate.diagnostics["log_likelihood"]) for estimate in (cloud, kalman)]
+    assert likelihood[0] == pytest.approx(likelihood[1], rel=0.05)
+
+
+def test_the_filter_knows_less_than_the_smoother(truth, walk, smoothed):
+    filtered = told(walk, SIDE_BY_SIDE._replace(smooth=False), start_heading=(0.0, np.radians(10.0)))
+    both = np.isfinite(smoothed.strides.width)
+    assert np.all(np.asarray(filtered.strides_stddev.width - smoothed.strides_stddev.width)[both][10:] > -1e-3)
+    assert np.mean(filtered.strides_stddev.width[both]) > 1.1 * np.mean(smoothed.strides_stddev.width[both])
+    first, later = sections(truth, filtered)[:2]
+    assert later[0][1] < first[0][1]  # as the paper's first section
+
+
+def test_as_printed_the_feet_part_at_the_turn(truth, walk):
+    printed = sections(truth, told(walk, SIDE_BY_SIDE._replace(literal=True, smooth=False)))
+    right = sections(truth, told(walk, SIDE_BY_SIDE._replace(smooth=False)))
+    assert abs(printed[2][1][0]) > 1.0 > 20.0 * abs(right[2][1][0])
+
+
+def test_every_sample_gives_the_same_strides(walk, smoothed):
+    every = told(walk, SIDE_BY_SIDE._replace(every_sample=True), start_heading=(0.0, np.radians(10.0)))
+    assert every.time.size > walk.time.size > 10 * smoothed.time.size
+    # The way a foot moves is longer sample by sample than as the crow flies, and with it the noise.
+    np.testing.assert_allclose(every.strides.width, smoothed.strides.width, atol=1e-3)
+    np.testing.assert_allclose(every.strides_stddev.width, smoothed.strides_stddev.width, rtol=0.02)
+
+
+def test_a_foots_own_world_does_not_matter(truth, smoothed):
+    other = told(drifting(truth, 1)._replace(places=tuple(p[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + 7.0
+                                                          for p in drifting(truth, 1).places)),
+                 start_heading=(0.0, np.radians(10.0)))  # fmt: skip
+    np.testing.assert_allclose(other.strides.width, smoothed.strides.width, atol=1e-9)
+
+
+def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, walk):
+    far = walk.read._replace(distance=np.where(walk.read.mask, walk.read.distance + 0.6, 0.0))
+    for read in (None, walk.read._replace(mask=walk.read.mask & False), far):
+        estimate = told(walk, sw.DEFAULT, read=read)
+        assert not np.any(estimate.diagnostics["width_valid"])
+        assert any("widths cannot be told" in note for note in estimate.diagnostics["notes"])
+        (error, stddev), _ = errors(truth, estimate)
+        assert np.all(np.diff(stddev[:70:10]) > 0.0)  # straight on
+        assert stddev[-1] > 2.0  # 75 m times the uncertainty of where the feet were heading
+        assert np.max(np.abs(error) / stddev) < 4.0
+        assert float(estimate.diagnostics["swap_evidence"]) == 0.0
+
+
+@pytest.mark.parametrize(("hz", "noise"), [(128.0, 0.005), (30.0, 0.002)])
+def test_a_range_heard_all_round_counts_where_the_feet_are_nearest(truth, walk, hz, noise):
+    """The distance between the feet is not across the walk but when they pass."""
+    times = np.arange(truth.time[0], truth.time[-1], 1.0 / hz)
+    right, left = (np.stack([np.interp(times, truth.time, place[:, i]) for i in (0, 1)], axis=1)
+                   for place in truth.places)  # fmt: skip
+    apart = np.linalg.norm(right - left, axis=1) - OFFSET
+    read = RangeReadings(times, apart + noise * np.random.default_rng(0).normal(size=times.size), apart > 0.0)
+    estimate = told(walk, read=read)
+    there = outside(estimate.strides)
+    np.testing.assert_allclose(np.nanmean(np.asarray(estimate.strides.width)[there]), WIDTH, atol=0.02)
+
+
+def test_exchanged_feet_are_noticed_at_the_turn(walk, smoothed):
+    assert smoothed.diagnostics["swap_evidence"] > 20.0
+    assert not any("exchanged" in note for note in smoothed.diagnostics["notes"])
+    wrong = walk._replace(places=walk.places[::-1], mids=walk.mids[::-1])
+    estimate = told(wrong, sw.DEFAULT)
+    assert estimate.diagnostics["swap_evidence"] < -20.0
+    assert any("exchanged" in note for note in estimate.diagnostics["notes"])
+
+
+def test_straight_on_only_steps_that_vary_tell_which_foot_is_which():
+    even, uneven = (drifting(footsteps(before=20, turn=1, after=4, angle=1e-6, scatter=s), 2) for s in (0.0, 0.02))
+    assert abs(float(told(even, sw.DEFAULT).diagnostics["swap_evidence"])) < 3.0
+    assert float(told(uneven, sw.DEFAULT).diagnostics["swap_evidence"]) > 6.0
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.05])
+def test_a_late_range_clock_is_found_and_taken_off(walk, smoothed, late):
+    read = walk.read._replace(time=walk.read.time + late)
+    estimate = told(walk, read=read, start_heading=(0.0, np.radians(10.0)))
+    np.testing.assert_allclose(estimate.strides.width, smoothed.strides.width, atol=1e-3)
+    np.testing.assert_allclose(estimate.strides.step_length, smoothed.strides.step_length, atol=5e-3)
+    (said,) = [note for note in estimate.diagnostics["notes"] if "the range's clock is" in note]
+    assert float(said.split()[4]) == pytest.approx(1e3 * late, abs=6.0)
+
+
+def test_feet_on_different_clocks_change_steps_and_not_widths(walk, smoothed):
+    samples = 6  # 47 ms
+    left = np.concatenate([np.repeat(walk.places[1][:1], samples, axis=0), walk.places[1][:-samples]])
+    apart = walk._replace(places=(walk.places[0], left), mids=(walk.mids[0], walk.mids[1] + samples))
+    estimate = told(apart, start_heading=(0.0, np.radians(10.0)))
+    both = np.isfinite(estimate.strides.width) & outside(estimate.strides)
+    np.testing.assert_allclose(estimate.strides.width[both], smoothed.strides.width[both], atol=4e-3)
+    change = np.asarray(estimate.strides.step_length - smoothed.strides.step_length)
+    right, left = (np.mean(change[both & (np.asarray(estimate.strides.side) == side)]) for side in (0, 1))
+    assert right == pytest.approx(-left, abs=5e-3)
+    assert 0.04 < abs(right) < 0.16  # half of 47 ms at the speed with which the feet pass
+
+
+def test_the_offset_shifts_the_width_by_as_much(walk, smoothed):
+    shifted = told(walk, p=KNOWN._replace(range_offset=OFFSET + 0.03), start_heading=(0.0, np.radians(10.0)))
+    away = outside(smoothed.strides)
+    np.testing.assert_allclose(np.asarray(shifted.strides.width - smoothed.strides.width)[away], 0.03, atol=2e-3)
+    ahead = told(walk, p=KNOWN._replace(passing_offset=0.03), start_heading=(0.0, np.radians(10.0)))
+    change = np.asarray(ahead.strides.step_length - smoothed.strides.step_length)
+    side = np.asarray(ahead.strides.side)
+    assert np.mean(change[side == 0]) == pytest.approx(-0.03, abs=4e-3)
+    assert np.mean(change[side == 1]) == pytest.approx(0.03, abs=4e-3)
+    np.testing.assert_allclose(ahead.strides.width[away], smoothed.strides.width[away], atol=4e-3)
+
+
+def test_true_feet_and_a_true_range_give_the_true_width():
+    exact = footsteps(before=10, turn=2, after=8, scatter=0.0)
+    p = sw.WidthParams(OFFSET, 1e-9, 0.0, 1e-9, 1e-4, 1e-4, 1e-4, 2e-3, 0.04)
+    estimate = told(exact, p=p)
+    straight = np.abs(np.asarray(estimate.strides.turn)) < 1e-3
+    assert np.nanmedian(np.abs(np.asarray(estimate.strides.width)[straight] - WIDTH)) < 2e-3
+    np.testing.assert_allclose(np.asarray(estimate.strides.length)[straight], 1.22, atol=5e-3)
+    at = np.asarray(estimate.diagnostics["double_support"]) & ~np.asarray(estimate.diagnostics["turning"])
+    assert np.nanmedian(np.abs(np.abs(np.asarray(estimate.diagnostics["z2"])[at]) - 0.61)) < 0.02
+    np.testing.assert_allclose(np.asarray(estimate.strides.height), 0.0, atol=1e-9)
+
+
+def test_deviations_are_honest_on_what_the_model_draws(walk):
+    p = KNOWN._replace(offset_noise=1e-9, passing_offset_noise=1e-9, start_heading=0.05)
+    inputs = jax.tree.map(jnp.asarray, sw.prepare_from_feet(walk.time, walk.feet, walk.mids, walk.read).inputs)
+    controls = model.WidthControl(inputs.right, inputs.left)
+    drawn = model.MODEL._replace(initial=narrow)
+
+    def squares(key):
+        state, read = filtering.draw(key, drawn, sw.model_params(p), inputs.time.shape[0], controls=controls)
+        found = filtering.kalman_smoother(drawn, sw.model_params(p), read, controls=controls, mask=inputs.seen)
+        value, stddev = readout.strides(p, inputs.strides, found.mean, found.cov)
+        true, _ = readout.strides(p, inputs.strides, state, found.cov)
+        there = jnp.isfinite(value.width) & value.valid
+        fields = ("width", "step_length", "length")
+        gaps = [(getattr(value, f) - getattr(true, f)) / getattr(stddev, f) for f in fields]
+        return jnp.stack([jnp.nanmean(jnp.where(there, gap**2, jnp.nan)) for gap in gaps])
+
+    mean = np.asarray(jax.jit(jax.vmap(squares))(jax.random.split(jax.random.key(5), 40)))
+    middle, stderr = mean.mean(axis=0), mean.std(axis=0) / np.sqrt(len(mean))
+    assert np.all(np.abs(middle - 1.0) < 6.0 * stderr), (middle, stderr)
+    assert np.all(np.abs(middle - 1.0) < 0.2)
+
+
+def narrow(p):
+    """Little is unknown at the start: there linearisation is no part of the question."""
+    del p
+    return model.start_belief(0.0, 0.0, 0.3, 0.05, 0.05, 0.05)
+
+
+def test_padding_and_vmap_change_nothing(walk, smoothed):
+    short = drifting(footsteps(3, before=9, turn=2, after=5), 4)
+    prepared = [sw.prepare_from_feet(w.time, w.feet, w.mids, w.read).inputs for w in (walk, short)]
+    size = 512  # as `estimate_from_feet` pads the longer one
+    each = [RUN(KNOWN, jax.tree.map(jnp.asarray, pad(p, size)), SIDE_BY_SIDE) for p in prepared]
+    bare = RUN(KNOWN, jax.tree.map(jnp.asarray, prepared[1]), SIDE_BY_SIDE)
+    count = prepared[1].time.size
+    np.testing.assert_allclose(each[1].diagnostics["z1"][:count], bare.diagnostics["z1"], atol=1e-10)
+    np.testing.assert_allclose(each[1].strides.width[:count], bare.strides.width, atol=1e-10)
+    assert not np.any(each[1].strides.valid[count:]) and not np.any(each[1].valid[count:])
+    stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(pad(p, size) for p in prepared))
+    mapped = jax.jit(jax.vmap(lambda inputs: sw.run(KNOWN, inputs, SIDE_BY_SIDE)))(stacked)
+    for number, one in enumerate(each):
+        np.testing.assert_allclose(mapped.strides.width[number], one.strides.width, atol=1e-9)
+        np.testing.assert_allclose(mapped.strides_stddev.width[number], one.strides_stddev.width, atol=1e-9)
+    with pytest.raises(ValueError, match="pad only lengthens; got"):
+        pad(prepared[0], 3)
+
+
+def test_gradients_are_those_of_finite_differences():
+    short = drifting(footsteps(3, before=9, turn=2, after=5), 4)
+    inputs = jax.tree.map(jnp.asarray, sw.prepare_from_feet(short.time, short.feet, short.mids, short.read).inputs)
+    free = params.unconstrain(KNOWN, sw.TRANSFORMS)
+    assert free.passing_noise is None  # made up, so never learned
+
+    @functools.partial(jax.jit, static_argnames="smooth")
+    def loss(free, smooth):
+        options = SIDE_BY_SIDE._replace(method=EKF(), smooth=smooth)
+        estimate = sw.run(params.constrain(free, sw.TRANSFORMS, KNOWN), inputs, options)
+        there = jnp.isfinite(estimate.strides.width)
+        width = jnp.where(there, estimate.strides.width, 0.0)
+        return jnp.sum((width - WIDTH) ** 2 * there.astype(width.dtype)) + jnp.sum(estimate.strides_stddev.width)
+
+    slope = jax.grad(loss)(free, False)
+    step = 1e-5
+    for name, value in slope._asdict().items():
+        if value is None:
+            continue
+        up, down = (loss(free._replace(**{name: getattr(free, name) + s}), False) for s in (step, -step))
+        np.testing.assert_allclose(value, (up - down) / (2 * step), rtol=1e-4, atol=1e-8, err_msg=name)
+    ones = jax.tree.map(jnp.ones_like, free)
+    smoothed = jax.jvp(lambda free: loss(free, True), (free,), (ones,))[1]
+    up, down = (loss(jax.tree.map(lambda v, s=s: v + s, free), True) for s in (step, -step))
+    np.testing.assert_allclose(smoothed, (up - down) / (2 * step), rtol=1e-4)
+
+
+def test_single_precision_is_close(walk, smoothed):
+    inputs = sw.prepare_from_feet(
+        walk.time, walk.feet, walk.mids, walk.read, start_heading=(0.0, np.radians(10.0))
+    ).inputs
+    low = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32 if np.issubdtype(v.dtype, np.floating) else None), inputs)
+    found = RUN(KNOWN, low, SIDE_BY_SIDE)
+    rows = smoothed.strides.width.size
+    assert found.strides.width.dtype == jnp.float32
+    np.testing.assert_allclose(found.strides.width[:rows], smoothed.strides.width, atol=2e-3)
+    np.testing.assert_allclose(found.strides_stddev.width[:rows], smoothed.strides_stddev.width, atol=2e-3)
+
+
+def test_a_simulated_person_with_a_real_range_sensor():
+    (walked,) = protocols.potter(jax.random.key(3), 1, straight=9.0, after=5.0)
+    time = np.asarray(walked.truth.estimate.time)
+    ankles = [np.stack([np.asarray(v) for v in getattr(walked.truth.motion.pose, f"foot_{side}").origin], axis=1)
+              for side in ("right", "left")]  # fmt: skip
+    mids = [middles(time, ankle) for ankle in ankles]
+    p = sw.WidthParams(range_offset=walked.extra["offset"])
+    feet = Feet(*(FootTrajectory(ankle, None, None) for ankle in ankles))
+    estimate = sw.estimate_from_feet(p, time, feet, tuple(mids), walked.extra["range"])
+    width = np.asarray(estimate.strides.width)
+    there = np.isfinite(width) & np.asarray(estimate.diagnostics["width_valid"])
+    assert np.sum(there) > 15
+    from made.footsteps import Footsteps
+
+    truth = Footsteps(time, tuple(ankles), tuple(mids), walked.extra["range"])
+    gap = (width - widths(truth, estimate.strides)[0])[there]
+    assert abs(np.mean(gap)) < 0.01 and np.std(gap) < 0.012
+
+
+def middles(time, ankle):
+    """Middles of stances; of quiet standing at the ends the samples next to the walk."""
+    still = np.linalg.norm(np.gradient(ankle, time, axis=0), axis=1) < 0.05
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 6]
+    inner = [(a + b) // 2 for a, b in runs[1:-1]]
+    return np.array([runs[0][1] - 12, *inner, runs[-1][0] + 12])

@@ -1,0 +1,231 @@
+"""The model's equations, and what is decided before it runs: readings, turns, contacts, bad input."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.footsteps import STRIDE, drifting, footsteps
+
+from jgait.estimators import stride_width_ekf as sw
+from jgait.estimators.stride_width_ekf import model
+from jgait.estimators.stride_width_ekf.model import FootControl, WidthControl, WidthState
+from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
+
+STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
+CONTROL = WidthControl(FootControl(0.5, 0.1, 0.2, 0.6, 1.0), FootControl(0.4, -0.2, -0.3, 0.5, 0.0))
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return drifting(footsteps(before=9, turn=3, after=6), 1)
+
+
+def ready(walk, **changes):
+    options = changes.pop("options", sw.DEFAULT)
+    given = walk._replace(**changes)
+    return sw.prepare_from_feet(given.time, given.feet, given.mids, given.read, options)
+
+
+def rotated(angle, dx, dy):
+    return np.array([np.cos(angle) * dx - np.sin(angle) * dy, np.sin(angle) * dx + np.cos(angle) * dy])
+
+
+def test_equation_3():
+    p = sw.model_params(sw.WidthParams())
+    moved = model.transition(p, STATE, CONTROL, 1.0)
+    np.testing.assert_allclose([moved.x_right, moved.y_right], [1.0, 2.0] + rotated(0.5, 0.5, 0.1), atol=1e-12)
+    np.testing.assert_allclose([moved.x_left, moved.y_left], [0.8, 2.4] + rotated(-0.7, 0.4, -0.2), atol=1e-12)
+    assert (moved.heading_right, moved.heading_left) == pytest.approx((0.5, -0.7))
+    # The right foot has just left, the left one moves on.
+    np.testing.assert_allclose([moved.moved_x_right, moved.moved_y_right], rotated(0.5, 0.5, 0.1), atol=1e-12)
+    np.testing.assert_allclose(
+        [moved.moved_x_left, moved.moved_y_left], [0.3, 0.4] + rotated(-0.7, 0.4, -0.2), atol=1e-12
+    )
+    printed = model.transition_literal(p, STATE, CONTROL, 1.0)
+    assert printed.y_left == pytest.approx(2.4 - 0.2 * np.cos(-0.7) - 0.4 * np.sin(-0.7))
+    assert printed[:4] == moved[:4] and printed.heading_left == moved.heading_left
+
+
+def test_equation_6():
+    p = sw.model_params(sw.WidthParams())
+    z = model.observation(p, STATE, CONTROL)
+    x, y, s, c = 0.2, -0.4, np.sin(-0.4), np.cos(-0.4)
+    assert tuple(z) == pytest.approx((x * s - y * c, x * c + y * s))
+    assert model.observation_literal(p, STATE, CONTROL).along == pytest.approx(x * c - y * s)
+    # 0.3 m to the right of the left foot and 0.1 m ahead of it.
+    beside = WidthState(0.1, -0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert tuple(model.between(beside)) == pytest.approx((0.3, 0.1))
+
+
+def test_process_noise_is_that_of_the_controls():
+    p = sw.WidthParams()
+    state = WidthState(*map(jnp.asarray, STATE))
+
+    def moved(errors):
+        right, left = (
+            foot._replace(dx=foot.dx + e[0], dy=foot.dy + e[1], turn=foot.turn + e[2])
+            for foot, e in zip(CONTROL, (errors[:3], errors[3:]), strict=True)
+        )
+        return jnp.stack(model.transition(sw.model_params(p), state, WidthControl(right, left), 1.0))
+
+    V = jax.jacfwd(moved)(jnp.zeros(6))
+    variances = []
+    for foot in CONTROL:
+        shift = p.position_noise**2 * foot.way
+        swing = foot.leaves * (p.heading_noise**2 + (p.turn_noise * foot.turn) ** 2)
+        variances += [shift, shift, swing]
+    Q = np.asarray(model.transition_noise(sw.model_params(p), state, CONTROL, 1.0).dense())
+    np.testing.assert_allclose(Q, (V * jnp.asarray(variances)[None, :]) @ V.T, atol=1e-15)
+
+
+def test_the_start_is_side_by_side():
+    belief = model.start_belief(0.5 * np.pi, 0.5 * np.pi, 0.2, 0.15, 0.5, 0.1)
+    assert (belief.mean.x_left, belief.mean.y_left) == pytest.approx((-0.2, 0.0), abs=1e-12)
+    assert np.sqrt([belief.cov["x_left", "x_left"], belief.cov["y_left", "y_left"]]) == pytest.approx([0.15, 0.5])
+    turned = model.start_belief(0.3, 0.3, 0.2, 0.15, 0.5, 0.1).cov.dense()[3:5, 3:5]
+    np.testing.assert_allclose(np.sort(np.linalg.eigvalsh(turned)), [0.15**2, 0.5**2], atol=1e-12)
+
+
+def test_controls_add_up_to_the_trajectories(walk):
+    inputs = ready(walk).inputs
+    for side, control in enumerate((inputs.right, inputs.left)):
+        heading = np.cumsum(control.turn)
+        steps = np.stack([rotated(h, dx, dy) for h, dx, dy in zip(heading, control.dx, control.dy, strict=True)])
+        moved = walk.places[side][-1, :2] - walk.places[side][0, :2]
+        assert np.linalg.norm(steps.sum(axis=0)) == pytest.approx(np.linalg.norm(moved), abs=1e-9)
+        assert np.sum(control.leaves) == len(walk.mids[side])
+        rows = inputs.strides.valid & (inputs.strides.side == side)
+        assert np.sum(rows) == len(walk.mids[side]) - 1
+        assert np.sum(inputs.strides.turn[rows]) == pytest.approx(heading[-1])
+    assert np.all(np.diff(inputs.time) >= 0.0)
+    ends = inputs.time[inputs.strides.moment[inputs.strides.valid]]
+    np.testing.assert_allclose(ends, inputs.strides.standing_end[inputs.strides.valid], atol=1e-12)
+    # Displacement across each stride is none: its frame is the way from stance to stance.
+    own = inputs.strides.valid & (inputs.strides.side == 0)
+    for first, last in zip(inputs.strides.standing[own], inputs.strides.standing_end[own], strict=True):
+        inside = (inputs.time > first + 1e-9) & (inputs.time <= last + 1e-9)
+        assert np.sum(inputs.right.dy[inside]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_contacts_lie_in_order(walk):
+    rows = ready(walk).inputs.strides
+    there = rows.valid
+    for earlier, later in (("start", "final_contact"), ("final_contact", "end"), ("end", "standing_end")):
+        assert np.all(getattr(rows, earlier)[there] <= getattr(rows, later)[there])
+    right = there & (rows.side == 0)
+    np.testing.assert_allclose(rows.start[right][1:], rows.end[right][:-1])
+    # Swing takes half of a stride here, its slow ends left out.
+    np.testing.assert_allclose((rows.end - rows.final_contact)[there], 0.5 * 1.12, atol=0.14)
+
+
+def test_a_passing_counts_once_and_a_late_echo_not(walk):
+    before = ready(walk)
+    heard = np.flatnonzero(walk.read.mask)
+    distance = walk.read.distance.copy()
+    passing = before.inputs.time[before.inputs.seen][5]
+    late = heard[np.abs(walk.time[heard] - passing) < 0.15]
+    distance[late] += 0.2
+    after = ready(walk, read=walk.read._replace(distance=distance))
+    assert np.sum(before.inputs.seen) - np.sum(after.inputs.seen) == 1
+    assert any("unlike those around them" in note for note in after.notes)
+    assert np.sum(before.inputs.seen) < len(heard)
+    assert np.max(before.inputs.distance) < 0.3
+    # Feet that stand side by side are heard all the time.
+    still = walk.time < walk.time[walk.mids[1][0]] - 0.2
+    crowded = RangeReadings(walk.time, np.where(still, 0.2, walk.read.distance), walk.read.mask | still)
+    more = ready(walk, read=crowded).inputs
+    assert np.sum(more.seen) == np.sum(before.inputs.seen) + 1
+
+
+def test_ranges_in_turns_are_left_out(walk):
+    prepared = ready(walk)
+    inputs = prepared.inputs
+    assert not np.any(inputs.seen & inputs.turning)
+    assert any("ranges in turns" in note for note in prepared.notes)
+    kept = ready(walk, options=sw.DEFAULT._replace(turn=3.0)).inputs
+    assert np.sum(kept.seen) > np.sum(inputs.seen)
+    assert not np.any(kept.turning)
+    turning = inputs.time[inputs.turning]
+    assert 3.0 < np.ptp(turning) < 8.0  # three strides of 1.12 s and those next to them
+
+
+def test_fewer_than_two_strides_are_an_empty_table(walk):
+    for mids in ((walk.mids[0][:2], walk.mids[1]), (walk.mids[0], walk.mids[1][:0])):
+        estimate = sw.estimate_from_feet(sw.WidthParams(), walk.time, walk.feet, mids, walk.read)
+        assert estimate.strides.width.shape == estimate.strides_stddev.width.shape == (0,)
+        assert not np.any(estimate.valid)
+        assert any("two of each are needed" in note for note in estimate.diagnostics["notes"])
+
+
+def test_lost_samples_are_bridged_and_their_ranges_left_out(walk):
+    whole = ready(walk)
+    first = int(walk.mids[1][5]) + 4
+    hole = walk.places[0].copy()
+    hole[first : first + 40] = np.nan
+    read = walk.read._replace(distance=np.where(walk.read.mask, walk.read.distance, np.nan))
+    prepared = ready(walk, places=(hole, walk.places[1]), read=read)
+    assert "the right foot is not known at 40 samples; bridged" in prepared.notes
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(prepared.inputs))
+    lost = set(np.round(whole.inputs.time[whole.inputs.seen], 6)) - set(
+        np.round(prepared.inputs.time[prepared.inputs.seen], 6)
+    )
+    assert all(walk.time[first] - 0.02 <= t <= walk.time[first + 40] for t in lost)
+    estimate = sw.estimate_from_feet(
+        sw.WidthParams(), walk.time, walk._replace(places=(hole, walk.places[1])).feet, walk.mids, read
+    )
+    assert np.all(np.isfinite(np.asarray(estimate.diagnostics["z1"])))
+
+
+def test_what_cannot_be_used_is_refused(walk):
+    right, left = walk.feet
+    n = walk.time.size
+
+    def refused(message, time=walk.time, feet=walk.feet, mids=walk.mids, read=walk.read):
+        with pytest.raises(RecordingError, match=message):
+            sw.prepare_from_feet(time, feet, mids, read)
+
+    refused("needs both feet; the left one was not measured", feet=Feet(right, None))
+    refused(
+        rf"right foot needs positions of shape \({n}, 3\)", feet=Feet(right._replace(position=np.zeros((n, 2))), left)
+    )
+    refused("needs finite positions; got 0 of", feet=Feet(right._replace(position=np.full((n, 3), np.nan)), left))
+    refused("time must increase; got", time=walk.time[::-1])
+    refused("needs times", time=np.zeros(1))
+    refused("increasing samples from 0 to", mids=(walk.mids[0][::-1], walk.mids[1]))
+    refused("increasing samples from 0 to", mids=(walk.mids[0], walk.mids[1] + n))
+    refused("must be samples, whole numbers", mids=(walk.mids[0] + 0.5, walk.mids[1]))
+    refused("stances must be given for the right and the left foot; got 1", mids=(walk.mids[0],))
+    refused("times, distances and mask of one length", read=walk.read._replace(distance=np.zeros(3)))
+    with pytest.raises(ValueError, match="parameter 'range_noise' must lie in"):
+        sw.estimate_from_feet(sw.WidthParams(range_noise=-1.0), walk.time, walk.feet, walk.mids, walk.read)
+    with pytest.raises(ValueError, match="takes range_offset and passing_offset of a person; got 'thigh_length'"):
+        sw.with_body(sw.WidthParams(), {"thigh_length": 0.4})
+    assert sw.with_body(sw.WidthParams(), {"range_offset": 0.1}).range_offset == 0.1
+
+
+def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
+    walk = footsteps(before=9, turn=2, after=5)
+    mids = walk.mids[0]
+    shuffled = np.concatenate([[mids[0] - 30], mids])  # stood there before, and moved nothing
+    inputs = ready(walk, mids=(shuffled, walk.mids[1])).inputs
+    rows = inputs.strides.valid & (inputs.strides.side == 0)
+    assert np.sum(rows) == len(mids)
+    assert np.abs(inputs.strides.turn[rows][:5]).max() < 0.05
+    estimate = sw.estimate_from_feet(sw.WidthParams(), walk.time, walk.feet, (shuffled, walk.mids[1]), walk.read)
+    own = np.flatnonzero(np.asarray(estimate.strides.side) == 0)
+    assert float(estimate.strides.length[own[0]]) < 0.15
+    assert np.isnan(float(estimate.strides.width[own[0]]))
+    assert float(estimate.strides.length[own[1]]) == pytest.approx(STRIDE, abs=0.05)
+
+
+def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, monkeypatch):
+    told = {"notes": ("said of the feet",), "standing": None}
+    own = Estimate(walk.time, Legs(None, None), None, None, np.ones(walk.time.size, bool), told, feet=walk.feet)
+    monkeypatch.setattr(sw, "feet_of", lambda recording, p, options: (own, walk.mids))
+    made = sw.estimator(sw.PAPER)
+    prepared = made.prepare(Recording({}, 128.0, feet_range=walk.read))
+    assert prepared.notes[0] == "said of the feet"
+    assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
+    padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)
+    estimate = made.run(made.params, jax.tree.map(jnp.asarray, padded), prepared.options)
+    assert estimate.strides.width.shape == (prepared.inputs.time.size + 3,)

@@ -1,0 +1,241 @@
+"""Contacts, strides and distance of simulated waists of which they are known, and what every estimator owes."""
+
+import jax
+import numpy as np
+import pytest
+from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
+
+from jgait import estimators
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
+from jgait.estimators.waist.inputs import capacity, pad
+from jgait.types import Imu, Recording, RecordingError
+
+SAMPLES = 1024  # of everything that the compiled programs see
+KNOWN = WaistParams(pendulum_constant=1.252, pendulum_constant_sd=0.02)
+"""The simulated trunk's own constant: real ones have 1.36."""
+
+EDGE = 0.7
+"""[s] The simulated pelvis is shifted before the first step and shaken after the last, which counts as a contact."""
+
+
+def estimated(recording, p=KNOWN, options=waist_ofdri.DEFAULT):
+    return waist_ofdri.estimate(p, recording, options)
+
+
+def ready(recording, options=waist_ofdri.DEFAULT):
+    return pad(waist_ofdri.prepared(recording, options).inputs, SAMPLES)
+
+
+def notes(estimate):
+    return " | ".join(estimate.diagnostics["notes"])
+
+
+@pytest.fixture(scope="module")
+def straight():
+    made = walk()
+    return made, estimated(made.recording)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    made = walk(np.pi)
+    return made, estimated(made.recording)
+
+
+def contacts_agree(made, estimate):
+    """Every contact but the last, that of a foot which closes up, is found in time and with its side."""
+    found, side = (np.asarray(estimate.diagnostics[f"initial_contact{name}"]) for name in ("", "_side"))
+    near = np.argmin(np.abs(found[None, :] - made.contact[:-1, None]), axis=1)
+    np.testing.assert_allclose(found[near], made.contact[:-1], atol=0.06)
+    np.testing.assert_array_equal(side[near], made.side[:-1])
+    other = np.delete(found, near)
+    at_an_edge = (np.abs(other - made.contact[0]) < EDGE) | (np.abs(other - made.contact[-1]) < EDGE)
+    assert at_an_edge.all() and len(other) <= 3
+
+
+def test_a_straight_walk(straight):
+    made, estimate = straight
+    contacts_agree(made, estimate)
+    # of the distance 4 % are at both ends, where the pelvis is shifted before a foot moves
+    np.testing.assert_allclose(estimate.distance[-1], made.distance, rtol=0.05)
+    assert abs(estimate.distance[-1] - made.distance) < 2.0 * estimate.diagnostics["distance_stddev"][-1]
+    strides = estimate.strides
+    np.testing.assert_allclose(strides.length[4:12], 1.32, rtol=0.01)
+    np.testing.assert_allclose(strides.speed, strides.length / (strides.end - strides.start), rtol=1e-12)
+    np.testing.assert_allclose((strides.end - strides.start)[4:12], 1.06, atol=0.02)
+    np.testing.assert_allclose(strides.step_length[4:12], 0.66, rtol=0.02)
+    np.testing.assert_allclose(strides.turn, 0.0, atol=0.02)
+    np.testing.assert_array_equal(np.diff(strides.side) != 0, True)
+    assert np.all(np.diff(estimate.distance) >= 0.0)
+    assert not any(estimate.diagnostics[name].any() for name in FLAGS)
+    assert 1.2 < estimate.diagnostics["pendulum_constant"] < 1.3
+    stated = estimate.strides_stddev.length  # setting off and stopping tell less
+    assert np.all((stated > 0.01) & (stated < 0.3)) and np.all(stated[2:-2] < 0.15)
+    assert 0.3 < estimate.diagnostics["nis"] < 2.0  # steps at both ends are trusted less than they deserve here
+    assert "its z axis looks up and its x forward" in notes(estimate)
+    assert estimate.valid.all()
+
+
+MOUNTS = {
+    "upside down": (np.diag([1.0, -1.0, -1.0]), "its −z axis looks up and its x forward"),
+    "turned": (about_vertical(np.deg2rad(40.0)), "x forward, leaning 0° and turned 39°"),
+    "at the side": (about_vertical(0.5 * np.pi), "its z axis looks up and its −y forward"),
+    "any": (rotation(), "corrected"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MOUNTS)
+def test_mounting_changes_nothing_and_is_told(straight, name):
+    made, plain = straight
+    mount, says = MOUNTS[name]
+    told = estimated(turned(made.recording, mount))
+    for field in ("length", "end", "turn", "side"):
+        np.testing.assert_allclose(getattr(told.strides, field), getattr(plain.strides, field), atol=1e-6)
+    np.testing.assert_allclose(told.distance, plain.distance, atol=1e-6)
+    assert says in notes(told)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_left_handed_triad_is_noticed(straight, axis):
+    made, plain = straight
+    flip = np.ones(3)
+    flip[axis] = -1.0
+    imu = imu_of(made.recording)
+    told = estimated(worn(made.recording, gyr=imu.gyr * flip, acc=imu.acc * flip))
+    assert "the gyroscope turns the other way than gravity" in notes(told)
+    assert "the gyroscope" not in notes(plain)
+    np.testing.assert_allclose(told.distance, plain.distance, atol=1e-6)
+
+
+def test_a_turn_is_told_and_shakes_the_trust_in_integration(bent):
+    made, estimate = bent
+    contacts_agree(made, estimate)
+    np.testing.assert_allclose(estimate.distance[-1], made.distance, rtol=0.05)
+    flags, strides = estimate.diagnostics, estimate.strides
+    # every stride in the bend turns, and those around it not at all
+    assert flags["turning"].any() and not flags["turning"][[0, 1, 2, -3, -2, -1]].any()
+    first = int(np.argmax(flags["unsure"]))
+    assert 5 < first < 10 and flags["unsure"][first:].all()
+    np.testing.assert_allclose(np.sum(strides.turn[::2]), np.pi, atol=0.1)
+    assert estimate.strides_stddev.length[flags["turning"]].min() > 1.02 * estimate.strides_stddev.length[4]
+
+
+def test_a_walk_that_does_not_begin_from_standing_says_so(straight):
+    made, whole = straight
+    told = estimated(cut(made.recording, 5.0))
+    assert "bout 1 of 1, from 5.3 s, does not begin from standing" in notes(told)
+    assert "does not begin" not in notes(whole)
+    assert told.diagnostics["unsure"].all() and told.time[0] == 5.0
+    per_metre = [e.diagnostics["distance_stddev"][-1] / e.distance[-1] for e in (told, whole)]
+    assert per_metre[0] > 1.02 * per_metre[1]
+    np.testing.assert_allclose(told.strides.length[2:8], 1.32, rtol=0.02)
+
+
+def test_each_bout_is_one_of_its_own():
+    made = walk(steps=6, quiet=5.5)
+    one, two = (estimated(r) for r in (cut(made.recording, 2.5), joined(*[cut(made.recording, 2.5)] * 2)))
+    assert "does not begin" not in notes(two)
+    assert not two.diagnostics["unsure"].any()
+    # one's constant of the pendulum is not quite that of two
+    np.testing.assert_allclose(two.distance[-1], 2.0 * one.distance[-1], rtol=0.05)
+    pause = (two.time > 9.0) & (two.time < 11.0)
+    assert np.ptp(two.distance[pause]) < 0.01
+    late = two.strides.start[np.flatnonzero(two.strides.start > 9.0)]
+    early = two.strides.end[np.flatnonzero(two.strides.start < 9.0)]
+    assert len(late) >= 6 and len(early) >= 6 and early.max() < 9.0
+
+
+def test_who_does_not_walk_has_an_empty_table():
+    rng = np.random.default_rng(0)
+    imu = imu_of(walk().recording)
+    still = worn(walk().recording, gyr=0.01 * rng.normal(size=imu.gyr.shape),
+                 acc=[0.0, 0.0, 9.81] + 0.05 * rng.normal(size=imu.acc.shape))  # fmt: skip
+    estimate = estimated(still)
+    assert estimate.strides.length.size == estimate.strides_stddev.length.size == 0
+    assert estimate.diagnostics["initial_contact"].size == 0
+    np.testing.assert_array_equal(estimate.distance, 0.0)
+    assert "waist does not walk" in notes(estimate)
+
+
+def test_lost_samples_are_inert_and_told(straight):
+    made, plain = straight
+    imu = imu_of(made.recording)
+    mask = imu.mask.copy()
+    mask[300:304] = False
+    told = []
+    for fill in (0.0, 30.0):
+        gyr, acc = (np.where(mask[:, None], values, fill) for values in (imu.gyr, imu.acc))
+        told.append(estimated(worn(made.recording, gyr=gyr, acc=acc, mask=mask)))
+    assert "4 samples of waist are lost" in notes(told[0])
+    np.testing.assert_array_equal(told[0].strides.length, told[1].strides.length)
+    np.testing.assert_allclose(told[0].distance[-1], plain.distance[-1], rtol=0.02)
+
+
+def test_padding_is_inert(straight):
+    inputs, estimate = ready(straight[0].recording), straight[1]
+    there = inputs.valid[:, None]
+    spoilt = inputs._replace(gyr=np.where(there, inputs.gyr, 7.0), acc=np.where(there, inputs.acc, -50.0))
+    told = jax.jit(waist_ofdri.run, static_argnames=("options",))(KNOWN, spoilt, waist_ofdri.DEFAULT)
+    np.testing.assert_allclose(told.distance[: len(estimate.time)], estimate.distance, atol=1e-9)
+    np.testing.assert_allclose(told.distance[len(estimate.time) :], estimate.distance[-1], atol=1e-9)
+
+
+NOISE = np.random.default_rng(0).normal(size=(2, 400, 3))
+IMU = Imu(np.arange(400) / 50.0, 0.1 * NOISE[0], 0.5 * NOISE[1] + [0.0, 0.0, 9.81], np.ones(400, bool))
+
+
+def changed(hz=50.0, **fields):
+    return Recording({"waist": IMU._replace(**fields)}, hz)
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (Recording({"thigh_right": IMU}, 50.0), r"needs 'waist' or 'lower_back' or .*; .* has \['thigh_right'\]"),
+        (changed(acc=None), "needs an accelerometer"),
+        (changed(gyr=IMU.gyr[:-1]), "gyr of 'waist' must have shape"),
+        (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
+        (changed(time=IMU.time[::-1]), "time must increase"),
+        (changed(hz=20.0, time=2.5 * IMU.time), "25 to 400 Hz, for the jolts .*; the recording has 20 Hz"),
+        (changed(hz=100.0), "a sample every 0.02 s, and is said to have 100 Hz"),
+        (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'waist' is masked"),
+        (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "needs 2 s or more"),
+        (changed(acc=IMU.acc / 9.80665), "the accelerometer is in g, and needs m/s²"),
+        (changed(acc=100.0 * IMU.acc), "feels 9.* m/s² on average, where a walking person"),
+    ],
+    ids=["placement", "acc", "shape", "nan", "time", "slow", "rate", "masked", "short", "g", "unit"],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_in_words(recording, message):
+    with pytest.raises(RecordingError, match=message):
+        estimated(recording)
+
+
+def test_options_parameters_and_measures_that_are_none_are_refused(straight):
+    recording = straight[0].recording
+    with pytest.raises(ValueError, match="distance must be one of fused, pendulum, .*; got 'far'"):
+        estimated(recording, options=WaistOptions(distance="far"))
+    with pytest.raises(ValueError, match="detector must be one of soft.*; got 'eye'"):
+        estimated(recording, options=WaistOptions(detector="eye"))
+    with pytest.raises(RecordingError, match="needs 'pelvis'"):
+        estimated(recording, options=WaistOptions(site="pelvis"))
+    with pytest.raises(ValueError, match="step_noise"):
+        estimated(recording, WaistParams(step_noise=-1.0))
+    with pytest.raises(ValueError, match="pad only lengthens"):
+        pad(ready(recording), 100)
+    with pytest.raises(ValueError, match="takes sensor_height, .* of a person; got 'mass'"):
+        waist_ofdri.with_body(WaistParams(), {"mass": 70.0})
+    assert waist_ofdri.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
+    assert waist_ofdri.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
+
+
+def test_the_registry_and_the_documents_know_it():
+    found = estimators.get("waist_ofdri")
+    assert found.name == "waist_ofdri"
+    assert found.params == WaistParams()
+    assert found.transforms == TRANSFORMS
+    for name in WaistParams._fields:
+        text = WaistParams.__doc__.split(f"        {name}: ")[1]
+        assert "[" in text[: text.find("\n        ") + 150] or name == "update"
+    assert capacity(1000) == 204
+    assert set(UNUSED) == {"fused", "pendulum", "update", "frozen", "integrated"}

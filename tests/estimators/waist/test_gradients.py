@@ -1,0 +1,167 @@
+"""What moves with which parameter of the waist's estimator, how much, and that single precision and mapping agree."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.trunk import cut, walk
+
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import UNUSED, WaistOptions, WaistParams
+from jgait.estimators.waist import motion as waist_motion
+from jgait.estimators.waist import readout as waist_distance
+from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.inputs import PER_NODE, pad
+
+SAMPLES = 1024  # of everything that the compiled programs see
+MOTION = jax.jit(waist_motion.motion_and_likelihood)
+
+
+def ready(recording):
+    return pad(waist_ofdri.prepared(recording).inputs, SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """Inputs of a walk with a turn, of one that begins and ends in mid bout, and of one that begins so and stands."""
+    bent = walk(np.pi).recording
+    return [ready(bent), ready(cut(bent, 5.0, 11.0)), ready(cut(walk().recording, 5.0))]
+
+
+FLAT, TREE = jax.tree.flatten(WaistParams())
+NAMES = [jax.tree_util.keystr(path)[1:] for path, _ in jax.tree_util.tree_flatten_with_path(WaistParams())[0]]
+ORIENTATION = tuple(WaistParams._fields[: WaistParams._fields.index("excursion_hz")])
+
+
+def differentiated(told):
+    """A program for values of parameters (n,) and a direction: what is told, and its derivative along it."""
+
+    def both(values, direction, given):
+        return jax.jvp(lambda v: told(jax.tree.unflatten(TREE, list(v)), *given), (values,), (direction,))
+
+    return jax.jit(both)
+
+
+@pytest.fixture(scope="module")
+def filtered():
+    """The fused way, of the filter alone: the smoother's derivatives take minutes to compile."""
+
+    def told(p, inputs):
+        e = waist_ofdri.run(p, inputs, WaistOptions(smooth=False))
+        return [jnp.where(e.strides.valid, v, 0.0) for v in (e.strides.length, e.strides_stddev.length)] + [
+            e.distance, e.diagnostics["distance_stddev"]
+        ]  # fmt: skip
+
+    return differentiated(told)
+
+
+def silent(kind):
+    return np.array([any(name == of or name.startswith(of + ".") for of in UNUSED[kind]) for name in NAMES])
+
+
+def check_slopes(program, given, kind, moving):
+    """Zero along all that is said to be unused; of differences along `moving`, each with a share of its own."""
+    values = np.array(FLAT, float)
+    shares = np.random.default_rng(0).uniform(0.5, 1.5, len(FLAT)) * np.where(values != 0.0, values, 0.01)
+    for slope in program(values, shares * silent(kind), given)[1]:
+        np.testing.assert_array_equal(slope, 0.0)
+    slopes, h = program(values, shares * moving, given)[1], 1e-5
+    up, down = (program(values + sign * h * shares * moving, shares, given)[0] for sign in (1.0, -1.0))
+    for slope, above, below in zip(slopes, up, down, strict=True):
+        np.testing.assert_allclose(slope, (above - below) / (2.0 * h), rtol=2e-4, atol=1e-6)
+        assert np.abs(slope).max() > 1e-3
+
+
+def check_moves(told, inputs, kind, names):
+    """Each of the parameters, by itself, moves something of some recording."""
+    plain = [told(np.array(FLAT, float), given) for given in inputs]
+    for row in np.flatnonzero([name in names for name in NAMES] & ~silent(kind)):
+        values = np.array(FLAT, float)
+        values[row] = 1.5 * values[row] if values[row] else 0.01
+        pairs = zip(plain, (told(values, given) for given in inputs), strict=True)
+        assert any(np.any(a != b) for one, other in pairs for a, b in zip(one, other, strict=True)), NAMES[row]
+
+
+def test_the_gradient_of_the_whole_is_that_of_differences_and_all_but_the_unused_move(recordings, filtered):
+    some = ("gyr_noise", "acc_noise", "heading_hz", "pendulum_constant", "speed_noise", "step_noise", "acc_bias")
+    check_slopes(filtered, recordings[:1], "fused", np.array([name in some for name in NAMES]))
+    nothing = np.zeros(len(FLAT))
+    check_moves(lambda values, given: filtered(values, nothing, given)[0], [(r,) for r in recordings], "fused", NAMES)
+
+
+def test_mapped_and_in_single_precision_it_is_near(recordings, filtered):
+    """One program for both, so that rows side by side are what each is alone to single precision only."""
+    light = jax.tree.map(lambda *v: np.stack(v), *recordings)
+    light = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, light)
+    p = jax.tree.map(np.float32, WaistParams())
+    told = jax.jit(jax.vmap(lambda i: waist_ofdri.run(p, i, WaistOptions(smooth=False))))(light)
+    assert told.strides.length.dtype == told.distance.dtype == np.float32
+    for row, inputs in enumerate(recordings):
+        alone = filtered(np.array(FLAT, float), np.zeros(len(FLAT)), (inputs,))[0]
+        valid = told.strides.valid[row]
+        assert valid.sum() >= 8
+        both = (told.strides.length, told.strides_stddev.length, told.distance, told.diagnostics["distance_stddev"])
+        for k, (mapped, one) in enumerate(zip(both, alone, strict=True)):
+            mapped = np.where(valid, mapped[row], 0.0) if k < 2 else mapped[row]
+            np.testing.assert_allclose(mapped, one, atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["pendulum", "update", "frozen", "integrated"])
+def test_the_other_ways_move_with_their_own_parameters_alone(recordings, kind):
+    """Given how the trunk moves: what orientation has a part in is the same for all of them."""
+
+    def told(p, inputs, seen):
+        found = waist_steps.intervals(p, inputs, seen)
+        if kind == "pendulum":
+            way = waist_distance.by_pendulum(p, inputs, found)
+        else:
+            way = waist_distance.by_integration(p, inputs, seen, found, kind)
+        return way.stride, way.stride_sd, way.distance, way.distance_sd
+
+    program, nothing = differentiated(told), np.zeros(len(FLAT))
+    inputs = [(one, MOTION(WaistParams(), one)[0]) for one in recordings]
+    # where a cut-off takes all of the drift, β has nothing to weigh, and the highest is not reached
+    own = [name for name in NAMES if name not in (*ORIENTATION, "update.highest_hz", "update.beta")]
+    check_slopes(program, inputs[0], kind, np.array([name in own for name in NAMES]) & ~silent(kind))
+    check_moves(lambda values, given: program(values, nothing, given)[0], inputs, kind, own)
+
+
+def doubled(inputs, seen):
+    """One recording behind itself: its samples, nodes and cycles."""
+    samples, nodes, cycles = (int(n) for n in (inputs.valid.sum(), inputs.count, inputs.cycles))
+
+    def twice(values, count, size, shift=0):
+        values = np.concatenate([values[:count], values[:count] + shift if shift else values[:count]])
+        return np.pad(values, [(0, size - len(values))] + [(0, 0)] * (values.ndim - 1))
+
+    moved = dict.fromkeys(("at", "cycle_begin", "cycle_end"), samples)
+    per_node = {
+        name: twice(
+            getattr(inputs, name), cycles if name.startswith("cycle") else nodes, len(inputs.at), moved.get(name, 0)
+        )
+        for name in PER_NODE
+    }
+    per_sample = {name: twice(getattr(inputs, name), samples, SAMPLES) for name in ("valid", "dt", "measured", "still")}
+    both = inputs._replace(**per_node, **per_sample, count=np.int32(2 * nodes), cycles=np.int32(2 * cycles))
+    last = np.int32(2 * samples - 1)
+    return both._replace(last=last), jax.tree.map(lambda v: twice(np.asarray(v), samples, SAMPLES), seen)
+
+
+def test_integration_begins_anew_with_every_bout():
+    one = ready(cut(walk(steps=6, quiet=5.5).recording, 2.5))
+    seen = MOTION(WaistParams(), one)[0]
+
+    @jax.jit
+    def told(inputs, seen):
+        found = waist_steps.intervals(WaistParams(), inputs, seen)
+        return waist_distance.by_integration(WaistParams(), inputs, seen, found, "update")
+
+    first, both = told(one, seen), told(*doubled(one, seen))
+    nodes = int(one.count)
+    assert first.distance[-1] > 0.5 and not first.unsure[:nodes].any()
+    for name in ("step", "stride", "stride_sd"):
+        values = getattr(both, name)[2:nodes], getattr(both, name)[nodes + 2 : 2 * nodes]
+        np.testing.assert_allclose(values[0], getattr(first, name)[2:nodes], atol=1e-9)
+        np.testing.assert_allclose(values[1], values[0], atol=1e-9)
+    for name in ("distance", "distance_sd"):
+        np.testing.assert_allclose(getattr(both, name)[2 * nodes - 1], 2.0 * getattr(first, name)[nodes - 1], atol=1e-9)

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from made.foot import foot
+
+from jgait import datasets
+from jgait.events import foot as events
+
+
+def found(made, **changes):
+    imu = next(iter(made.recording.sensors.values()))
+    return events.stances(imu.gyr, imu.acc, made.recording.sampling_rate_hz, **changes)
+
+
+def rotation():
+    q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+@pytest.mark.parametrize(
+    "gait", [{}, {"swing": 0.9, "stance": 1.5}, {"swing": 0.35, "stance": 0.2, "roll": 0.02}, {"length": 0.3}]
+)
+def test_one_stance_before_between_and_after_strides(gait):
+    made = foot(strides=6, hz=100.0, **gait)
+    stances = found(made)
+    assert len(stances.start) == 7
+    assert np.all(stances.start <= stances.stillest)
+    assert np.all(stances.stillest < stances.end)
+    # every swing lies between two stances, but for its slow beginning and end
+    for k in range(6):
+        assert stances.end[k] <= 100.0 * made.lift_off[k] + 20
+        assert stances.start[k + 1] >= 100.0 * made.contact[k] - 20
+
+
+def test_a_stance_of_fast_gait_whose_rate_a_fixed_threshold_takes_for_swing():
+    made = foot(strides=6, swing=0.35, stance=0.3)
+    imu = made.recording.sensors["foot_right"]
+    # a foot that never comes to rest from its first to its last swing
+    walking = (imu.time > made.lift_off[0]) & (imu.time < made.contact[-1])
+    gyr = imu.gyr + np.where(walking[:, None], [0.0, 0.9, 0.0], 0.0)
+    stances = events.stances(gyr, imu.acc, 100.0)
+    assert len(stances.start) == 7
+    fixed = events.moving_rate(gyr, 100.0) < 0.8
+    missed = [not fixed[a:b].any() for a, b in zip(stances.start, stances.end, strict=True)]
+    assert missed == [False] + 5 * [True] + [False]
+
+
+def test_mounting_does_not_matter():
+    plain, turned = found(foot(seed=1)), found(foot(seed=1, mount=rotation()))
+    for one, other in zip(plain, turned, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_a_valley_in_mid_swing_is_no_stance():
+    rate = np.full(1000, 0.1)
+    for start in (200, 400, 600):
+        rate[start : start + 60] = 6.0
+        rate[start + 28 : start + 32] = 1.5
+    gyr = np.stack([rate, 0 * rate, 0 * rate], axis=1)
+    stances = events.stances(gyr, np.tile([0.0, 0.0, 9.81], (1000, 1)), 100.0)
+    assert len(stances.start) == 4
+
+
+def test_no_foot_that_never_stands_and_none_that_never_moves():
+    time = np.arange(1000) / 100.0
+    spinning = np.stack([4.0 + np.sin(time), 0 * time, 0 * time], axis=1)
+    force = np.tile([0.0, 0.0, 9.81], (1000, 1))
+    assert len(events.stances(spinning, force, 100.0).start) == 0
+    still = events.stances(0.001 * spinning, force, 100.0)
+    assert (still.start[0], still.end[0], len(still.start)) == (0, 1000, 1)
+    final, initial = events.contacts(0.001 * spinning, still, 100.0)
+    assert final.size == initial.size == 0
+
+
+def test_a_foot_that_comes_down_without_turning_does_not_stand_yet():
+    made = foot(strides=3)
+    imu = made.recording.sensors["foot_right"]
+    acc = imu.acc.copy()
+    # after the last contact the foot sinks for a third of a second without turning
+    a = int(100 * made.contact[-1]) + 5
+    wave = np.sin(2 * np.pi * np.arange(34) / 34)
+    acc[a : a + 34, 2] += 20.0 * wave
+    plain = events.stances(imu.gyr, imu.acc, 100.0)
+    sunk = events.stances(imu.gyr, acc, 100.0)
+    assert plain.start[-1] < a + 10
+    assert sunk.start[-1] > a + 15
+
+
+def test_contacts_lie_in_order():
+    made = foot(strides=6)
+    imu = made.recording.sensors["foot_right"]
+    stances = found(made)
+    final, initial = events.contacts(imu.gyr, stances, 100.0)
+    assert np.all(stances.stillest[:-1] < final)
+    assert np.all(final < initial)
+    assert np.all(initial < stances.stillest[1:])
+
+
+def test_inside_is_true_in_stances_alone():
+    stances = events.Stances(np.array([0, 5]), np.array([2, 7]), np.array([1, 6]), np.zeros(2))
+    np.testing.assert_array_equal(events.inside(stances, 8), [1, 1, 0, 0, 0, 1, 1, 0])
+
+
+def test_no_stance_of_fast_gait_is_lost_under_vicon(data):
+    data("pyshoe_vicon")
+    for walk in datasets.load("pyshoe_vicon"):
+        imu = walk.recording.sensors["foot_right"]
+        stances = events.stances(imu.gyr, imu.acc, walk.recording.sampling_rate_hz)
+        for sample in walk.info["footprints"]["samples"]:
+            near = np.abs(stances.stillest - sample).min() < 60 or events.inside(stances, len(imu.gyr))[sample]
+            assert near, f"{walk.recording.name}: no stance at {sample}"
+
+
+def test_contacts_near_those_marked_by_hand(data):
+    data("gaitmap_example")
+    walk = datasets.load("gaitmap_example", only=["imu_sample"])[0]
+    for side in ("right", "left"):
+        imu, known = walk.recording.sensors[f"foot_{side}"], walk.info["events"][side]
+        stances = events.stances(imu.gyr, imu.acc, 204.8)
+        final, initial = events.contacts(imu.gyr, stances, 204.8)
+        late = {"tc": final, "ic": initial}
+        for name, samples in late.items():
+            off = np.array([samples[np.abs(samples - at).argmin()] - at for at in known[name]]) / 204.8
+            assert abs(np.median(off)) < 0.035
+            assert np.percentile(np.abs(off - np.median(off)), 90) < 0.02

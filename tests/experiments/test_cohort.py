@@ -1,0 +1,146 @@
+"""The experiment on the cohort measures what it says: walks come back from disk, and comparing finds a change."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jgait import evaluate
+from jgait.estimators import leg_ekf
+from jgait.simulate import FOUR
+
+EXPERIMENTS = Path(__file__).parents[2] / "experiments"
+
+
+@pytest.fixture(scope="module")
+def experiment(load_experiment):
+    return load_experiment("cohort")
+
+
+@pytest.fixture(scope="module")
+def walks(experiment):
+    import _cohort_walks
+
+    return _cohort_walks
+
+
+@pytest.fixture(scope="module")
+def folder(walks, tmp_path_factory):
+    """Three walks of six seconds."""
+    made = tmp_path_factory.mktemp("walks")
+    assert walks.simulated(made, 5, 0, 3, (6.0, 6.5)) == []
+    return made
+
+
+@pytest.fixture(scope="module")
+def tables(walks, folder):
+    names = sorted(path.stem for path in folder.glob("*.npz"))
+    estimator = leg_ekf.estimator(leg_ekf.PAPER)
+    return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), own=walks.own)
+
+
+def test_walks_come_back_as_they_were_made(walks, folder):
+    (one,) = (entry for entry in walks.walkers(5, 1, 2, (6.0, 6.5)))
+    walk = walks.read(str(folder), one.name)
+    assert one.name == "00001_corner"
+    assert tuple(walk.recording.sensors) == FOUR
+    assert walk.recording.subject == "subject_00001"
+    truth, body = walk.reference, one.person.body
+    assert walk.info == pytest.approx({"thigh_length": body.thigh_length, "shank_length": body.shank_length})
+    assert truth.time[-1] == pytest.approx(one.seconds, abs=0.0101) and 5.5 < one.seconds < 8.0
+    assert truth.distance[-1] - truth.distance[0] == pytest.approx(float(np.sum(one.along.length)), rel=1e-5)
+    # The legs close: the ankle is where the angles put it.
+    for leg in truth.legs:
+        shank = leg.hip_angle - leg.knee_angle
+        x = body.thigh_length * np.sin(leg.hip_angle) + body.shank_length * np.sin(shank)
+        np.testing.assert_allclose(leg.x, x, atol=0.02)
+    still = truth.time < 0.5
+    for imu in walk.recording.sensors.values():
+        assert imu.gyr.dtype == np.float32 and imu.mask.mean() > 0.9
+        assert np.linalg.norm(imu.acc[still & imu.mask], axis=1) == pytest.approx(9.81, rel=0.1)
+    assert truth.strides.valid.all()
+    assert len(truth.strides.length) == pytest.approx(one.person.gait.steps + 1)
+
+
+def test_everyone_is_somebody_else_and_ways_differ(walks):
+    found = list(walks.walkers(5, 0, 3, (6.0, 6.5)))
+    assert [one.name.split("_")[1] for one in found] == ["straight", "corner", "back"]
+    assert len({one.person.body.thigh_length for one in found}) == 3
+    turned = [float(np.sum(one.along.turn)) for one in found]
+    assert turned == pytest.approx([0.0, np.pi / 2, -np.pi])
+    # Who a person is does not depend on who else is simulated.
+    (alone,) = walks.walkers(5, 2, 3, (6.0, 6.5))
+    assert alone.person == found[2].person and bool(alone.key == found[2].key)
+
+
+def test_what_is_told_of_quality(experiment, tables):
+    rows = {row.metric: row.value for row in experiment.quality(tables, "here")}
+    distance = tables.quantities.query("quantity == 'distance_m'")["rel_error"].abs()
+    assert rows["distance_error_worst_pct"] == pytest.approx(100.0 * distance.max())
+    assert rows["failures_pct"] == 0.0
+    # First and last strides at least, and few others.
+    steps = tables.strides.groupby("recording").size()
+    assert rows["strides_not_compared_pct"] >= 100.0 * 3 * len(steps) / steps.sum() - 1e-9
+    lost = tables._replace(failures=pd.DataFrame({"recording": ["a"], "subject": ["a"], "reason": ["no walking"]}))
+    assert {r.metric: r.value for r in experiment.quality(lost, "here")}["failures_pct"] == 25.0
+
+
+def test_the_comparison_finds_every_change(experiment, tables):
+    difference = experiment.difference
+    assert difference(tables, tables) == 0.0
+
+    def changed(table, row, column, value):
+        whole = getattr(tables, table).copy()
+        whole.loc[row, column] = value
+        return tables._replace(**{table: whole})
+
+    value = tables.quantities.loc[3, "estimate"]
+    assert difference(changed("quantities", 3, "estimate", value * (1.0 + 1e-7)), tables) == pytest.approx(
+        1e-7, rel=1e-6
+    )
+    assert difference(tables, changed("strides", 5, "start", 0.0)) == 1.0
+    for table, row, column, value in (
+        ("quantities", 3, "estimate", np.nan), ("strides", 5, "side", "both"), ("recordings", 0, "notes", "new"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"{table} differ in .*{column}"):
+            difference(changed(table, row, column, value), tables)
+    with pytest.raises(ValueError, match="strides differ"):
+        difference(tables._replace(strides=tables.strides.iloc[1:]), tables)
+
+
+def test_the_time_of_stages_adds_up(experiment):
+    import _cohort_run
+
+    watch = _cohort_run.Watch()
+    seen = []
+    with watch.on({"told": (experiment, "told")}):
+        with pytest.raises(AttributeError):
+            experiment.told(None)
+        seen.append(watch.stages["told"].calls)
+    assert seen == [1] and not hasattr(experiment.told, "__wrapped__")
+    stage = {"wall": 2.0, "own": 1.0, "calls": 1}
+    names = ("read", "prepared", "compiled", "started", "waited", "finished", "appended", "tables")
+    held = dict.fromkeys(names, stage) | {"prepared": {**stage, "wall": 5.0}, "started": {**stage, "wall": 2.5}}
+    lines = {
+        line[0]: line for line in experiment.stages({"stages": held, "seconds": 20.0, "processor_seconds": 9.0}, 100)
+    }
+    assert lines["prepare, pad"][2:] == [3.0, 0.0, 30.0]
+    assert lines["stack, start batches"][2] == 0.5
+    main = [line[2] for line in lines.values() if line[1] == "main"]
+    assert sum(main) == pytest.approx(20.0)
+
+
+def test_processes_start_without_this_one_s_settings(experiment, monkeypatch, tmp_path):
+    monkeypatch.setenv("JAX_ENABLE_X64", "1")
+    monkeypatch.setenv("XLA_FLAGS", "--nothing")
+    bare, shared = experiment.environment(), experiment.environment(tmp_path)
+    assert not {"JAX_ENABLE_X64", "XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"} & set(bare)
+    assert shared["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path)
+    assert bare["PYTHONPATH"].split(os.pathsep)[0] == str(EXPERIMENTS)
+
+
+def test_no_walks_without_room_for_them(experiment, tmp_path):
+    with pytest.raises(RuntimeError, match=r"walks need .* GB are free"):
+        experiment.simulated(tmp_path / "walks", 10**9, (60.0, 62.0), tmp_path)

@@ -1,0 +1,148 @@
+"""APDM Opal's `.h5`, written by this test in both of its layouts."""
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from made.known_walk import PLACES, RATE, SAMPLES, agrees, signals
+
+from jgait import RecordingError, io
+from jgait.io.formats import apdm, registry
+
+LABELS = {"lower_back": "Lumbar", "foot_right": "Right Foot", "foot_left": "Left Foot"}
+START = 1_573_000_000_123_456
+CASES = {"lower_back": "XI-003210", "foot_right": "XI-000099", "foot_left": "XI-004711"}
+
+
+def padded(text, size=16):
+    """As APDM writes strings: bytes of fixed size, filled up with zeros."""
+    return np.bytes_(text.encode().ljust(size, b"\0"))
+
+
+def stamps(begin=START, samples=SAMPLES):
+    return (begin + np.arange(samples, dtype=np.uint64) * np.uint64(1e6 / RATE)).astype(np.uint64)
+
+
+def write_new(path, places=PLACES, *, time=None, label=True, without=(), **changed):
+    with h5py.File(path, "w") as file:
+        file.attrs["FileFormatVersion"] = 5
+        file.create_group("Processed")
+        for place in places:
+            group = file.create_group(f"Sensors/{CASES[place]}")
+            gyr, acc = signals(place)
+            fields = {"Gyroscope": gyr, "Accelerometer": acc, "Magnetometer": np.ones_like(acc)}
+            fields |= {"Time": stamps() if time is None else time} | changed
+            for key, values in fields.items():
+                if key not in without:
+                    group.create_dataset(key, data=values)
+            about = group.create_group("Configuration").attrs
+            about["Sample Rate"] = np.int64(RATE)
+            if label:
+                about["Label 0"] = padded(LABELS[place], 64)
+    return path
+
+
+def write_old(path, places=PLACES, *, prefix="", lists=True):
+    with h5py.File(path, "w") as file:
+        file.attrs["FileFormatVersion"] = 4
+        if lists:
+            file.attrs["CaseIdList"] = np.array([padded(CASES[place]) for place in places])
+            file.attrs["MonitorLabelList"] = np.array([padded(LABELS[place]) for place in places])
+        file.create_dataset("Annotations", data=np.zeros(3))
+        for place in places:
+            gyr, acc = signals(place)
+            group = file.create_group(prefix + CASES[place])
+            group.attrs["SampleRate"] = np.int64(RATE)
+            group["Calibrated/Accelerometers"], group["Calibrated/Gyroscopes"] = acc, gyr
+            group["Raw/Accelerometers"] = np.zeros_like(acc)
+            group["Time"] = stamps()
+    return path
+
+
+@pytest.mark.parametrize("layout", ["new", "old", "oldest"])
+def test_every_sample_of_every_sensor_comes_back(tmp_path, layout):
+    path = tmp_path / "walk.h5"
+    if layout == "new":
+        write_new(path)
+    else:
+        # HDF5 lists groups by name, which is not the order of the labels: a reader that counts would mix the feet up.
+        write_old(path, prefix="Opal_" if layout == "oldest" else "")
+    assert registry.format_of(path) == "apdm"
+    recording = io.read(path)
+    assert set(recording.sensors) == set(PLACES)
+    for place in PLACES:
+        agrees(recording.sensors[place], place)
+    assert (recording.sampling_rate_hz, recording.name) == (RATE, "walk")
+    assert "read as APDM Opal HDF5" in recording.notes
+    assert any("'Right Foot' is taken to have sat at foot_right" in note for note in recording.notes)
+    assert any("foot_right: the sensor's +x points up" in note and "Opal's case" in note for note in recording.notes)
+
+
+def test_files_without_labels_ask_for_placements(tmp_path):
+    for path in (write_new(tmp_path / "new.h5", label=False), write_old(tmp_path / "old.h5", lists=False)):
+        with pytest.raises(RecordingError, match="does not say where its sensors sat.*XI-000099"):
+            io.read(path)
+        recording = io.read(path, placements={"XI-000099": "foot_right"})
+        agrees(recording.sensors["foot_right"], "foot_right")
+        assert any("left out" in note and "XI-003210" in note for note in recording.notes)
+
+
+def test_time_that_stands_still_gives_way_to_the_rate_of_the_file(tmp_path):
+    path = write_new(tmp_path / "still.h5", ["lower_back"], time=np.zeros(SAMPLES, np.uint64))
+    recording = io.read(path)
+    agrees(recording.sensors["lower_back"], "lower_back")
+    assert any("Time does not run; the file's rate of 100 Hz counts" in note for note in recording.notes)
+
+
+def test_samples_lost_on_the_radio_are_masked(tmp_path):
+    late = stamps() + np.where(np.arange(SAMPLES) >= 60, np.uint64(50_000), np.uint64(0))
+    imu = io.read(write_new(tmp_path / "gap.h5", ["lower_back"], time=late)).sensors["lower_back"]
+    assert len(imu.time) == SAMPLES + 5 and not imu.mask[60:65].any() and imu.mask.sum() == SAMPLES
+    np.testing.assert_array_equal(imu.gyr[65:], signals("lower_back")[0][60:])
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"without": ["Gyroscope"]}, "Sensors/XI-003210 has no Gyroscope; it has Accelerometer, Configuration"),
+        ({"Gyroscope": np.zeros((3, SAMPLES))}, r"Gyroscope must have shape \(samples, 3\); it has \(3, 250\)"),
+        ({"Accelerometer": np.zeros((9, 3))}, r"Accelerometer must have shape \(250, 3\); it has \(9, 3\)"),
+        ({"Time": np.arange(4)}, r"Time must have shape \(250,\); it has \(4,\)"),
+        ({"places": []}, "expected the group Sensors"),
+        ({"Gyroscope": np.full((SAMPLES, 3), b"x")}, "Gyroscope must be numbers"),
+    ],
+)
+def test_a_malformed_file_is_named_with_what_is_lacking(tmp_path, changes, message):
+    places = changes.pop("places", ["lower_back"])
+    path = write_new(tmp_path / "bad.h5", places, **changes)
+    with pytest.raises(RecordingError, match=f"bad.h5.*{message}"):
+        apdm.measured(path)
+
+
+def test_files_that_are_something_else(tmp_path):
+    whole = write_new(tmp_path / "whole.h5")
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    text = tmp_path / "text.h5"
+    text.write_text("time\n1\n")
+    empty = tmp_path / "empty.h5"
+    empty.touch()
+    for path in (cut, text):
+        with pytest.raises(RecordingError, match=f"{path.name} is no whole HDF5 file; expected an APDM"):
+            io.read(path)
+    with pytest.raises(RecordingError, match="empty.h5 is empty; expected an APDM Opal HDF5 file"):
+        io.read(empty)
+    with pytest.raises(RecordingError, match="is a folder"):
+        apdm.measured(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        io.read(tmp_path / "nowhere.h5")
+
+
+def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
+    path = write_new(tmp_path / "walk.h5")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(
+        ImportError, match=r"reading an APDM Opal HDF5 file needs the extra io: pip install 'jgait\[io\]'"
+    ):
+        apdm.measured(path)

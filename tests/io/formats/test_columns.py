@@ -1,0 +1,115 @@
+"""Tables with columns named as here: units told from the signals, one sensor a file, Parquet."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from made import files as made_files
+
+from jgait import io
+from jgait.types import Imu, RangeReadings, Recording, RecordingError
+
+
+@pytest.mark.parametrize("degrees", [True, False])
+def test_units_are_told_from_the_signals(tmp_path, degrees):
+    recording = io.read(made_files.named(tmp_path / "walk.csv", degrees=degrees))
+    assert made_files.check(recording).all()
+    unit = "deg/s" if degrees else "rad/s"
+    told = f"foot_right: the file states no unit of angular rate; {unit}, for the 99th percentile is"
+    assert any(note.startswith(told) for note in recording.notes)
+    assert any("no unit of acceleration; m/s^2" in note for note in recording.notes)
+    assert "walk.csv: time taken to be in s" in recording.notes
+
+
+def test_it_reads_what_read_csv_reads(tmp_path):
+    path = made_files.named(tmp_path / "walk.csv")
+    mine, theirs = io.read(path).sensors["foot_right"], io.read_csv(path).sensors["foot_right"]
+    for one, other in zip(mine, theirs, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_what_is_said_overrules_and_what_contradicts_the_signals_is_refused(tmp_path):
+    path = made_files.named(tmp_path / "walk.csv")
+    made_files.check(io.read(path, gyr_unit="deg/s", acc_unit="m/s^2"))
+    with pytest.raises(RecordingError, match="it seems to be in deg/s"):
+        io.read(path, gyr_unit="rad/s")
+    with pytest.raises(ValueError, match="acc_unit must be one of"):
+        io.read(path, acc_unit="ft/s^2")
+
+
+def test_time_in_milliseconds_and_columns_that_say_nothing(tmp_path):
+    path = made_files.named(tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    table["time"] *= 1e3
+    table.assign(temperature=20.0).to_csv(path, index=False)
+    recording = io.read(path)
+    made_files.check(recording)
+    assert "walk.csv: time taken to be in ms" in recording.notes
+    assert "columns left out: temperature" in recording.notes
+
+
+def test_one_sensor_a_file(tmp_path):
+    for name in ("foot_right.csv", "Left Foot.csv"):
+        made_files.named(tmp_path / name, prefix="", time=False)
+    (tmp_path / "readme.csv").write_text("nothing\n1\n")
+    recording = io.read(tmp_path, sampling_rate_hz=100.0)
+    assert sorted(recording.sensors) == ["foot_left", "foot_right"]
+    made_files.check(recording, "foot_left")
+    path = made_files.named(tmp_path / "sensor7.csv", prefix="")
+    with pytest.raises(RecordingError, match=r"does not say where its sensors sat: pass placements=\{'sensor7'"):
+        io.read(path)
+    made_files.check(io.read(path, placement="shank_left"), "shank_left")
+    made_files.check(io.read({"thigh_left": path}), "thigh_left")
+
+
+def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
+    path = made_files.named(tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    for axis in "xyz":
+        table[f"sternum_gyr_{axis}"] = 0.01 * table[f"foot_right_gyr_{axis}"]
+    table.to_csv(path, index=False)
+    recording = io.read(path)
+    np.testing.assert_allclose(recording.sensors["sternum"].gyr, 0.01 * made_files.walk()[1], atol=1e-9)
+    assert "sternum: the file states no unit of angular rate; deg/s, as foot_right" in recording.notes
+    for axis in "xyz":
+        table[f"sternum_gyr_{axis}"] *= 0.2
+    table[["time", *(f"sternum_gyr_{axis}" for axis in "xyz")]].to_csv(path, index=False)
+    with pytest.raises(RecordingError, match="the size of sternum does not tell"):
+        io.read(path)
+
+
+def with_range():
+    time, gyr, acc = made_files.walk()
+    mask = np.ones(len(time), bool)
+    mask[40:43] = False
+    heard = np.arange(len(time)) % 5 == 0
+    apart = np.where(heard, 0.2 + 0.05 * np.sin(time), 0.0)
+    imu = Imu(time, np.where(mask[:, None], gyr, 0.0), acc, mask)
+    return Recording({"foot_right": imu}, 100.0, "w", feet_range=RangeReadings(time, apart, heard))
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "pq"])
+def test_a_written_recording_reads_back(tmp_path, ending):
+    recording = with_range()
+    again = io.read(io.write_table(recording, tmp_path / f"walk.{ending}"))
+    kept = made_files.check(again)
+    assert list(np.flatnonzero(~kept)) == [40, 41, 42]
+    np.testing.assert_array_equal(again.feet_range.mask, recording.feet_range.mask)
+    np.testing.assert_allclose(again.feet_range.distance, recording.feet_range.distance, atol=1e-9)
+    assert any(note.startswith("feet_range: the file states no unit; m") for note in again.notes)
+
+
+def test_a_range_whose_unit_cannot_be_told(tmp_path):
+    path = io.write_table(with_range(), tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    table["feet_range"] *= 100.0
+    table.to_csv(path, index=False)
+    with pytest.raises(RecordingError, match="its median, .*, does not tell .* use read_csv and say range_unit"):
+        io.read(path)
+    assert io.read_csv(path, range_unit="cm").feet_range.distance.max() == pytest.approx(0.25, abs=0.01)
+
+
+def test_a_broken_parquet_file(tmp_path):
+    path = io.write_table(with_range(), tmp_path / "walk.parquet")
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(RecordingError, match="walk.parquet is no Parquet file"):
+        io.read(path)

@@ -1,0 +1,88 @@
+"""gaitmap's and mobgap's data: frames and units (held to the libraries themselves in test_peer_tables)."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made import files as made_files
+
+from jgait import datasets, io
+from jgait.types import RecordingError
+
+SENSORS = {"right_sensor": "foot_right", "left_sensor": "foot_left"}
+NAMES = [f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz"]
+MOBGAP = ["acc_is", "acc_ml", "acc_pa", "gyr_is", "gyr_ml", "gyr_pa"]
+
+
+def sensor_frame(sign=1.0):
+    _, gyr, acc = made_files.walk()
+    return pd.DataFrame(np.hstack([acc, np.rad2deg(sign * gyr)]), columns=NAMES)
+
+
+def test_gaitmaps_sensors():
+    tables = {"right_sensor": sensor_frame(), "left_sensor": sensor_frame(-1.0)}
+    for given in (tables, pd.concat(tables, axis=1)):
+        recording = io.recording_from_gaitmap(given, 100.0, name="w", subject="s")
+        made_files.check(recording)
+        np.testing.assert_allclose(recording.sensors["foot_left"].gyr, -made_files.walk()[1], atol=1e-12)
+        assert (recording.name, recording.subject, recording.sampling_rate_hz) == ("w", "s", 100.0)
+        assert any("x towards the toes, y left, z up" in note for note in recording.notes)
+    other = io.recording_from_gaitmap({"a": tables["right_sensor"]}, 100.0, placements={"a": "shank_left"})
+    made_files.check(other, "shank_left")
+
+
+def test_what_gaitmap_data_must_have():
+    table = sensor_frame()
+    with pytest.raises(RecordingError, match="columns of two levels; found .*pass one sensor as"):
+        io.recording_from_gaitmap(table, 100.0)
+    with pytest.raises(RecordingError, match=r"w, right_sensor lacks gyr_z: expected columns .* found \['acc_x'"):
+        io.recording_from_gaitmap({"right_sensor": table.drop(columns="gyr_z")}, 100.0, name="w")
+    with pytest.raises(ValueError, match="frame must be one of 'sensor', 'body'; got 'world'"):
+        io.recording_from_gaitmap({"right_sensor": table}, 100.0, frame="world")
+    with pytest.raises(RecordingError, match=r"mirrored between the feet, and 'back' is not known to be of either"):
+        io.recording_from_gaitmap({"back": table}, 100.0, frame="body")
+    with pytest.raises(RecordingError, match="does not say where its sensors sat"):
+        io.recording_from_gaitmap({"abc": table.set_axis(NAMES, axis=1)}, 100.0, placements={})
+
+
+def test_mobgaps_sensor():
+    table = sensor_frame()
+    recording = io.recording_from_mobgap(table, 100.0)
+    made_files.check(recording, "lower_back")
+    assert any("mobgap's sensor frame: x up, y right, z forward" in note for note in recording.notes)
+    made_files.check(io.recording_from_mobgap(table.set_axis(MOBGAP, axis=1), 100.0, placement="waist"), "waist")
+    with pytest.raises(RecordingError, match="lacks gyr_x.*: expected columns .* found .*'acc_gx'"):
+        io.recording_from_mobgap(table.rename(columns=lambda name: name.replace("_", "_g")), 100.0)
+    with pytest.raises(RecordingError, match="lacks gyr_is, gyr_ml"):
+        io.recording_from_mobgap(table, 100.0, frame="body")
+
+
+def test_their_files(tmp_path):
+    tables = {"right_sensor": sensor_frame(), "left_sensor": sensor_frame()}
+    both = pd.concat(tables, axis=1, names=["sensor", "axis"])
+    for name, more in (("gaitmap.csv", {}), ("plain.csv", {"index": False})):
+        both.to_csv(tmp_path / name, **more)
+        recording = io.read(tmp_path / name, sampling_rate_hz=100.0)
+        made_files.check(recording)
+        made_files.check(recording, "foot_left")
+    both.to_parquet(tmp_path / "gaitmap.parquet")
+    made_files.check(io.read(tmp_path / "gaitmap.parquet", sampling_rate_hz=100.0))
+    sensor_frame().set_axis(MOBGAP, axis=1).to_csv(tmp_path / "mobgap.csv")
+    made_files.check(io.read(tmp_path / "mobgap.csv", sampling_rate_hz=100.0), "lower_back")
+    with pytest.raises(RecordingError, match="states neither time stamps nor a sampling rate"):
+        io.read(tmp_path / "mobgap.csv")
+
+
+def test_a_real_file_of_gaitmaps():
+    if not datasets.available("gaitmap_example"):
+        pytest.skip(datasets.unavailable_reason("gaitmap_example"))
+    file = Path(datasets.path("gaitmap_example")) / "example_data" / "imu_sample.csv"
+    recording = io.read(file, sampling_rate_hz=204.8)
+    table = pd.read_csv(file, header=[0, 1], index_col=0)
+    for sensor, where in SENSORS.items():
+        imu = recording.sensors[where]
+        np.testing.assert_allclose(imu.gyr, np.deg2rad(table[sensor][NAMES[3:]].to_numpy()), atol=1e-12)
+        np.testing.assert_array_equal(imu.acc, table[sensor][NAMES[:3]].to_numpy())
+    same = io.recording_from_gaitmap(table, 204.8)
+    np.testing.assert_array_equal(same.sensors["foot_left"].gyr, recording.sensors["foot_left"].gyr)

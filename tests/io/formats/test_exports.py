@@ -1,0 +1,99 @@
+"""Parameters of strides under gaitmap's names, contacts, strides and bouts under mobgap's."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from made import tables as made_tables
+
+from jgait import io
+
+RATE = made_tables.RATE
+
+
+def test_gaitmaps_parameters_are_those_of_its_stride_list():
+    estimate = made_tables.estimate()
+    found, lists = io.to_gaitmap_parameters(estimate, RATE), io.to_gaitmap(estimate, RATE)
+    assert list(found) == list(lists)
+    for sensor, table in found.items():
+        assert list(table.index) == list(lists[sensor].index) and table.index.name == "s_id"
+        assert len(table) == made_tables.STRIDES
+    right = found["right_sensor"]
+    np.testing.assert_allclose(right["stride_length"], made_tables.LENGTH)
+    np.testing.assert_allclose(right["gait_velocity"], made_tables.LENGTH / made_tables.CYCLE)
+    np.testing.assert_allclose(right["turning_angle"], np.rad2deg(made_tables.TURN))
+    np.testing.assert_allclose(right["stance_time"] + right["swing_time"], right["stride_time"])
+    np.testing.assert_allclose(right["max_sensor_lift"], made_tables.HIGHEST, atol=1e-4)
+    assert (right["tc_angle"] < 0).all() and (right["ic_angle"] > 0).all()
+
+
+def test_gaitmaps_names_with_units():
+    found = io.to_gaitmap_parameters(made_tables.estimate(), RATE, with_units=True)["left_sensor"]
+    assert found.index.name == "stride id"
+    assert {"stride length [m]", "gait velocity [m/s]", "max. sensor lift [m]", "swing time [s]"} <= set(found.columns)
+
+
+def test_what_is_not_known_has_no_column():
+    estimate = made_tables.estimate(lift=None, contact_angle=None, speed=None)
+    found = io.to_gaitmap_parameters(estimate, RATE)["right_sensor"]
+    assert list(found.columns) == [
+        "stride_length", "tc_angle", "turning_angle", "stride_time", "swing_time", "stance_time",
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="need contacts and standing"):
+        io.to_gaitmap_parameters(made_tables.estimate(standing=None), RATE)
+
+
+def test_mobgaps_contacts_strides_and_bouts():
+    estimate = made_tables.estimate(pause=4.0)
+    contacts, strides, bouts = io.to_mobgap(estimate, RATE)
+    assert contacts.index.name == "step_id" and list(contacts.columns) == ["ic", "lr_label"]
+    assert contacts["ic"].is_monotonic_increasing and contacts["ic"].dtype == np.int64
+    assert list(contacts["lr_label"].cat.categories) == ["left", "right"]
+    # Each foot's contacts are one more than its strides in each of two bouts.
+    assert (contacts["lr_label"] == "right").sum() == made_tables.STRIDES + 2
+    assert strides.index.names == ["wb_id", "s_id"] and list(bouts.index) == [0, 1]
+    assert list(bouts["n_strides"]) == [2 * made_tables.AFTER, 2 * (made_tables.STRIDES - made_tables.AFTER)]
+    np.testing.assert_allclose(strides["cadence_spm"], 120 / made_tables.CYCLE)
+    np.testing.assert_allclose(bouts["stride_length_m"], made_tables.LENGTH)
+    np.testing.assert_allclose(bouts["walking_speed_mps"], made_tables.LENGTH / made_tables.CYCLE)
+    np.testing.assert_allclose(bouts["duration_s"], (bouts["end"] - bouts["start"]) / RATE)
+    one = io.to_mobgap(estimate, RATE, max_break_s=10.0).per_wb_parameters
+    assert list(one["n_strides"]) == [2 * made_tables.STRIDES]
+    later = io.to_mobgap(estimate, RATE, first_sample=0.5).ic_list["ic"]
+    np.testing.assert_array_equal(later, contacts["ic"] - 50)
+
+
+def test_a_first_stride_from_standing_is_none_of_mobgaps():
+    estimate = made_tables.estimate()
+    strides = estimate.strides
+    standing = np.array(strides.standing)
+    standing[0] = strides.start[0] - 0.3
+    less = io.to_mobgap(estimate._replace(strides=strides._replace(standing=standing)), RATE)
+    every = io.to_mobgap(estimate, RATE)
+    assert len(less.per_stride_parameters) == len(every.per_stride_parameters) - 1
+    assert len(less.ic_list) == len(every.ic_list) - 1
+
+
+def test_contacts_that_the_estimator_lists_come_first():
+    told = {"initial_contact": np.array([1.0, 1.5]), "initial_contact_side": np.array([1, 0])}
+    contacts = io.to_mobgap(made_tables.estimate()._replace(diagnostics=told), RATE).ic_list
+    assert list(contacts["ic"]) == [100, 150] and list(contacts["lr_label"]) == ["left", "right"]
+
+
+def test_nobody_walks_and_nothing_is_known():
+    estimate = made_tables.estimate()
+    nobody = estimate._replace(strides=estimate.strides._replace(valid=np.zeros(len(estimate.strides.side), bool)))
+    for table in io.to_mobgap(nobody, RATE):
+        assert table.empty
+    assert io.to_mobgap(nobody, RATE).ic_list["ic"].dtype == np.int64
+    assert all(table.empty for table in io.to_gaitmap_parameters(nobody, RATE).values())
+    with pytest.raises(ValueError, match="need contacts; these have no start_s, end_s"):
+        io.to_mobgap(made_tables.estimate(start=None, end=None, final_contact=None), RATE)
+    with pytest.raises(ValueError, match="sampling_rate_hz must be positive"):
+        io.to_mobgap(estimate, 0.0)
+
+
+def test_they_can_be_written(tmp_path):
+    for name, table in io.to_mobgap(made_tables.estimate(), RATE)._asdict().items():
+        again = pd.read_parquet(io.write_table(table, tmp_path / f"{name}.parquet"))
+        assert list(again.columns)[: len(table.index.names)] == list(table.index.names)
+        assert len(again) == len(table)

@@ -1,0 +1,173 @@
+"""Mobilise-D's `data.mat`: written by this test as the specification says, and the real ones of mobgap."""
+
+import numpy as np
+import pytest
+from made.known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
+from scipy.io import savemat
+
+from jgait import RecordingError, io
+from jgait.datasets import registry
+from jgait.io.formats import mobilised
+
+LABELS = {"lower_back": "LowerBack", "foot_right": "RightFoot", "foot_left": "LeftFoot"}
+START = 1_607_605_064.733
+
+
+def sensor(place, *, start=START, samples=SAMPLES, **changed):
+    gyr, acc = signals(place, samples)
+    fields = {"Acc": acc / GRAVITY, "Gyr": np.rad2deg(gyr), "Fs": {"Acc": RATE, "Gyr": RATE, "Bar": RATE}}
+    if start is not None:
+        fields["Timestamp"] = (start + np.arange(samples) / RATE)[:, None]
+    fields |= changed
+    return {key: value for key, value in fields.items() if value is not None}
+
+
+def trial(**devices):
+    return {"StartDateTime": "2020-12-10T13:57:44.733+01:00", **devices}
+
+
+@pytest.fixture
+def write(tmp_path):
+    def written(data, name="data.mat"):
+        folder = tmp_path / "P07"
+        folder.mkdir(exist_ok=True)
+        savemat(folder / name, {"data": data})
+        return folder / name
+
+    return written
+
+
+@pytest.fixture
+def both(write):
+    """Two trials; in the second the feet wore INDIP's sensors, and so did the lower back."""
+    indip = {LABELS[place]: sensor(place) for place in PLACES} | {"LeftPressureInsole": {"Force": np.zeros(4)}}
+    second = trial(SU={"LowerBack": sensor("lower_back")}, SU_INDIP=indip, Standards={"INDIP": {"Fs": 100.0}})
+    return write(
+        {"TimeMeasure1": {"Test5": {"Trial1": trial(SU={"LowerBack": sensor("lower_back")}), "Trial2": second}}}
+    )
+
+
+def test_every_sample_of_a_trial_comes_back_in_si_units(both):
+    recording = io.read_mobilised(both, trial="TimeMeasure1/Test5/Trial1")
+    assert list(recording.sensors) == ["lower_back"]
+    agrees(recording.sensors["lower_back"], "lower_back")
+    assert (recording.sampling_rate_hz, recording.subject) == (RATE, "P07")
+    assert recording.name == "P07/TimeMeasure1/Test5/Trial1"
+    assert any("+x points up" in note and "y right, z forward" in note for note in recording.notes)
+
+
+def test_all_trials_and_all_devices(both):
+    assert io.mobilised_trials(both) == ("TimeMeasure1/Test5/Trial1", "TimeMeasure1/Test5/Trial2")
+    every = io.read_all_mobilised(both)
+    assert tuple(every) == io.mobilised_trials(both)
+    second = every["TimeMeasure1/Test5/Trial2"]
+    assert set(second.sensors) == set(PLACES)
+    for place in PLACES:
+        agrees(second.sensors[place], place)
+    assert any("SU_INDIP.LowerBack (another device was worn there)" in note for note in second.notes)
+    feet = io.read_mobilised(both, trial="Test5/Trial2", device="SU_INDIP")
+    assert set(feet.sensors) == set(PLACES)
+
+
+def test_many_trials_are_listed_and_none_is_guessed(both):
+    with pytest.raises(RecordingError, match=r"has 2 trials; .*Test5/Trial1, TimeMeasure1/Test5/Trial2"):
+        io.read(both)
+    with pytest.raises(RecordingError, match="no trial 'Trial9'; its trials are TimeMeasure1/Test5/Trial1"):
+        io.read_mobilised(both, trial="Trial9")
+    with pytest.raises(RecordingError, match="no device SU_INDIP; it has SU"):
+        io.read_mobilised(both, trial="Test5/Trial1", device="SU_INDIP")
+    with pytest.raises(ValueError, match="device must be one of SU, SU_INDIP"):
+        io.read_mobilised(both, trial="Test5/Trial1", device="INDIP")
+
+
+def test_one_trial_is_read_by_the_common_reader(write):
+    path = write({"TimeMeasure1": {"Recording4": trial(SU={"LowerBack": sensor("lower_back", start=None)})}})
+    recording = io.read(path)
+    agrees(recording.sensors["lower_back"], "lower_back")
+    assert "read as Mobilise-D MATLAB file" in recording.notes
+
+
+def test_devices_that_start_apart_share_the_time_in_which_both_ran(write):
+    su = {"LowerBack": sensor("lower_back")}
+    path = write({"T": {"A": trial(SU=su, SU_INDIP={"LeftFoot": sensor("foot_left", start=START + 0.5)})}})
+    recording = io.read_mobilised(path)
+    gyr, _ = signals("lower_back")
+    # Unix seconds are known to 2.4e-7 s, which moves interpolated samples by that much of the slope.
+    np.testing.assert_allclose(recording.sensors["lower_back"].gyr[:100], gyr[50:150], atol=1e-5)
+    np.testing.assert_allclose(recording.sensors["foot_left"].gyr[:100], signals("foot_left")[0][:100], atol=1e-5)
+
+
+def test_time_stamps_with_a_gap_overrule_the_rate(write):
+    stamps = START + np.arange(SAMPLES) / RATE + np.where(np.arange(SAMPLES) >= 100, 0.2, 0.0)
+    path = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back", Timestamp=stamps)})}})
+    recording = io.read_mobilised(path)
+    imu = recording.sensors["lower_back"]
+    assert len(imu.time) == SAMPLES + 20 and (~imu.mask).sum() == 20 and not imu.mask[100:120].any()
+    np.testing.assert_allclose(imu.gyr[120:], signals("lower_back")[0][100:], atol=1e-9)
+    assert any("Timestamp differs from samples" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    "changed, message",
+    [
+        ({"Gyr": np.zeros((SAMPLES, 2))}, r"SU\.LowerBack\.Gyr must have shape \(samples, 3\); it has \(250, 2\)"),
+        ({"Acc": np.ones((SAMPLES - 1, 3))}, r"Acc must have shape \(250, 3\); it has \(249, 3\)"),
+        ({"Fs": None}, r"no sampling rate Fs\.Gyr; it has Acc, Gyr, Timestamp"),
+        ({"Fs": {"Acc": 50.0, "Gyr": 100.0}}, "must share a rate; Fs says 50.* and 100"),
+        ({"Fs": {"Gyr": -1.0}}, r"Fs must be positive; it is -1"),
+        ({"Timestamp": np.arange(9.0)}, r"Timestamp must have shape \(250,\); it has \(9,\)"),
+        ({"Gyr": None}, r"no sensor with a gyroscope, Gyr; it has SU\.LowerBack"),
+        ({"Acc": signals("lower_back")[1]}, r"accelerometer of lower_back reads 95\.9\d m/s² in the median"),
+    ],
+)
+def test_a_malformed_sensor_is_named(write, changed, message):
+    path = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back", **changed)})}})
+    with pytest.raises(RecordingError, match=message):
+        io.read_mobilised(path)
+
+
+def test_files_that_are_something_else(write, tmp_path):
+    whole = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back")})}})
+    cut = tmp_path / "cut.mat"
+    cut.write_bytes(whole.read_bytes()[:4000])
+    empty = tmp_path / "empty.mat"
+    empty.write_bytes(b"")
+    text = tmp_path / "text.mat"
+    text.write_text("time,gyr_x\n0,1\n" * 50)
+    newer = tmp_path / "newer.mat"
+    newer.write_bytes(b"MATLAB 7.3 MAT-file" + b" " * 600)
+    other = tmp_path / "other.mat"
+    savemat(other, {"steps": np.arange(3.0)})
+    cases = {
+        cut: "cut.mat is no whole MATLAB file; expected a Mobilise-D",
+        empty: "empty.mat is empty; expected a Mobilise-D",
+        text: "text.mat is no whole MATLAB file",
+        newer: r"version 7\.3; expected version 5 to 7",
+        other: "has no variable 'data', but steps",
+        write({"T": {"A": {"Standards": {"INDIP": 1.0}}}}, "bare.mat"): "no trial with a struct SU, .*without are T/A",
+        write({"T": {"A": 1.0}}, "flat.mat"): "no trial with a struct SU, .*'data' has T",
+        write(1.0, "number.mat"): "'data' should be a struct, it is float",
+    }
+    for path, message in cases.items():
+        with pytest.raises(RecordingError, match=message):
+            mobilised.measured(path)
+    with pytest.raises(RecordingError, match="is a folder"):
+        mobilised.measured(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        io.read_mobilised(tmp_path / "nowhere.mat")
+
+
+def test_real_trials_are_those_of_the_data_set(data):
+    """Two ways to read the same file; the data set's own is checked against mobgap."""
+    walks = {walk.recording.name: walk for walk in data("mobgap_lab")}
+    path, _ = registry.file("mobgap_lab", "example_data/data/lab/HA/001/data.mat")
+    every = io.read_all_mobilised(path)
+    assert list(every) == ["TimeMeasure1/Test5/Trial1", "TimeMeasure1/Test5/Trial2", "TimeMeasure1/Test11/Trial1"]
+    for key, recording in every.items():
+        known = walks["HA/001/" + key.removeprefix("TimeMeasure1/")].recording
+        ours, theirs = recording.sensors["lower_back"], known.sensors["lower_back"]
+        assert recording.sampling_rate_hz == known.sampling_rate_hz == 100.0
+        np.testing.assert_array_equal(ours.mask, theirs.mask)
+        for field in ("time", "gyr", "acc"):
+            np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-9)
+        assert any("+x points up" in note for note in recording.notes)

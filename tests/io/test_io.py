@@ -1,0 +1,509 @@
+"""From files and arrays to recordings and back; every refusal is read."""
+
+import subprocess
+import sys
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from made.frames import NEEDED, RATE, signals, table
+
+from jgait import io
+from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError
+
+
+def read(frame, **options):
+    return io.recording_from_dataframe(frame, **options)
+
+
+def fails(message, frame, **options):
+    with pytest.raises(RecordingError, match=message):
+        read(frame, **options)
+
+
+# --- what is right is read ---
+
+
+def test_csv_in_the_dialect(tmp_path):
+    path = tmp_path / "anna_walk.csv"
+    frame = table()
+    frame.to_csv(path, index=False)
+    recording = io.read_csv(path, subject="anna", needs=NEEDED)
+    assert recording.name == "anna_walk" and recording.subject == "anna"
+    assert list(recording.sensors) == list(NEEDED)
+    assert recording.sampling_rate_hz == pytest.approx(100.0)
+    thigh = recording.sensors["thigh_right"]
+    np.testing.assert_allclose(thigh.gyr, np.deg2rad(signals()["gyr"]), atol=1e-12)
+    np.testing.assert_allclose(thigh.acc, signals()["acc"], atol=1e-12)
+    np.testing.assert_allclose(thigh.time, frame["time"], atol=1e-12)
+    assert thigh.mask.all()
+    assert any("time taken to be in s" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("separator, decimal", [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+def test_separators_and_decimal_commas(tmp_path, separator, decimal):
+    path = tmp_path / "walk.csv"
+    table().to_csv(path, index=False, sep=separator, decimal=decimal, encoding="utf-8-sig")
+    np.testing.assert_allclose(io.read_csv(path).sensors["shank_right"].acc, signals(seed=1)["acc"], atol=1e-12)
+
+
+def test_blank_lines_before_the_header(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text("\n\n" + table().to_csv(index=False))
+    assert list(io.read_csv(path).sensors) == list(NEEDED)
+
+
+def test_milliseconds_are_told_by_their_size():
+    frame = table()
+    frame["time"] = 57354700 + np.arange(600) * 10
+    recording = read(frame)
+    np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
+    assert any("time taken to be in ms, because its steps are 10" in note for note in recording.notes)
+    assert any("sampling rate 100 Hz, from the time stamps" in note for note in recording.notes)
+
+
+def test_rate_from_rounded_stamps_is_their_mean():
+    frame = table()
+    frame["time"] = np.round(np.arange(600) * 1000 / 128)
+    assert read(frame).sampling_rate_hz == pytest.approx(128.0, rel=1e-3)
+
+
+def test_sampling_rate_instead_of_time():
+    recording = read(table(time=False), sampling_rate_hz=50.0)
+    np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 50)
+
+
+@pytest.mark.parametrize("gyr_unit", ["deg/s", "rad/s"])
+@pytest.mark.parametrize("acc_unit", ["m/s^2", "g"])
+def test_what_is_written_is_read_back(gyr_unit, acc_unit):
+    recording = read(table())
+    again = read(
+        io.recording_to_dataframe(recording, gyr_unit=gyr_unit, acc_unit=acc_unit), gyr_unit=gyr_unit, acc_unit=acc_unit
+    )
+    for placement, imu in recording.sensors.items():
+        for one, other in zip(imu, again.sensors[placement], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_a_wide_table_of_one_sensor():
+    frame = table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
+    assert list(read(frame, placement="waist").sensors) == ["waist"]
+
+
+def test_own_column_names_and_blanks():
+    frame = table().rename(columns={"thigh_right_gyr_x": "Gx R", "shank_right_acc_z": " Shank_Right_Acc_Z "})
+    assert list(read(frame, columns={"Gx R": "thigh_right_gyr_x"}).sensors) == list(NEEDED)
+
+
+def test_other_columns_are_left_out_and_said_so():
+    frame = table().assign(button=0, mag_x=1.0)
+    assert "columns left out: button, mag_x" in read(frame).notes
+
+
+def test_without_accelerometers():
+    frame = table()[["time", *(f"thigh_right_gyr_{axis}" for axis in "xyz")]]
+    assert read(frame).sensors["thigh_right"].acc is None
+
+
+# --- missing samples become the mask ---
+
+
+def test_nan_becomes_the_mask_and_never_a_number_elsewhere():
+    frame = table()
+    frame.loc[100:104, "thigh_right_gyr_y"] = np.nan
+    frame.loc[300, "shank_right_acc_x"] = np.inf
+    recording = read(frame)
+    thigh, shank = recording.sensors["thigh_right"], recording.sensors["shank_right"]
+    assert np.flatnonzero(~thigh.mask).tolist() == [100, 101, 102, 103, 104]
+    assert np.flatnonzero(~shank.mask).tolist() == [300]
+    np.testing.assert_array_equal(thigh.gyr[100:105], 0.0)
+    assert shank.acc[300] == pytest.approx((shank.acc[299] + shank.acc[301]) / 2)
+    assert all(np.isfinite(part).all() for imu in recording.sensors.values() for part in imu)
+    assert "thigh_right: 5 of 600 samples are missing" in recording.notes
+
+
+def test_long_nan_stretches_are_named():
+    frame = table()
+    frame.loc[250:329, "thigh_right_gyr_x"] = np.nan
+    assert "thigh_right: 0.80 s missing from 2.50 s" in read(frame).notes
+
+
+def test_text_in_a_number_column_is_missing():
+    frame = table().astype({"thigh_right_gyr_x": object})
+    frame.loc[7, "thigh_right_gyr_x"] = "n/a"
+    assert np.flatnonzero(~read(frame).sensors["thigh_right"].mask).tolist() == [7]
+
+
+def test_gaps_in_time_are_filled_and_masked():
+    frame = table().drop(index=[*range(200, 220), 400]).reset_index(drop=True)
+    recording = read(frame)
+    thigh = recording.sensors["thigh_right"]
+    np.testing.assert_allclose(thigh.time, np.arange(600) / 100, atol=1e-9)
+    assert np.flatnonzero(~thigh.mask).tolist() == [*range(200, 220), 400]
+    np.testing.assert_allclose(thigh.gyr[220:400], np.deg2rad(signals()["gyr"][220:400]), atol=1e-12)
+    assert any(
+        "2 gaps in time, the longest 0.21 s after 1.99 s; 21 samples inserted and masked" in note
+        for note in recording.notes
+    )
+
+
+def test_a_sensor_without_any_sample():
+    frame = table()
+    frame["thigh_right_gyr_x"] = np.nan
+    fails("recording: thigh_right has no usable sample; all 600 are missing", frame)
+
+
+# --- units told by size ---
+
+
+def test_degrees_passed_as_radians():
+    fails(
+        r"gyroscope of \w+ reaches \d+\.?\d* rad/s .99th percentile, given as rad/s., but nothing worn while walking "
+        "exceeds 35 rad/s: it seems to be in deg/s; pass gyr_unit='deg/s'",
+        table(),
+        gyr_unit="rad/s",
+    )
+
+
+def test_radians_passed_as_degrees():
+    frame = io.recording_to_dataframe(read(table()), gyr_unit="rad/s")
+    fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
+    without_acc = frame.loc[:, [name for name in frame if "_acc_" not in name]]
+    fails("seem to be in rad/s", without_acc)
+    assert read(without_acc, check_sizes=False).sampling_rate_hz == pytest.approx(100)
+
+
+def test_standing_still_is_no_wrong_unit():
+    frame = table().iloc[:190]
+    assert np.abs(read(frame).sensors["thigh_right"].gyr).max() < 0.1
+
+
+def test_g_passed_as_metres():
+    frame = io.recording_to_dataframe(read(table()), acc_unit="g")
+    fails(r"accelerometer of thigh_right reads (0\.99|1\.0).* it seems to be in g; pass acc_unit='g'", frame)
+
+
+def test_metres_passed_as_g():
+    fails(r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'", table(), acc_unit="g")
+
+
+def test_gravity_taken_off():
+    frame = table()
+    for placement in NEEDED:
+        frame[f"{placement}_acc_x"] -= 9.81
+    fails("gravity seems to have been taken off", frame)
+
+
+def test_a_scale_that_is_neither():
+    frame = table()
+    frame[[f"thigh_right_acc_{axis}" for axis in "xyz"]] *= 2
+    fails("accelerometer of thigh_right reads 19.* check the unit", frame)
+
+
+@pytest.mark.parametrize(
+    "option, message",
+    [
+        ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s'; got 'degrees'"),
+        ({"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
+        ({"time_unit": "us"}, "time_unit must be 's' or 'ms'; got 'us'"),
+    ],
+)
+def test_unknown_units(option, message):
+    with pytest.raises(ValueError, match=message):
+        read(table(), **option)
+
+
+# --- dead and clipped channels ---
+
+
+def test_constant_gyroscope():
+    frame = table()
+    frame[[f"thigh_right_gyr_{axis}" for axis in "xyz"]] = [1.0, 2.0, 3.0]
+    fails(r"gyroscope of thigh_right is constant at \(0.01745, 0.03491, 0.05236\) rad/s; it recorded nothing", frame)
+
+
+def test_one_constant_channel_is_a_note():
+    frame = table()
+    frame["shank_right_gyr_x"] = 0.0
+    assert "shank_right gyr_x is constant at 0 rad/s" in read(frame).notes
+
+
+def test_clipping_is_a_note():
+    frame = table()
+    frame["thigh_right_gyr_z"] = frame["thigh_right_gyr_z"].clip(-150, 150)
+    notes = read(frame).notes
+    assert any("thigh_right gyr_z is clipped at 2.618 rad/s in" in note for note in notes)
+    assert any("thigh_right gyr_z is clipped at -2.618 rad/s in" in note for note in notes)
+    assert not any("clipped" in note for note in read(table()).notes)
+
+
+# --- clocks ---
+
+
+def test_time_that_repeats():
+    frame = table()
+    frame.loc[17, "time"] = frame.loc[16, "time"]
+    fails(r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 1 such rows in all", frame)
+
+
+def test_time_that_runs_backwards():
+    frame = table()
+    frame.loc[300:, "time"] -= 1.0
+    fails(r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99", frame)
+
+
+def test_time_that_is_missing():
+    frame = table()
+    frame.loc[[5, 9], "time"] = np.nan
+    fails("time is missing in 2 rows, first in row 5", frame)
+
+
+def test_neither_time_nor_rate():
+    fails("no column called 'time', so sampling_rate_hz is needed; got neither", table(time=False))
+
+
+def test_time_against_rate():
+    fails("time stamps run at 100 Hz, but sampling_rate_hz is 50", table(), sampling_rate_hz=50.0)
+
+
+def test_rate_that_is_none():
+    fails("sampling_rate_hz must be positive; got -1", table(time=False), sampling_rate_hz=-1.0)
+
+
+def test_milliseconds_passed_as_seconds():
+    frame = table()
+    frame["time"] *= 1000
+    fails("samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms", frame, time_unit="s")
+
+
+def test_seconds_passed_as_milliseconds():
+    fails("samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s", table(), time_unit="ms")
+
+
+def test_a_gap_too_long_to_fill():
+    frame = table()
+    frame.loc[300:, "time"] += 60.0
+    fails(r"60.0 s are missing after row 299 \(the first row is 0\), more than 10 s; split the recording there", frame)
+
+
+def test_two_samples():
+    fails("recording has 2 samples; at least 10 are needed", table().iloc[:2])
+
+
+# --- columns and files ---
+
+
+def test_missing_columns_list_what_was_expected_found_and_perhaps_meant():
+    frame = table().rename(columns={"thigh_right_gyr_x": "thigh_rigth_gyr_x"})
+    with pytest.raises(RecordingError) as caught:
+        read(frame)
+    message = str(caught.value)
+    assert "recording lacks thigh_right_gyr_x" in message
+    assert "expected columns ['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z']" in message
+    assert "found ['time', 'thigh_rigth_gyr_x'" in message
+    assert "did you mean 'thigh_rigth_gyr_x' for 'thigh_right_gyr_x'?" in message
+
+
+def test_a_needed_placement_that_is_not_there():
+    fails(
+        "recording lacks thigh_left_gyr_x, thigh_left_gyr_y, thigh_left_gyr_z: expected", table(), needs=["thigh_left"]
+    )
+
+
+def test_no_known_column_at_all():
+    frame = pd.DataFrame({"a": [1.0], "b": [2.0]})
+    fails(r"expected columns such as \['thigh_right_gyr_x', .*\], found \['a', 'b'\]", frame)
+
+
+def test_bare_names_without_a_placement():
+    frame = table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
+    fails("for one sensor with bare names pass placement='…'", frame)
+
+
+def test_accelerometer_without_gyroscope():
+    frame = table().drop(columns=[f"thigh_right_gyr_{axis}" for axis in "xyz"])
+    fails("has thigh_right_acc_x, _y, _z but no thigh_right_gyr_x, _y, _z; a sensor needs its gyroscope", frame)
+
+
+def test_a_column_that_holds_no_numbers():
+    frame = table().assign(shank_right_gyr_y="fast")
+    fails("column 'shank_right_gyr_y' holds no numbers; its first value is 'fast'", frame)
+
+
+def test_a_mapped_column_that_is_not_there():
+    fails("no column 'Gx' .named in columns.", table(), columns={"Gx": "thigh_right_gyr_x"})
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        (b"", "walk.csv is empty; expected a header and one row a sample"),
+        (b"time,thigh_right_gyr_x\n", "walk.csv has a header and no rows; its columns are"),
+        (b"\xff\xfe\x00\x81\x90", "walk.csv is no text file in UTF-8"),
+        (b"\n \n", "walk.csv is empty"),
+        (b"a,b\n1,2\n1,2,3\n", "walk.csv is no table"),
+        (b"a,b\n1,2,3\n4,5,6\n", "walk.csv has rows with more values than the header has columns"),
+    ],
+)
+def test_files_that_are_no_recording(tmp_path, content, message):
+    path = tmp_path / "walk.csv"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        io.read_csv(path)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere.csv"):
+        io.read_csv(tmp_path / "nowhere.csv")
+
+
+# --- arrays ---
+
+
+def arrays_fail(message, sensors, **options):
+    with pytest.raises(RecordingError, match=message):
+        io.recording_from_arrays(sensors, sampling_rate_hz=RATE, **options)
+
+
+def test_arrays_that_do_not_fit():
+    good = signals()
+    arrays_fail("recording has no sensor; expected at least one of head", {})
+    arrays_fail("no placement 'thigh_rite'; did you mean 'thigh_right'", {"thigh_rite": good})
+    arrays_fail("no placement 'q'; known are head", {"q": good})
+    arrays_fail(r"thigh_right needs 'gyr' of shape \(T, 3\); it has \['acc'\]", {"thigh_right": {"acc": good["acc"]}})
+    arrays_fail(r"gyr of waist must have shape \(T, 3\); got \(3, 600\)", {"waist": {"gyr": good["gyr"].T}})
+    arrays_fail(
+        "gyr of shank_right has 500 samples; the others have 600", {"thigh_right": good, "shank_right": signals(500)}
+    )
+    arrays_fail(r"time must have one value a sample, \(600,\); got shape \(5,\)", {"waist": good}, time=np.arange(5))
+
+
+# --- validate ---
+
+
+def test_validate_names_who_needs_what():
+    recording = read(table(placements=("waist",)))
+    with pytest.raises(RecordingError, match=r"^leg_ekf needs 'thigh_right'; the recording has \['waist'\]$"):
+        io.validate(recording, needs=["thigh_right"], caller="leg_ekf")
+    with pytest.raises(TypeError, match="leg_ekf needs a jgait.types.Recording; got dict"):
+        io.validate({}, caller="leg_ekf")
+    bare = recording._replace(sensors={"waist": recording.sensors["waist"]._replace(acc=None)})
+    with pytest.raises(RecordingError, match="waist_ofdri needs the accelerometer of 'waist'; the recording has none"):
+        io.validate(bare, needs=["waist"], acc=["waist"], caller="waist_ofdri")
+    io.validate(recording, needs=["waist"], acc=["waist"])
+
+
+def spoilt(**changes):
+    recording = read(table())
+    imu = recording.sensors["thigh_right"]._replace(**changes)
+    return recording._replace(sensors={**recording.sensors, "thigh_right": imu})
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"gyr": np.ones((600, 2))}, r"gyr of thigh_right must have shape \(600, 3\); got \(600, 2\)"),
+        ({"mask": np.ones(600)}, "mask of thigh_right must be bool; got float64"),
+        ({"acc": np.full((600, 3), np.nan)}, "acc of thigh_right must be finite; missing samples belong in the mask"),
+        ({"time": np.r_[0.0, 0.0, np.arange(598) + 1.0]}, "time of thigh_right must increase; it does not at sample 1"),
+        ({"mask": np.zeros(600, bool)}, "thigh_right has no usable sample"),
+        ({"gyr": np.ones((600, 3))}, "gyroscope of thigh_right is constant"),
+    ],
+)
+def test_validate_refuses_malformed_sensors(changes, message):
+    with pytest.raises(RecordingError, match=message):
+        io.validate(spoilt(**changes), needs=NEEDED)
+
+
+def test_validate_wants_one_clock():
+    recording = read(table())
+    short = Imu(*(part[:300] for part in recording.sensors["shank_right"]))
+    mixed = recording._replace(sensors={**recording.sensors, "shank_right": short})
+    with pytest.raises(RecordingError, match="leg_ekf needs sensors on one clock"):
+        io.validate(mixed, needs=NEEDED, caller="leg_ekf")
+    io.validate(mixed, needs=["thigh_right"])
+    with pytest.raises(ValueError, match="a table needs sensors on one clock"):
+        io.recording_to_dataframe(mixed)
+
+
+def test_validate_wants_a_rate():
+    with pytest.raises(RecordingError, match="sampling_rate_hz must be positive; got 0"):
+        io.validate(Recording({}, 0.0))
+
+
+# --- estimates out ---
+
+
+def estimate():
+    fields = ([0.0, np.pi / 6], [0.0, np.pi / 3], [0.0, 0.1], [-0.8, -0.7])
+    leg = LegTrajectory(*(jnp.asarray(field) for field in fields))
+    return Estimate(
+        time=jnp.asarray([0.0, 0.01]),
+        legs=Legs(leg, None),
+        stddev=Legs(leg, None),
+        distance=jnp.asarray([0.0, 0.02]),
+        valid=jnp.asarray([False, True]),
+        diagnostics={},
+    )
+
+
+def test_table_in_degrees_with_nan_where_invalid():
+    frame = io.to_dataframe(estimate())
+    assert list(frame.columns) == [
+        "time_s", "hip_angle_right_deg", "knee_angle_right_deg", "x_right_m", "y_right_m",
+        "hip_angle_right_std_deg", "knee_angle_right_std_deg", "x_right_std_m", "y_right_std_m", "distance_m", "valid",
+    ]  # fmt: skip
+    assert frame["hip_angle_right_deg"][1] == pytest.approx(30.0)
+    assert frame["knee_angle_right_deg"][1] == pytest.approx(60.0)
+    assert np.isnan(frame["hip_angle_right_deg"][0]) and not frame["valid"][0]
+    assert frame["time_s"].tolist() == [0.0, 0.01]
+
+
+def test_table_of_distance_alone():
+    only = estimate()._replace(legs=Legs(None, None), stddev=None)
+    assert list(io.to_dataframe(only)) == ["time_s", "distance_m", "valid"]
+
+
+def test_table_takes_one_recording():
+    with pytest.raises(ValueError, match=r"one recording, time of shape \(T,\); got shape \(2, 2\)"):
+        io.to_dataframe(estimate()._replace(time=jnp.zeros((2, 2))))
+
+
+def test_csv_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "out.csv"
+    assert io.write_csv(estimate(), path) == path
+    again = pd.read_csv(path)
+    assert again["x_right_m"][1] == pytest.approx(0.1)
+    before = path.read_bytes()
+
+    def broken(*_, **__):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", broken)
+    with pytest.raises(OSError, match="disk full"):
+        io.write_csv(estimate(), path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_csv_into_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match="none does not exist; write_csv makes no folders"):
+        io.write_csv(estimate(), tmp_path / "none" / "out.csv")
+
+
+def test_heavy_packages_wait_until_they_are_needed():
+    code = (
+        "import sys, jgait.io, jgait.datasets;"
+        "print([name for name in ('pandas', 'scipy', 'pooch', 'python_calamine') if name in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"
+
+
+def test_a_recording_is_written_and_read_again(tmp_path):
+    recording = io.recording_from_dataframe(table(), acc_unit="m/s^2")
+    again = io.read_csv(io.write_csv(recording, tmp_path / "walk.csv"))
+    for placement, imu in recording.sensors.items():
+        np.testing.assert_allclose(again.sensors[placement].gyr, imu.gyr, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(again.sensors[placement].acc, imu.acc, rtol=1e-7, atol=1e-9)

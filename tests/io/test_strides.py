@@ -1,0 +1,206 @@
+"""Feet and strides as tables, gaitmap's stride lists, and the range between the feet in a file."""
+
+import subprocess
+
+import numpy as np
+import pandas as pd
+import pytest
+from made.frames import NEEDED, table
+
+from jgait import io
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, RecordingError, Strides
+
+RATE = 200.0
+
+
+def strides(**more):
+    """Right, left, right (from standing), a row of padding, left; not in order of time."""
+    start = np.array([1.10, 0.50, 0.02, 0.0, 1.70])
+    given = {
+        "side": np.array([0, 1, 0, 0, 1]), "start": start, "final_contact": start + 0.7, "end": start + 1.1,
+        "length": np.array([1.4, 1.3, 0.7, 9.0, 1.5]), "width": np.array([0.1, np.nan, np.nan, 9.0, -0.02]),
+        "height": np.zeros(5), "valid": np.array([True, True, True, False, True]),
+        "standing": start + 0.3, "standing_end": start + 1.4, "speed": np.full(5, 1.25),
+        "contact_angle": np.full(5, 0.4),
+    }  # fmt: skip
+    given["standing"][2] = 0.0  # it stood before the toes left
+    return Strides(**given | more)
+
+
+def estimate(own=None, **more):
+    time = np.arange(0.0, 3.5, 1.0 / RATE)
+    return Estimate(time, Legs(None, None), None, None, time >= 0.0, {}, strides() if own is None else own, **more)
+
+
+def test_strides_are_a_table_in_order_of_time():
+    spread = Strides(strides().side, None, None, None, np.array([0.01, 0.02, 0.03, 9.0, 0.0]), None, None,
+                     strides().valid, contact_angle=np.full(5, 0.1))  # fmt: skip
+    found = io.strides_to_dataframe(estimate(strides_stddev=spread))
+    assert list(found.columns) == [
+        "s_id", "side", "start_s", "final_contact_s", "end_s", "standing_s", "standing_end_s",
+        "stride_length_m", "stride_length_std_m", "stride_width_m", "stride_duration_s", "walking_speed_mps",
+        "stride_height_m", "contact_angle_deg", "contact_angle_std_deg",
+    ]  # fmt: skip
+    assert list(found["side"]) == ["right", "left", "right", "left"] and list(found["s_id"]) == [0, 1, 2, 3]
+    np.testing.assert_array_equal(found["stride_length_m"], [0.7, 1.3, 1.4, 1.5])
+    np.testing.assert_array_equal(found["stride_length_std_m"], [0.03, 0.02, 0.01, np.nan])  # 0: none is stated
+    np.testing.assert_array_equal(found["stride_width_m"], [np.nan, np.nan, 0.1, -0.02])
+    np.testing.assert_allclose(found["stride_duration_s"], 1.1)
+    np.testing.assert_allclose(found["contact_angle_deg"], np.rad2deg(0.4))
+    np.testing.assert_allclose(found["contact_angle_std_deg"], np.rad2deg(0.1))
+
+
+def test_whether_to_trust_a_width_stands_beside_it():
+    trusted = np.array([True, False, False, False, True])
+    found = io.strides_to_dataframe(estimate()._replace(diagnostics={"width_valid": trusted}))
+    assert list(found["width_valid"]) == [False, False, True, True]
+
+
+def test_a_source_without_contacts_has_no_columns_of_them():
+    found = io.strides_to_dataframe(estimate(strides(start=None, final_contact=None, end=None)))
+    assert "start_s" not in found and "stride_duration_s" not in found
+    np.testing.assert_allclose(found["standing_s"], [0.0, 0.8, 1.4, 2.0])
+    with pytest.raises(ValueError, match="need contacts and standing; these have no start, final_contact, end"):
+        io.to_gaitmap(estimate(strides(start=None, final_contact=None, end=None)), RATE)
+
+
+def test_no_gait_is_an_empty_table_and_no_strides_an_error():
+    nobody = estimate(strides(valid=np.zeros(5, bool)))
+    assert io.strides_to_dataframe(nobody).shape == (0, 13)
+    for one in io.to_gaitmap(nobody, RATE).values():
+        assert one.empty and one["start"].dtype == np.int64
+    with pytest.raises(ValueError, match="says nothing of strides"):
+        io.strides_to_dataframe(estimate()._replace(strides=None))
+    with pytest.raises(ValueError, match="sampling_rate_hz must be positive; got 0"):
+        io.to_gaitmap(estimate(), 0.0)
+
+
+def test_gaitmaps_stride_list():
+    found = io.to_gaitmap(estimate(), RATE)
+    assert list(found) == ["right_sensor", "left_sensor"]
+    right, left = found.values()
+    for one in found.values():
+        assert list(one.columns) == ["start", "end", "min_vel", "pre_ic", "tc", "ic"]
+        assert set(one.dtypes) == {np.dtype(np.int64)}
+        assert one.index.name == "s_id" and one.index.is_unique
+    # s_id is that of the table; the right foot's first stride, from standing, has no contact before it
+    assert list(right.index) == [2] and list(left.index) == [1, 3]
+    np.testing.assert_array_equal(right.to_numpy(), [[280, 500, 280, 220, 360, 440]])
+    np.testing.assert_array_equal(left.loc[1], [160, 380, 160, 100, 240, 320])
+    later = io.to_gaitmap(estimate(), RATE, first_sample=0.25, sensors=("r", "l"))
+    np.testing.assert_array_equal(later["l"], left - 50)
+
+
+def test_gaitmaps_own_checks_pass(load_experiment):
+    peers = load_experiment("_peers")
+    if not peers.available("gaitmap"):
+        pytest.skip(peers.unavailable_reason("gaitmap"))
+    rows = {sensor: one.reset_index().to_dict("list") for sensor, one in io.to_gaitmap(estimate(), RATE).items()}
+    script = f"""
+import pandas as pd
+from gaitmap.utils.datatype_helper import is_multi_sensor_stride_list
+from gaitmap.utils.stride_list_conversion import enforce_stride_list_consistency
+lists = {{name: pd.DataFrame(rows) for name, rows in {rows!r}.items()}}
+is_multi_sensor_stride_list(lists, stride_type="min_vel", raise_exception=True)
+for own in lists.values():
+    kept, lost = enforce_stride_list_consistency(own, "min_vel")
+    assert len(lost) == 0 and len(kept) == len(own) > 0
+print("accepted")
+"""
+    done = subprocess.run([peers.python("gaitmap"), "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout == "accepted\n", done.stderr
+
+
+def test_strides_are_written_as_files(tmp_path):
+    path = io.write_csv(io.strides_to_dataframe(estimate()), tmp_path / "strides.csv")
+    again = pd.read_csv(path)
+    pd.testing.assert_frame_equal(again, io.strides_to_dataframe(estimate()), check_dtype=False)
+    again = pd.read_csv(io.write_csv(io.to_gaitmap(estimate(), RATE), tmp_path / "gaitmap.csv"))
+    assert list(again.columns) == ["sensor", "s_id", "start", "end", "min_vel", "pre_ic", "tc", "ic"]
+    assert list(again["sensor"]) == ["right_sensor", "left_sensor", "left_sensor"]
+
+
+def test_table_of_a_foot():
+    time = np.array([0.0, 0.01])
+    place, speed = np.arange(6.0).reshape(2, 3), np.ones((2, 3))
+    foot = FootTrajectory(place, speed, np.array([[1.0, 0.0, 0.0, 0.0]] * 2))
+    spread = FootTrajectory(0.1 * place, 0.1 * speed, np.full((2, 3), np.pi / 180.0))
+    feet = Estimate(time, Legs(None, None), None, None, np.array([True, False]), {}, feet=Feet(foot, None),
+                    feet_stddev=Feet(spread, None))  # fmt: skip
+    found = io.to_dataframe(feet)
+    assert list(found.columns) == [
+        "time_s", "position_x_right_m", "position_y_right_m", "position_z_right_m",
+        "velocity_x_right_mps", "velocity_y_right_mps", "velocity_z_right_mps",
+        "orientation_w_right", "orientation_x_right", "orientation_y_right", "orientation_z_right",
+        "position_x_right_std_m", "position_y_right_std_m", "position_z_right_std_m",
+        "velocity_x_right_std_mps", "velocity_y_right_std_mps", "velocity_z_right_std_mps",
+        "orientation_x_right_std_deg", "orientation_y_right_std_deg", "orientation_z_right_std_deg", "valid",
+    ]  # fmt: skip
+    assert found["position_y_right_m"][0] == 1.0 and found["orientation_w_right"][0] == 1.0
+    assert found["orientation_z_right_std_deg"][0] == pytest.approx(1.0)
+    assert found.iloc[1].drop(["time_s", "valid"]).isna().all()
+    places = feet._replace(feet=Feet(None, foot._replace(velocity=None, orientation=None)), feet_stddev=None)
+    assert list(io.to_dataframe(places).columns) == [
+        "time_s", "position_x_left_m", "position_y_left_m", "position_z_left_m", "valid",
+    ]  # fmt: skip
+
+
+# --- the range between the feet ---
+
+
+def with_range(scale=1.0, samples=600):
+    heard = np.arange(samples) % 50 == 7
+    return table(samples).assign(feet_range=np.where(heard, scale * 0.15, np.nan)), heard
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
+def test_a_range_is_read_where_it_was_heard(tmp_path, unit, scale):
+    frame, heard = with_range(scale)
+    frame.to_csv(tmp_path / "walk.csv", index=False)
+    recording = io.read_csv(tmp_path / "walk.csv", range_unit=unit)
+    read = recording.feet_range
+    np.testing.assert_array_equal(read.mask, heard)
+    np.testing.assert_allclose(read.distance, np.where(heard, 0.15, 0.0))
+    np.testing.assert_allclose(read.time, recording.sensors[NEEDED[0]].time)
+    assert not any("feet_range" in note for note in recording.notes)
+    again = io.recording_from_dataframe(io.recording_to_dataframe(recording)).feet_range
+    np.testing.assert_array_equal(again.mask, read.mask)
+    np.testing.assert_allclose(again.distance, read.distance)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: 100.0 * r, r"feet_range is 15 m in the median \(given as m\).*it seems to be in cm"),
+        (lambda r: 1000.0 * r, r"pass range_unit='mm'"),
+        (lambda r: 1e-6 * r, "check the unit"),
+        (lambda r: r.fillna(0.0), "588 readings are not. Leave the cell empty where nothing was heard"),
+    ],
+)
+def test_a_range_that_feet_cannot_have(change, message):
+    frame, _ = with_range()
+    with pytest.raises(RecordingError, match=message):
+        io.recording_from_dataframe(frame.assign(feet_range=change(frame["feet_range"])))
+
+
+def test_a_range_that_was_never_heard_and_one_of_another_length():
+    frame, _ = with_range()
+    silent = io.recording_from_dataframe(frame.assign(feet_range=np.nan))
+    assert not silent.feet_range.mask.any() and "feet_range holds no reading" in silent.notes
+    assert io.recording_from_dataframe(frame.drop(columns="feet_range")).feet_range is None
+    with pytest.raises(ValueError, match="range_unit must be one of 'm', 'cm', 'mm'; got 'inch'"):
+        io.recording_from_dataframe(frame, range_unit="inch")
+    one = {"thigh_right": {"gyr": np.random.default_rng(0).normal(size=(600, 3))}}
+    with pytest.raises(RecordingError, match=r"feet_range must have one value a sample, \(600,\); got \(9,\)"):
+        io.recording_from_arrays(one, sampling_rate_hz=100.0, feet_range=np.ones(9), check_sizes=False)
+
+
+def test_a_range_on_a_gap_and_one_that_comes_oftener_than_samples():
+    frame, heard = with_range()
+    gap = io.recording_from_dataframe(frame.drop(index=range(100, 104)))
+    assert gap.feet_range.distance.size == 600 and gap.feet_range.mask.sum() == heard.sum()
+    assert gap.feet_range.mask[107] and not gap.feet_range.mask[100:104].any()
+    often = np.arange(0.0, 1.0, 0.004)
+    read = RangeReadings(often, np.full(often.size, 0.2), np.ones(often.size, bool))
+    with pytest.raises(ValueError, match="room for one range a sample"):
+        io.recording_to_dataframe(gap._replace(feet_range=read))

@@ -1,0 +1,75 @@
+"""Pictures of a shank show the state machine as it runs, and a stride as long as it is."""
+
+import numpy as np
+import pytest
+from made.shank import LEAN, SWING, shank
+
+from jgait import plot
+from jgait.events import shank as shank_events
+from jgait.plot.ankle import FILTERED, RAW, STATES
+from jgait.plot.walk import AXES
+
+
+@pytest.fixture(scope="module")
+def made():
+    return shank(strides=3, length=[1.0, 1.2, 1.1], rises=[0.0, 0.15, 0.0])
+
+
+def test_states_events_and_thresholds(made, tmp_path):
+    figure = plot.swing_states(made.recording, seconds=(0.0, 6.0), title="made")
+    above, below = figure.axes
+    assert "[rad/s]" in above.get_ylabel() and [t.get_text() for t in below.get_yticklabels()] == [s[1] for s in STATES]
+    (raw,) = [m for m in above.lines if m.get_color() == RAW["color"] and m.get_linewidth() == RAW["linewidth"]]
+    assert raw.get_ydata().min() == pytest.approx(-2.0 * LEAN / SWING, rel=0.05)
+    level = [m.get_ydata()[0] for m in above.lines if m.get_linestyle() == "--"]
+    np.testing.assert_allclose(np.abs(level), shank_events.MACHINE.threshold)
+    marks = {m.get_marker(): m for m in above.lines if m.get_marker() in ("^", "D", "v")}
+    rate = made.recording.sensors["shank_right"].gyr[:, 1]
+    found = shank_events.phases(rate, 100.0)
+    there = np.flatnonzero(np.asarray(found.stride))
+    assert there.size == 3
+    for marker, field in (("^", "push_off"), ("D", "start"), ("v", "end")):
+        np.testing.assert_allclose(marks[marker].get_xdata(), np.asarray(getattr(found, field))[there], atol=1e-6)
+    np.testing.assert_allclose(marks["D"].get_ydata(), 0.0, atol=0.05)  # where the filtered rate crosses zero
+    (line,) = below.lines
+    state = np.asarray(line.get_ydata())
+    assert np.sum((state[:-1] == shank_events.SWING) & (state[1:] == shank_events.HEEL_STRIKE)) == 3
+    (filtered,) = [m for m in above.lines if m.get_linewidth() == FILTERED["linewidth"]]
+    np.testing.assert_array_less(filtered.get_ydata()[state == shank_events.SWING][3:-3], 0.2)
+    assert plot.save(figure, tmp_path / "states.png").stat().st_size > 20_000
+    strict = shank_events.PAPER._replace(threshold=10.0)
+    none = plot.swing_states(made.recording, detector=strict, seconds=(0.0, 6.0)).axes[0]
+    assert not any(m.get_xdata().size for m in none.lines if m.get_marker() in ("^", "D", "v"))
+
+
+def test_a_stride_integrated(made):
+    figure = plot.stride_integration(made.recording, stride=1)
+    acceleration, velocity, way = figure.axes
+    assert [axis.get_ylabel() for axis in figure.axes] == ["acceleration [m/s²]", "velocity [m/s]", "displacement [m]"]
+    for axis in (velocity, way):
+        drawn = [m for m in axis.lines if m.get_linestyle() != "None" and len(m.get_xdata()) > 2]
+        ours = [
+            next(m for m in drawn if m.get_linewidth() == s["linewidth"] and m.get_color() == s["color"]) for s in AXES
+        ]
+        last = [m.get_ydata()[-1] for m in ours]
+        if axis is velocity:
+            np.testing.assert_allclose(last, 0.0, atol=1e-6)  # the ankle stands at both ends
+            gone = np.trapezoid(ours[0].get_ydata(), ours[0].get_xdata())
+            assert gone == pytest.approx(np.hypot(1.2, 0.15), abs=0.03)
+        else:
+            assert np.linalg.norm(last) == pytest.approx(np.hypot(1.2, 0.15), abs=0.02)
+            assert last[1] == pytest.approx(0.0, abs=1e-9) and last[2] == pytest.approx(0.15, abs=0.03)
+    forward = acceleration.lines[1]
+    assert forward.get_ydata().max() > 10.0 and forward.get_ydata().min() < -10.0
+    assert "stride 1 of the right leg: 1.2" in figure.get_suptitle()
+
+
+def test_what_is_not_there_is_refused(made):
+    with pytest.raises(ValueError, match="the left leg was not measured; the right one was"):
+        plot.swing_states(made.recording, side="left")
+    with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'both'"):
+        plot.swing_states(made.recording, side="both")
+    with pytest.raises(ValueError, match="seconds must overlap the recording"):
+        plot.swing_states(made.recording, seconds=(50.0, 60.0))
+    with pytest.raises(ValueError, match="stride must lie between 0 and 2; got 3"):
+        plot.stride_integration(made.recording, stride=3)

@@ -1,0 +1,565 @@
+"""Reports: their numbers, what they say of doubts, that they stand alone, and how a browser takes them."""
+
+import errno
+import html.parser
+import json
+import re
+import resource
+import shutil
+import subprocess
+
+import jax
+import numpy as np
+import pytest
+from made import cohort as made_cohort
+from typer.testing import CliRunner
+
+from jgait import evaluate, report
+from jgait.cli import app
+from jgait.commands import evaluate as evaluate_command
+from jgait.commands import report as command
+from jgait.commands.cohort import Source
+from jgait.estimators import ankle_stride, leg_ekf
+from jgait.io.atomic import write_text
+from jgait.report import flags, strides
+from jgait.report.page import number, without_folders
+from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
+
+RUNNER = CliRunner(env={"COLUMNS": "200"})
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+EVIL = '<img src="http://evil.example/x.png" onerror="document.title=1">'
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = RUNNER.invoke(app, [str(word) for word in words])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, " ".join(result.output.split())
+
+
+def recording(*places, seconds=20.0, hz=25.0, **more):
+    time = np.arange(0.0, seconds, 1.0 / hz)
+    imu = Imu(time, np.zeros((time.size, 3)), np.zeros((time.size, 3)), np.arange(time.size) != 7)
+    return Recording(dict.fromkeys(places, imu), hz, **{"name": "walk", **more})
+
+
+def walking_legs(cycle=1.2, speed=1.25, hz=25.0, seconds=20.0, knee=60.0, hip=25.0):
+    """Both legs, standing for 2 s, then walking evenly: knees bend to `knee` and hips swing between ±`hip` [°]."""
+    time = np.arange(0.0, seconds, 1.0 / hz)
+    on = np.clip(time - 2.0, 0.0, None)
+    legs = []
+    for shift in (0.0, 0.5):
+        phase = 2.0 * np.pi * (on / cycle - shift)
+        moving = time > 2.0 + 0.5 * cycle
+        knees = np.where(moving, np.deg2rad(knee) * np.cos(0.5 * phase) ** 8, 0.0)
+        hips = np.where(moving, np.deg2rad(hip) * np.cos(phase), 0.0)
+        legs.append(LegTrajectory(hips, knees, 0.3 * np.sin(hips), -0.8 * np.cos(hips)))
+    spread = LegTrajectory(*(np.full(time.size, value) for value in (0.05, 0.05, 0.01, 0.01)))
+    told = {"notes": ("the recording does not start standing still; its first angles are uncertain",), "nis_right": 0.9}
+    return Estimate(time, Legs(*legs), Legs(spread, spread), speed * on, time > -1.0, told)
+
+
+LENGTHS = np.array([0.6, 0.6, 1.2, 1.3, 1.21, 1.31, 1.22, 1.32, 1.0, 1.0, 1.23, 1.33])
+
+
+def walking_ankles(name="", lengths=LENGTHS, seconds=20.0, hz=25.0):
+    """Strides of both legs by turns, a second each: the first two from standing, the ninth and tenth in a turn."""
+    count, time = lengths.size, np.arange(0.0, seconds, 1.0 / hz)
+    row = np.arange(count)
+    start = 2.0 + 0.5 * row
+    columns = Strides(
+        row % 2, start, start + 0.6, start + 1.0, lengths, np.full(count, np.nan), np.zeros(count), row >= 0,
+        speed=lengths / 1.0, turn=np.where((row == 8) | (row == 9), 0.6, 0.0),
+    )  # fmt: skip
+    nothing = np.full(count, 0.02)
+    spread = columns._replace(length=nothing, speed=nothing, turn=nothing, height=nothing, width=nothing)
+    none = np.zeros(count, bool)
+    told = {
+        "turning": (row == 8) | (row == 9),
+        "stairs": none,
+        "clipped": none,
+        "half": row < 2,
+        "notes": (name,) * bool(name),
+    }
+    way = np.interp(time, [2.0, 9.0], [0.0, 8.4])
+    return Estimate(time, Legs(None, None), None, way, time > -1.0, told, columns, strides_stddev=spread)
+
+
+def walking_feet(gap=0.2):
+    """Two feet that take strides of 1.2 m, the last of the left one to standing; widths of `gap`, one not trusted."""
+    of = walking_ankles(lengths=np.array([1.2, 1.2, 1.2, 1.2, 1.2, 0.6]))
+    time, feet = of.time, []
+    for side in range(2):
+        ways = np.stack([1.2 * np.clip(time - 2.0 - 0.5 * side, 0.0, 3.0), 0.0 * time + gap * side, 0.0 * time], axis=1)
+        feet.append(FootTrajectory(ways, np.zeros_like(ways), np.tile([1.0, 0.0, 0.0, 0.0], (time.size, 1))))
+    standing = np.asarray(of.strides.start) + 0.3
+    columns = of.strides._replace(width=np.full(6, gap), standing=standing, standing_end=standing + 1.0)
+    told = {"width_valid": np.arange(6) != 1, "notes": ()}
+    return of._replace(strides=columns, feet=Feet(*feet), diagnostics=told, strides_stddev=None)
+
+
+@pytest.fixture(scope="module")
+def ankles():
+    """A page with everything that a user may bring in that must not become part of the page's code."""
+    p = ankle_stride.with_body(ankle_stride.AnkleParams(), {"lever_ankle": 0.04})
+    made = report.Made(
+        "ankle_stride", p, ankle_stride.AnkleParams(), file="/data/anna/walks/walk.csv", command="jgait report walk.csv"
+    )
+    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL, notes=(EVIL,))
+    return report.of_estimate(walking_ankles(f"3 samples of ankle_left are lost {EVIL}"), of, made=made)
+
+
+def means_of(page):
+    return {row["name"]: row for row in page.numbers["means"]}
+
+
+def test_means_are_of_regular_strides_by_side(ankles):
+    means = means_of(ankles)
+    right, left = LENGTHS[[2, 4, 6, 10]], LENGTHS[[3, 5, 7, 11]]
+    length = means["stride_length_m"]
+    for row, values in ((length["right"], right), (length["left"], left), (length["all"], np.r_[right, left])):
+        assert row["n"] == values.size
+        np.testing.assert_allclose([row["mean"], row["sd"]], [values.mean(), values.std(ddof=1)], rtol=1e-12)
+    assert length["difference"] == pytest.approx(right.mean() - left.mean(), rel=1e-12)
+    assert length["difference_percent"] == pytest.approx(
+        200.0 * (right.mean() - left.mean()) / (right.mean() + left.mean())
+    )
+    assert means["cadence_spm"]["all"]["mean"] == pytest.approx(120.0, rel=1e-12)  # two steps in a second
+    numbers = ankles.numbers
+    assert (numbers["strides"], numbers["strides_regular"]) == (12, 8)
+    assert numbers["distance_m"] == pytest.approx(8.4) and numbers["distance_std_m"] is None
+    assert numbers["made"]["changed"] == ["lever_ankle"]
+
+
+@pytest.fixture(scope="module")
+def legs():
+    """A page whose figures are kept as pixels where they are large."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report.page, "LARGEST_SVG", 30_000)
+        return report.of_estimate(walking_legs(), recording("thigh_right", "shank_right"))
+
+
+def test_cycles_of_legs_are_found_and_measured(legs):
+    means, page = means_of(legs), legs
+    # peaks fall on samples: a cycle is known to one of them, its mean to much less
+    assert means["stride_duration_s"]["all"]["mean"] == pytest.approx(1.2, abs=0.005)
+    assert means["stride_length_m"]["all"]["mean"] == pytest.approx(1.5, abs=0.005)
+    assert means["walking_speed_mps"]["all"]["mean"] == pytest.approx(1.25, rel=1e-9)
+    assert means["knee_flexion_deg"]["all"]["mean"] == pytest.approx(60.0, abs=0.5)
+    assert means["hip_extension_deg"]["left"]["mean"] == pytest.approx(-25.0, abs=0.5)
+    assert {"right", "left"} <= {row["side"] for row in page.numbers["stride_table"]}
+    assert "from the middle of the walk" in page.html  # a close-up of a long recording
+    assert [flag["grade"] for flag in page.numbers["flags"]] == ["check"]
+
+
+def test_a_recording_in_which_nobody_walks_is_a_page_too():
+    still = walking_ankles("ankle_right does not walk", lengths=LENGTHS[:0])
+    page = report.of_estimate(still._replace(distance=None), recording("ankle_right"))
+    assert page.numbers["flags"][0]["grade"] == "stop"
+    assert "No strides were found" in page.html and "must not be relied on" in page.html
+    standing = walking_legs()
+    flat = LegTrajectory(*(np.zeros(standing.time.size),) * 4)
+    page = report.of_estimate(standing._replace(legs=Legs(flat, None), distance=None), recording("thigh_right"))
+    assert page.numbers["strides"] == 0 and page.numbers["means"] == []
+
+
+@pytest.fixture(scope="module")
+def feet():
+    return report.of_estimate(walking_feet(), recording("foot_right", "foot_left"))
+
+
+def test_feet_say_which_widths_and_half_strides_do_not_count(feet):
+    page = feet
+    found = strides.found(walking_feet())
+    assert list(np.flatnonzero(found.marks["half"])) == [5] and list(np.flatnonzero(found.marks["width"])) == [1]
+    means = means_of(page)
+    assert means["stride_width_m"]["all"] == {"mean": pytest.approx(0.2), "sd": pytest.approx(0.0), "n": 4}
+    assert means["stride_length_m"]["all"]["n"] == 5
+    assert "width unsure" in page.html and "Bars are" in page.html
+
+
+def test_a_reference_is_compared_and_drawn():
+    own = walking_legs(seconds=10.0)._replace(stddev=None)
+    known = [leg._replace(knee_angle=leg.knee_angle + np.deg2rad(4.0)) for leg in own.legs]
+    known = own._replace(legs=Legs(*known), distance=1.1 * own.distance)
+    page = report.of_estimate(own, recording("thigh_right"), reference=known)
+    (row,) = re.findall(r"<tr>\s*<th[^>]*>knee angle, right.*?</tr>", page.html, re.DOTALL)
+    assert ">4<" in row and ">°<" in row
+    assert "Dashed: the reference" in page.html
+
+
+class Parsed(html.parser.HTMLParser):
+    """Tags with their attributes, and the text."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.words = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_the_page_stands_alone_and_can_be_read_by_everybody(ankles):
+    parsed = Parsed(ankles.html)
+    addresses = [
+        value for _, own in parsed.tags for name, value in own.items() if name in ("src", "href", "srcset", "action")
+    ]
+    assert addresses and all(address.startswith("data:") for address in addresses)
+    outside = re.sub(r'data:[^"]*', "", ankles.html).replace("http://evil.example", "")
+    assert "//evil" not in outside and not re.search(r"https?:|url\(|@import", outside)
+    names = [tag for tag, _ in parsed.tags]
+    assert names.count("h1") == 1 and names.count("script") == 1 and "link" in names
+    assert [own["alt"] for tag, own in parsed.tags if tag == "img"] and all(
+        own["alt"] for tag, own in parsed.tags if tag == "img"
+    )
+    assert ("html", {"lang": "en"}) in parsed.tags
+    assert all("scope" in own for tag, own in parsed.tags if tag == "th")
+    policy = next(own["content"] for tag, own in parsed.tags if "Content-Security-Policy" in own.get("http-equiv", ""))
+    assert policy.startswith("default-src 'none'; img-src data:")
+    assert len(ankles.html) < 500_000
+    assert (
+        ankles.html == report.page.rendered.__wrapped__(ankles)
+        if hasattr(report.page.rendered, "__wrapped__")
+        else True
+    )
+
+
+def test_what_comes_from_a_file_is_text_and_names_no_folder(ankles):
+    said = "".join(Parsed(ankles.html).words)
+    assert said.count(EVIL.partition("http")[0]) >= 3  # title, subject and notes, as text
+    assert not [own for tag, own in Parsed(ankles.html).tags if "onerror" in own]
+    assert "anna" not in ankles.html and "anna" not in json.dumps(ankles.numbers)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("there is no such file: /data/anna/walks/a1.csv", "there is no such file: a1.csv"),
+        (r"cannot read C:\Users\anna\a1.csv: why", "cannot read a1.csv: why"),
+        ("~/walks/a1.csv is empty", "a1.csv is empty"),
+        ("'/data/b c.csv' lacks", "'b c.csv' lacks"),
+        ("0.02 m/s² and rad/s; 5 / 3", "0.02 m/s² and rad/s; 5 / 3"),
+    ],
+)  # fmt: skip
+def test_folders_are_left_out(said, expected):
+    assert without_folders(said) == expected
+
+
+NOTES = (
+    ("waist does not walk", "stop"),
+    ("the distance of 3.0 m is only known to within 4.0 m: it should not be used", "stop"),
+    ("right thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round", "check"),
+    ("left and right foot seem to be exchanged: so the ranges are 9 nats likelier", "check"),
+    ("a foot has 1 strides, and two of each are needed: no widths", "check"),
+    ("2 strides of foot_left are left out: more than 0.5 s of them is lost", "check"),
+    ("the gyroscope of foot_left clips in 12 samples, which count for less", "check"),
+    ("thigh_right gyr_x is clipped at 8.7 rad/s in 3 samples", "check"),
+    ("shank_left acc_z is constant at 0 m/s²", "check"),
+    ("ankle_left swings as fast backwards as forwards: which way is forward is not sure", "check"),
+    ("waist: it is not sure which way is forward", "check"),
+    ("no accelerometer: angles come from the gyroscopes alone and drift", "check"),
+    ("foot_left never rests for half a second: its gyroscope's bias is not known, headings drift more", "check"),
+    ("bout 2 of 2, from 8.0 s, does not begin from standing: what integration says …", "check"),
+    ("thigh_right: 8 of 415 samples are missing", "check"),
+    ("2 gaps in time, the longest 0.1 s after 3.00 s; 9 samples inserted and masked", "check"),
+    ("2 of 4 recordings have no thigh_length_m: the default length is taken for them", "check"),
+    ("the accelerometer of foot_left reads +3.2 % of gravity at rest; corrected", "corrected"),
+    ("waist: its z axis looks up and its x forward; corrected", "corrected"),
+    ("left out 3 ranges in turns", "corrected"),
+    ("5 samples of waist are lost; the filter goes on without them", "check"),
+    ("8 samples of foot_left are lost; strides across them are stated less certain", "check"),
+    ("the range's clock is 20 ± 2 ms late; taken off", "corrected"),
+    ("sampling rate 50 Hz, from the time stamps", "info"),
+)
+
+
+def test_notes_are_explained_each_by_its_meaning():
+    for note, grade in NOTES:
+        (flag,) = flags.explained([note])
+        assert flag.grade == grade, note
+        assert "Noticed while" not in flag.meaning, note
+    found = flags.explained([note for note, _ in NOTES] * 2)
+    grades = [flag.grade for flag in found]
+    assert grades == sorted(grades, key=list(flags.GRADES).index)
+    assert sum(len(flag.text.splitlines()) for flag in found) == len(NOTES)  # each once
+    assert flags.apart("; ".join(note for note, _ in NOTES)) == [note for note, _ in NOTES]
+    assert "3 things" in flags.verdict([flags.Flag("check", "", "")] * 3)
+
+
+def test_numbers_that_round_to_nothing_have_no_sign():
+    assert [number(v, 2) for v in (-0.001, -1.5, np.nan, None)] == ["0.00", "−1.50", "–", "–"]
+
+
+def test_a_full_disk_leaves_what_was_there(ankles, tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text("before")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match="too large") as caught:
+            ankles.save(page)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.errno == errno.EFBIG
+    assert page.read_text() == "before" and [one.name for one in tmp_path.iterdir()] == ["report.html"]
+    ankles.save(page)
+    assert page.read_text(encoding="utf-8") == ankles.html
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        write_text(tmp_path / "none" / "page.html", "")
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """An evaluation of twelve walks, one of which cannot be read, as `jgait evaluate` leaves it, and in memory."""
+    out = tmp_path_factory.mktemp("cohort") / "out"
+    found = evaluate.cohort(made_cohort.FAKE, range(5, 17), read=made_cohort.read, own=own, out=out / "run")
+    failures = list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+    evaluate_command._write(out, found, found.agreement(), failures)
+    return out, found
+
+
+def own(walk):
+    return {"offset": 0.25}
+
+
+@pytest.fixture(scope="module")
+def cohort(evaluated):
+    return report.of_cohort(evaluated[1], title="walks")
+
+
+def test_a_cohort_has_agreement_people_and_what_failed(evaluated, cohort):
+    (_, found), page = evaluated, cohort
+    said = "".join(Parsed(page.html).words)
+    assert "11 of 12" in said and "no such file: 13" in said and "OSError" in said
+    for heading in ("Agreement with the reference", "Bland–Altman", "People", "Recordings", "What could not be used"):
+        assert heading in said
+    row = found.agreement().loc["distance_m"]
+    assert page.numbers["agreement"]["distance_m"]["bias"] == row["bias"]
+    table = re.search(r"<tr>\s*<th[^>]*>distance \[m\].*?</tr>", page.html, re.DOTALL)
+    assert table is not None and f"{row['bias']:.3g}".replace("-", "−") in table[0]
+    assert page.numbers["failures"].keys() == {"13"}
+    assert page.html.count("<img") >= 2
+    assert "Only 4 people compared" in said
+    none = evaluate.Cohort(*(rows.iloc[:0] for rows in found))
+    with pytest.raises(ValueError, match="has none"):
+        report.of_cohort(none)
+
+
+def test_the_folder_of_an_evaluation_gives_the_same_page(evaluated, tmp_path):
+    out, found = evaluated
+    page, numbers = tmp_path / "page.html", tmp_path / "numbers.json"
+    code, said = run("report", out, "--out", page, "--json", numbers)
+    assert code == 1, said  # one recording could not be used
+    written = json.loads(numbers.read_text(encoding="utf-8"))
+    expected = found.agreement().loc["distance_m"]
+    for name in ("bias", "loa_low", "icc", "mae_high"):
+        assert written["agreement"]["distance_m"][name] == pytest.approx(expected[name], rel=1e-9)
+    assert written["made"]["estimator"] == "fake" and written["recordings"] == 11
+    assert str(tmp_path) not in page.read_text(encoding="utf-8") + numbers.read_text(encoding="utf-8")
+
+
+def test_parameters_of_an_evaluation_are_read_as_it_printed_them():
+    from jgait.evaluate.store import described
+    from jgait.report.folder import values_of
+
+    p = leg_ekf.LegParams(angle_noise=3.0, thigh_length=leg_ekf.BySide(0.4, 0.41))
+    assert values_of(described(p)) == report.made.flat(p)
+    assert values_of("float64[3] abcd") == {} and values_of("") == {}
+
+
+@pytest.fixture
+def walk_file(tmp_path, monkeypatch):
+    """A file that is read, and an estimate of it that was made before; what the estimator was told is kept."""
+    from jgait import io
+
+    told = {}
+
+    def estimated(name, p, walked, paper, given):
+        told.update(name=name, p=p, paper=paper)
+        return walking_ankles()
+
+    rng = np.random.default_rng(0)
+    time = np.arange(0.0, 20.0, 0.01)
+    imu = Imu(
+        time, rng.normal(0.0, 1.0, (time.size, 3)), rng.normal(0.0, 1.0, (time.size, 3)) + [0, 0, 9.8], time > -1.0
+    )
+    file = io.write_csv(Recording({"ankle_right": imu}, 100.0), tmp_path / "walk.csv")
+    monkeypatch.setattr(command, "_estimated", estimated)
+    return file, told
+
+
+def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
+    file, told = walk_file
+    page, numbers, opened = tmp_path / "made" / "walk.html", tmp_path / "walk.json", []
+    monkeypatch.setattr(command.webbrowser, "open", opened.append)
+    words = (
+        "report",
+        file,
+        "--estimator",
+        "ankle_stride",
+        "--lever",
+        "0.05",
+        "--out",
+        page,
+        "--json",
+        numbers,
+        "--open",
+    )
+    monkeypatch.setattr(command.sys, "argv", ["/opt/bin/jgait", *map(str, words)])
+    code, said = run(*words)
+    assert code == 0, said
+    assert opened == [page.as_uri()]
+    assert told["p"].lever_ankle == 0.05 and told["p"].lever_along_sd == 0.01 and not told["paper"]
+    written = json.loads(numbers.read_text(encoding="utf-8"))
+    assert written["made"]["command"] == (
+        "jgait report walk.csv --estimator ankle_stride --lever 0.05 --out walk.html --json walk.json"
+    )
+    assert {"lever_ankle", "lever_along_sd"} <= set(written["made"]["changed"])
+    text = page.read_text(encoding="utf-8")
+    assert str(tmp_path) not in text and "walk.csv" in text
+
+
+def test_what_is_not_given_of_a_person_is_said():
+    none = dict.fromkeys(("--scale", "--lever"))
+    _, missing = command.own_params(ankle_stride.estimator(), ankle_stride.AnkleParams(), {}, none, False)
+    assert missing == ["no lever ankle was given: the default of the estimator stands in for it"]
+    assert [flag.grade for flag in flags.explained(missing)] == ["check"]
+    p, missing = command.own_params(leg_ekf.estimator(), leg_ekf.LegParams(), {}, none | {"--scale": 1.1}, True)
+    assert p.distance_scale == 1.1 and missing == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
+        (("nowhere.csv",), "No such file"),
+        (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
+        (("{file}", "--height", "1.7"), "--height is an option of waist_ofdri; got --estimator leg_ekf"),
+        (("{file}", "--estimator", "mine"), "estimator must be one of"),
+        (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),
+        (("--simulated", "2", "--thigh", "0.4"), "--thigh is of one recording"),
+        (("{folder}",), "is no folder that jgait evaluate wrote"),
+        (("{file}", "--estimator", "ankle_stride", "--out", "{file}/page.html"), "could not be written"),
+    ],
+    ids=["nothing", "no file", "no page", "option", "estimator", "recording", "measure", "folder", "no place"],
+)  # fmt: skip
+def test_bad_usage(walk_file, tmp_path, monkeypatch, words, expected):
+    monkeypatch.chdir(tmp_path)
+    file, _ = walk_file
+    (tmp_path / "empty").mkdir()
+    code, said = run("report", *(word.format(file=file, folder=tmp_path / "empty") for word in words))
+    assert code == 2, said
+    assert expected in said
+    assert not list(tmp_path.glob("*.html"))
+
+
+def test_a_table_of_recordings_is_told_from_a_recording(tmp_path):
+    for text, expected in (
+        ("file;subject\na.csv;x", True),
+        ('"File",subject', True),
+        ("time,thigh_right_gyr_x", False),
+    ):
+        path = tmp_path / "table.csv"
+        path.write_text(text)
+        assert command.is_cohort(path) is expected
+    assert not command.is_cohort(tmp_path / "none.csv")
+
+
+def test_a_cohort_that_is_computed_now(tmp_path, monkeypatch, evaluated):
+    """Of walks of a few numbers, so that nothing is simulated and little compiled."""
+    items = [str(number) for number in range(5, 17)]
+    source = Source("walks", items, made_cohort.read, dict.fromkeys(items, ""), [("line 3", "it names no file")], [])
+    monkeypatch.setattr(command, "pipeline_of", lambda name, paper: made_cohort.FAKE)
+    monkeypatch.setattr(command.cohorts, "source", lambda *words: source)
+    monkeypatch.setattr(command.cohorts, "body", lambda walk, measures: own(walk))
+    page, numbers = tmp_path / "page.html", tmp_path / "numbers.json"
+    code, said = run("report", "walks.csv", "--dataset", "any", "--paper", "--out", page, "--json", numbers)
+    assert code == 1, said
+    written = json.loads(numbers.read_text(encoding="utf-8"))
+    assert written["failures"] == {"line 3": "it names no file", "13": "OSError: no such file: 13"}
+    expected = evaluated[1].agreement().loc["distance_m"]
+    assert written["agreement"]["distance_m"]["bias"] == pytest.approx(expected["bias"], rel=1e-12)
+    assert "the paper&#39;s" in page.read_text(encoding="utf-8")
+
+
+WATCH = """<script>
+const seen = {errors: [], violations: []};
+addEventListener("error", (e) => seen.errors.push(String(e.message || e.target.tagName)), true);
+addEventListener("securitypolicyviolation", (e) => seen.violations.push(e.blockedURI));
+addEventListener("load", () => setTimeout(() => {
+  seen.images = [...document.images].map((one) => [one.complete, one.naturalWidth, one.naturalHeight]);
+  seen.asked = performance.getEntriesByType("resource").map((one) => one.name);
+  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  const table = document.querySelector("table.sortable");
+  const heading = [...table.tHead.rows[0].cells].findIndex((one) => one.textContent.startsWith("stride length"));
+  const column = () => [...table.tBodies[0].rows].map((row) => Number(row.cells[heading].dataset.value));
+  const button = table.tHead.rows[0].cells[heading].querySelector("[role=button]");
+  button.click(); seen.up = column(); seen.sorted = table.tHead.rows[0].cells[heading].getAttribute("aria-sort");
+  button.dispatchEvent(new KeyboardEvent("keydown", {key: "Enter"})); seen.down = column();
+  document.body.dataset.seen = JSON.stringify(seen);
+}, 100));
+</script>"""
+
+
+def browse(page, folder, *options):
+    """The page as a browser has it after loading, and what it says on its error stream."""
+    if BROWSER is None:
+        pytest.skip("no chromium or google-chrome on PATH: the page is not opened in a browser")
+    words = (
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--enable-logging=stderr",
+        f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000", "--dump-dom", *options, page.as_uri(),
+    )  # fmt: skip
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
+    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+def test_a_browser_shows_every_picture_sorts_and_asks_nobody(ankles, tmp_path):
+    page = ankles.save(tmp_path / "page.html")
+    dom, said = browse(page, tmp_path)
+    assert said == []
+    assert 'role="button"' in dom  # the page's own script ran under its own policy
+    watched = tmp_path / "watched.html"
+    policy = re.sub(r"script-src '[^']*'", "script-src 'unsafe-inline'", ankles.html)
+    assert policy != ankles.html
+    watched.write_text(policy.replace("<style>", WATCH + "<style>", 1), encoding="utf-8")
+    dom, said = browse(watched, tmp_path, "--window-size=500,900")
+    seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))
+    assert said == [] and seen["errors"] == [] and seen["violations"] == []
+    assert len(seen["images"]) == 2 and all(done and w > 300 and h > 200 for done, w, h in seen["images"])
+    assert [one for one in seen["asked"] if not one.startswith("data:")] == []
+    assert seen["wide"] <= 0  # nothing sticks out of a narrow window
+    assert seen["sorted"] == "ascending"
+    np.testing.assert_allclose(seen["up"], np.sort(LENGTHS))
+    np.testing.assert_allclose(seen["down"], np.sort(LENGTHS)[::-1])
+
+
+def test_a_browser_decodes_every_picture_of_the_other_pages(legs, feet, cohort, tmp_path):
+    """Legs with figures too large for a drawing, feet, and a cohort, in one visit."""
+    pages = [legs, feet, cohort]
+    images = [image for page in pages for image in re.findall(r"<img [^>]*>", page.html)]
+    assert any("image/png" in image for image in images) and any("image/svg" in image for image in images)
+    together = tmp_path / "all.html"
+    body = (
+        "".join(images)
+        + '<table class="sortable"><thead><tr><th>stride length<span role="button"></span></th></tr></thead>'
+    )
+    together.write_text(f"<!DOCTYPE html><body>{body}<tbody></tbody></table>{WATCH}</body>", encoding="utf-8")
+    dom, said = browse(together, tmp_path)
+    seen = json.loads(next(own["data-seen"] for tag, own in Parsed(dom).tags if tag == "body"))
+    assert said == [] and len(seen["images"]) == len(images)
+    assert all(done and w > 200 and h > 100 for done, w, h in seen["images"])
+
+
+def test_a_notebook_shows_the_page_in_a_frame(ankles):
+    shown = ankles._repr_html_()
+    (frame,) = [own for tag, own in Parsed(shown).tags if tag == "iframe"]
+    assert frame["srcdoc"] == ankles.html
+
+
+def test_several_recordings_at_once_are_refused():
+    many = jax.tree.map(lambda values: np.stack([values] * 2), walking_legs()._replace(diagnostics={}))
+    with pytest.raises(ValueError, match=r"time of shape \(T,\); got shape \(2, 500\)"):
+        report.of_estimate(many, recording("thigh_right"))
