@@ -27,6 +27,9 @@ MARGIN = 1.0
 SHARE = 0.53
 """[1] mobgap's height of the sensor over that of the person."""
 
+HEIGHT = 1.70
+"""[m] Height of a person whose height is not known (persons 10 and 14 of `ipol_gait`)."""
+
 AXES = {"mobgap_lab": (1.0, 1.0, 1.0), "ipol_gait": (1.0, -1.0, -1.0)}
 """Signs that take a set's axes to mobgap's: x up, y right, z forwards."""
 
@@ -37,7 +40,7 @@ def job(walk: Walk) -> dict[str, Any]:
     rate, signs = walk.recording.sampling_rate_hz, np.array(AXES[walk.set])
     bouts = walk.straight.looked + np.array([-MARGIN, MARGIN])
     samples = np.clip(np.rint(bouts * rate).astype(int), 0, len(imu.time))
-    height = walk.body.get("sensor_height") or SHARE * walk.body["height"]
+    height = walk.body.get("sensor_height") or SHARE * walk.body.get("height", HEIGHT)
     return {
         "acc": as_float(imu.acc) * signs, "gyr": as_float(imu.gyr) * signs, "sampling_rate_hz": rate, "bouts": samples,
         "sensor_height": height, "contacts": np.rint(walk.contacts * rate).astype(int),

@@ -130,6 +130,7 @@ def _there_and_back(walk: Any) -> Walk:
     contacts, sides = as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"])
     last = float(as_float(walk.recording.sensors["lower_back"].time)[-1])
     parts = as_float(info["straight_parts"])
+    whole = np.stack([info["bouts"]["start"], info["bouts"]["end"]], axis=1)
     judged = parts.copy()
     judged[0, 0], judged[-1, 1] = 0.0, last
     feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
@@ -139,7 +140,7 @@ def _there_and_back(walk: Any) -> Walk:
     total = sum(float(strides.length[strides.side == number].sum()) for number in range(len(SIDES))) / len(SIDES)
     return Walk(
         "ipol_gait", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info), contacts, sides,
-        Windows(parts, judged), Windows(np.array([[contacts[0], contacts[-1]]]), np.array([[0.0, last]])), pieces,
+        Windows(parts, judged), Windows(whole, np.array([[0.0, last]])), pieces,
         total,
     )  # fmt: skip
 

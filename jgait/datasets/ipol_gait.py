@@ -9,31 +9,37 @@ The accelerometers are not calibrated: at rest they read 9.8 to 10.1 m/s² on th
 10.0 to 10.5 on the left. They are left so: who integrates them divides by what they read at rest.
 
 Time is the packet counter, the same for all sensors; lost packets are masked (one in 8-4, one in 19-3, in all three
-sensors). Events are packets and not rows: in 8-4 the signals' shape about the events moves by a sample where one was
-lost, if they are taken for rows.
+sensors; up to a quarter of a sensor's in 17-2 and others), and so is a packet whose number the counter repeats (11-1).
+Events are packets and not rows: in 8-4 the signals' shape about the events moves by a sample where one was lost, if
+they are taken for rows.
 
 Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
-hand. One contact of the right foot seems to be lacking in the U-turn of 19-3; the stride over it is not `valid`. No
-distance was measured; 20 m is what was asked for. Strides have no lengths.
+hand. One contact seems to be lacking in the U-turn of 19-3 and of some others, and one or two elsewhere in 2-3, 17-2
+and 18-3; the stride over it is not `valid`. Twelve recordings (3-3, 12-3, 18-1 …) have events 1 to 12 s after the
+trial's end: single steps of a person who stands, some where a third of the packets is lost. They are among the
+contacts; their strides are not `valid`, and bout and straight parts end with the trial. No distance was measured; 20 m
+is what was asked for. Strides have no lengths.
 
 Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
     initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
     final_contacts, final_contact_sides: (n,) [s] and sides, the same number: each begins the swing that a contact ends.
     bouts: {"start", "end" [s], "distance" [m], "speed" [m/s], "straight" (bool): (1,)}, one from the first contact to
-        the last; distance and speed are NaN.
+        the last of the trial; distance and speed are NaN.
     turns: {"start", "end" [s]: (1,)}, the U-turn. 15-1 turns round once more 2 s before its end, which upstream does
         not say.
-    straight_parts: (2, 2) [s] from the first contact to the U-turn, from there to the last contact.
+    straight_parts: (2, 2) [s] from the first contact to the U-turn, from there to the last contact of the trial.
     trial: (start, end) [s], upstream's: first foot off to last strike.
     nominal_distance: [m] 20, there and back.
     test: what the person was asked to do.
-    height [m], mass [kg], age [years], gender: None where not said. sensor_height: None, never said.
+    height [m], mass [kg], age [years], gender: None where not known; upstream writes NaN for height and mass of persons
+        10 and 14 and for the mass of person 2. sensor_height: None, never said.
     reference_system: who says so.
     no_reference: why there is no reference; None where there is one.
     verified: whether every file's sha256 was known and agreed.
 """
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -50,6 +56,7 @@ SENSORS = {"lb": "lower_back", "rf": "foot_right", "lf": "foot_left"}
 COLUMNS = ("PacketCounter", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z")
 EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
 LOST = 0.5  # part of the packets that may be lost; with more the counter counts something else
+REPEATED = 0.01  # part of the rows that may repeat the packet before them; with more the counter counts something else
 NOMINAL_DISTANCE = 20.0  # [m]
 NOTES = ("accelerometers as they came: at rest the left foot's reads up to 7 % more than gravity",)
 
@@ -99,7 +106,9 @@ def load_one(name: str) -> Walk:
         start, end = details["trial"] or (time[0], time[-1])
         source = {"source": "contacts by two methods, checked by hand"}
         valid = (time >= start) & (time <= end)
-        reference = Estimate(time, Legs(None, None), None, None, valid, source, _strides(swings))
+        strides = _strides(swings)
+        strides = strides._replace(valid=strides.valid & (strides.end <= end + 0.5 / RATE_HZ))
+        reference = Estimate(time, Legs(None, None), None, None, valid, source, strides)
     details |= {
         "nominal_distance": NOMINAL_DISTANCE,
         "test": "stand, 10 m, U-turn, 10 m, stand",
@@ -128,7 +137,8 @@ def _read_sensor(path: Path) -> np.ndarray:
     if len(values) < 2:
         raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
     packets = values[:, 0]
-    bad = np.flatnonzero(~(np.diff(packets) >= 1) | (packets[1:] % 1 != 0))
+    least = 0 if np.sum(np.diff(packets) == 0) <= REPEATED * len(packets) else 1
+    bad = np.flatnonzero(~(np.diff(packets) >= least) | (packets[1:] % 1 != 0))
     if len(bad) or not np.isfinite(packets[0]):
         row = bad[0] + 1 if len(bad) else 0
         raise RecordingError(f"{path.name}: PacketCounter must count upwards; in row {row} it is {packets[row]}")
@@ -145,7 +155,13 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[str]) ->
     sensors = {}
     for placement, table in tables.items():
         signals = np.full((length, 6), np.nan)
-        signals[table[:, 0].astype(np.int64) - first] = table[:, 1:]
+        packets = table[:, 0].astype(np.int64)
+        signals[packets - first] = table[:, 1:]
+        twice = packets[1:][np.diff(packets) == 0]
+        if len(twice):
+            # which of the two rows was measured at that time is not known
+            signals[twice - first] = np.nan
+            notes.append(f"{placement}: PacketCounter repeats {', '.join(map(str, twice))}; the packet is masked")
         time = np.arange(length) / RATE_HZ
         sensors[placement], _ = foot_imu(f"{name}, {placement}", time, signals[:, 3:], signals[:, :3])
         lost = int((~sensors[placement].mask).sum())
@@ -221,6 +237,8 @@ def _intervals(
 
     trial, turn = interval("TrialBoundaries"), interval("UTurnBoundaries")
     strikes = np.concatenate([of[:, 1] for of in swings.values()]) / RATE_HZ
+    if trial is not None:
+        strikes = strikes[(strikes >= trial[0]) & (strikes <= trial[1] + 0.5 / RATE_HZ)]
     walked = np.array([[strikes.min(), strikes.max()]]) if len(strikes) else np.zeros((0, 2))
     turns = np.zeros((0, 2)) if turn is None else np.array([turn])
     parts = np.array([[walked[0, 0], turn[0]], [turn[1], walked[0, 1]]]) if turn and len(walked) else np.zeros((0, 2))
@@ -239,7 +257,9 @@ def _intervals(
 def _person(about: dict[str, Any]) -> dict[str, Any]:
     def number(key: str, factor: float) -> float | None:
         value = about.get(key)
-        return float(value) * factor if isinstance(value, (int, float)) else None
+        # upstream writes NaN for a measure that it does not know
+        known = isinstance(value, (int, float)) and math.isfinite(value) and value > 0
+        return float(value) * factor if known else None
 
     return {
         "height": number("Height", 0.01), "mass": number("Weight", 1.0), "age": number("Age", 1.0),

@@ -100,6 +100,38 @@ def test_events_are_packets_and_lost_packets_are_masked(folder):
     assert walk.info["initial_contacts"][0] == pytest.approx(0.55) and walk.info["trial"] == pytest.approx((0.35, 2.55))
 
 
+def test_steps_after_the_trial_belong_to_no_bout(folder):
+    """As in 3-3: the trial ends, and the person who stands takes another step."""
+    write(folder, about={**ABOUT, "TrialBoundaries": [40, 220]})
+    walk = load()
+    info, strides = walk.info, walk.reference.strides
+    assert info["initial_contacts"][-1] == pytest.approx(2.6)
+    np.testing.assert_array_equal(strides.valid, strides.end < 2.21)
+    assert (~strides.valid).sum() == 1
+    np.testing.assert_allclose(info["straight_parts"], [[0.6, 1.4], [1.7, 2.2]])
+    np.testing.assert_allclose(info["bouts"]["end"], [2.2])
+
+
+def test_a_packet_that_the_counter_repeats_is_masked(folder):
+    """As in 11-1. The packets of the others, and so the events, stay where they were."""
+    again = table()
+    again[30, 0] = 29
+    write(folder, lb=again)
+    walk = load()
+    masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
+    assert masks == {"lower_back": [29, 30], "foot_right": [], "foot_left": []}
+    assert "lower_back: PacketCounter repeats 29; the packet is masked" in walk.recording.notes
+    assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
+
+
+def test_measures_that_are_not_known_are_none(folder):
+    """Upstream writes NaN for them: height and mass of persons 10 and 14, mass of person 2."""
+    for unknown in (float("nan"), None, "", 0):
+        write(folder, about={**ABOUT, "Height": unknown, "Weight": unknown})
+        info = load().info
+        assert info["height"] is None and info["mass"] is None and info["age"] == 40
+
+
 def test_a_stride_over_a_contact_that_is_lacking_is_not_valid(folder):
     right = [pair for pair in ABOUT["RightFootEvents"] if pair != [90, 110]]
     write(folder, about={**ABOUT, "RightFootEvents": right})
@@ -139,6 +171,9 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     write(folder, "3-2", header=HEADER.replace("Gyr_Y", "Rate_Y"))
     write(folder, "3-3", lb=table(1))
     write(folder, "3-4", rf=table()[::-1])
+    often = table()
+    often[:, 0] //= 2
+    write(folder, "3-0", rf=often)
     write(folder, "3-5", rate="Acquisition frequency: 50 Hz\n")
     write(folder, "3-6", about={"LeftFootEvents": []})
     write(folder, "3-7", about={**ABOUT, "LeftFootEvents": [[1, 2, 3]]})
@@ -154,6 +189,7 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
         "3-2": "3-2_lb.txt has no column Gyr_Y", "3-3": "3-3_lb.txt has 1 samples",
         "3-4": "3-4_rf.txt: PacketCounter must count upwards; in row 1 it is 298",
         "3-5": "3-5_lb.txt was recorded at 50 Hz; 100 Hz is expected", "3-6": "3-6.json has no RightFootEvents",
+        "3-0": "3-0_rf.txt: PacketCounter must count upwards; in row 1 it is 0",
         "3-7": "3-7.json: LeftFootEvents must be pairs", "3-8": "PacketCounter spans 5010 packets, and there are 20",
         "3-9": "3-9.json is no JSON", "4-1": "4-1 has none of the sensors lower_back",
     }  # fmt: skip
@@ -165,6 +201,8 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
 
 # --- the real walks ---
 
+LACKING = {"2-3": 1, "17-2": 1, "18-3": 2}
+"""Contacts that the reference lacks outside the U-turn, by recording."""
 BEFORE, AFTER = np.arange(-15, -4), np.arange(5, 16)  # samples about a contact
 
 
@@ -191,30 +229,48 @@ def test_axes_of_the_back_are_as_said(walks):
 
 @real
 def test_feet_push_off_and_swing_about_their_y(walks):
-    """At foot off the heel rises, a turn to the negative about a y that points right."""
+    """At foot off the heel rises, a turn to the negative about a y that points right.
+
+    x rises backwards with the instep: gravity has 4.5 to 7.5 m/s² along it, and 3.5 in person 3, whose sensors lie
+    flatter.
+    """
     for walk in walks:
         for number, side in enumerate(("right", "left")):
             imu = walk.recording.sensors[f"foot_{side}"]
             of = walk.info["final_contact_sides"] == number
             off = np.rint(walk.info["final_contacts"][of] * 100).astype(int)
             assert np.median([imu.gyr[at - 8 : at + 2, 1].mean() for at in off]) < -4
-            assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 4)
+            assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 3)
 
 
 @real
 def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
+    """Within the trial. After its end the person stands, and takes single steps in 12 recordings (3-3, 12-3 …)."""
     for walk in walks:
-        info = walk.info
-        again = np.flatnonzero(np.diff(info["initial_contact_sides"]) == 0)
-        twice = info["initial_contacts"][again]
-        assert np.all((twice > info["turns"]["start"]) & (twice < info["turns"]["end"])), "but in the U-turn"
-        np.testing.assert_allclose(info["trial"], (info["final_contacts"][0], info["initial_contacts"][-1]))
+        info, name = walk.info, walk.recording.name
+        start, end = info["trial"]
+        inside = info["initial_contacts"] < end + 0.005
+        contacts, sides = info["initial_contacts"][inside], info["initial_contact_sides"][inside]
+        np.testing.assert_allclose((start, end), (info["final_contacts"][0], contacts[-1]))
+        again = np.flatnonzero(np.diff(sides) == 0)
+        turning = (contacts[again] > info["turns"]["start"]) & (contacts[again] < info["turns"]["end"])
+        # but in the U-turn, and in three recordings elsewhere
+        assert (~turning).sum() == LACKING.get(name, 0), f"{name}: one foot twice at {contacts[again]}"
         strides = walk.reference.strides
-        assert (~strides.valid).sum() == len(again), "a stride over a contact that is lacking"
+        late = strides.end > end + 0.005
+        assert not strides.valid[late].any(), "what a person who stands does is no stride"
+        over = [
+            (strides.start < a) & (strides.end > b) for a, b in zip(contacts[again], contacts[again + 1], strict=True)
+        ]
+        lacks = np.any(over, axis=0) if over else np.zeros(len(late), bool)
+        np.testing.assert_array_equal(strides.valid[~late], ~lacks[~late], "a stride over a contact that is lacking")
         assert np.all((strides.start < strides.final_contact) & (strides.final_contact < strides.end))
         swing = (strides.end - strides.final_contact) / (strides.end - strides.start)
-        assert np.median(swing) == pytest.approx(0.4, abs=0.05)
-        assert info["straight_parts"].shape == (2, 2) and np.all(np.diff(info["straight_parts"]) > 5)
+        # 0.35 in person 18, 0.41 in person 17
+        assert np.median(swing[~late]) == pytest.approx(0.38, abs=0.04)
+        parts = info["straight_parts"]
+        assert parts.shape == (2, 2) and np.all(np.diff(parts) > 5) and np.all(np.diff(parts) < 15)
+        np.testing.assert_allclose((parts[1, 1], info["bouts"]["end"][0]), end)
 
 
 @real

@@ -3,6 +3,7 @@ import pytest
 from made.foot import foot
 
 from jgait import datasets
+from jgait.datasets.one_foot import SHORTEST
 from jgait.events import foot as events
 
 
@@ -101,13 +102,23 @@ def test_inside_is_true_in_stances_alone():
 
 
 def test_no_stance_of_fast_gait_is_lost_under_vicon(data):
-    data("pyshoe_vicon")
-    for walk in datasets.load("pyshoe_vicon"):
-        imu = walk.recording.sensors["foot_right"]
+    """Of people on their feet. On 2018-02-09 they creep, kneel and crawl, at less than 0.3 m/s.
+
+    There the shoe is dragged along or turns on its tip, and most of what is slower than 0.5 m/s under Vicon is no
+    footprint.
+    """
+    for walk in data("pyshoe_vicon"):
+        imu, prints, name = walk.recording.sensors["foot_right"], walk.info["footprints"], walk.recording.name
+        if walk.info["speed"] < 0.3:
+            assert name.startswith("2018-02-09"), name
+            continue
         stances = events.stances(imu.gyr, imu.acc, walk.recording.sampling_rate_hz)
-        for sample in walk.info["footprints"]["samples"]:
-            near = np.abs(stances.stillest - sample).min() < 60 or events.inside(stances, len(imu.gyr))[sample]
-            assert near, f"{walk.recording.name}: no stance at {sample}"
+        inside = events.inside(stances, len(imu.gyr))
+        # Vicon's noise parts one stance of 2017-11-22-11-38-45 into two prints, 1 cm apart: the second counts
+        apart = np.linalg.norm(np.diff(prints["position"][:, :2], axis=0), axis=1) > SHORTEST
+        for sample in prints["samples"][np.append(apart, True)]:
+            near = np.abs(stances.stillest - sample).min() < 60 or inside[sample]
+            assert near, f"{name}: no stance at {sample}"
 
 
 def test_contacts_near_those_marked_by_hand(data):

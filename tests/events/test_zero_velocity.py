@@ -303,17 +303,36 @@ def test_on_shoes_whose_heel_and_toe_were_captured(detector):
 
 @pytest.mark.skipif(not datasets.available("pyshoe_vicon"), reason=datasets.unavailable_reason("pyshoe_vicon"))
 def test_under_vicon_every_stance_of_a_walk_and_not_every_one_of_fast_gait():
-    """In the fastest trial the shoe never comes to rest between some steps, so that a fixed threshold misses them."""
-    missed = {}
+    """In fast gait and running the shoe never comes to rest in some stances, so that a fixed threshold misses them.
+
+    Trials of 2017-11-22 are walks at up to 1.4 m/s; those of 2017-11-27 and 2017-12-15 are faster, most of them runs.
+    In 2018-02 people creep, kneel and crawl: an evenly dragged shoe is not at rest, but its sensor reads the same, so
+    that these trials are left out.
+    """
+    missed, prints = {}, {}
     for walk in datasets.load("pyshoe_vicon"):
-        imu, prints = walk.recording.sensors["foot_right"], walk.info["footprints"]
+        imu, name = walk.recording.sensors["foot_right"], walk.recording.name
+        if name.startswith("2018-02"):
+            continue
         rate_hz = walk.recording.sampling_rate_hz
         still = zv.zero_velocity(imu.gyr, imu.acc, rate_hz, mask=imu.mask)
         still = np.asarray(zv.eroded(still, round(0.02 * rate_hz)))
+        spans = [
+            (start, end) for start, end in zip(*(walk.info["footprints"][k] for k in ("start", "end")), strict=True)
+        ]
         stance = np.zeros(len(still), bool)
-        for start, end in zip(prints["start"], prints["end"], strict=True):
+        for start, end in spans:
             stance[start:end] = True
-        assert not still[walk.reference.valid & ~ndimage.binary_dilation(stance, iterations=10)].any()
-        spans = zip(prints["start"], prints["end"], strict=True)
-        missed[walk.recording.name] = sum(not still[start:end].any() for start, end in spans)
-    assert missed == {name: 7 if name == "2017-11-27-11-13-10" else 0 for name in missed}
+        swing = walk.reference.valid & ~ndimage.binary_dilation(stance, iterations=10)
+        # the five trials that were known first have none; three others 1 to 3 samples beside a stance that Vicon's
+        # noise shortens, and 2017-11-22-11-28-03 0.1 s in which the shoe moves evenly at 0.75 m/s
+        most = 0 if walk.info["verified"] else 24 if name == "2017-11-22-11-28-03" else 3
+        assert still[swing].sum() <= most, name
+        missed[name], prints[name] = sum(not still[start:end].any() for start, end in spans), len(spans)
+    walks = [name for name in missed if name.startswith("2017-11-22")]
+    # Vicon's noise parts two stances in two: one half of that of 2017-11-22-11-38-45 is missed, both of 11-30-14's are
+    apart = {"2017-11-22-11-38-45": 1, "2017-11-22-11-30-14": 2}
+    assert {name: missed[name] for name in walks} == {name: apart.get(name, 0) for name in walks}
+    assert missed.get("2017-11-27-11-13-10", 7) == 7
+    fast = [name for name in missed if name not in walks]
+    assert not fast or sum(missed[name] for name in fast) > 0.2 * sum(prints[name] for name in fast)

