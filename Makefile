@@ -36,7 +36,7 @@ BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
 
 NOTEBOOKS ?= $(wildcard notebooks/*.ipynb)
 
-.PHONY: help setup demo test lint types docs experiments summary bench peers lock clean
+.PHONY: help setup demo test release lint types docs experiments summary bench peers lock clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -52,7 +52,10 @@ demo: $(STAMP) ## estimate, compare, tune, judge: tables, and figures in a folde
 	@$(BIN)/jgait demo $(ARGS)
 
 test: lint types ## lint, check the types, run the tests; ARGS="-k leg" for some of the tests
-	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+	@$(BIN)/python -m pytest -n $(JOBS) -m "not release" $(ARGS)
+
+release: $(STAMP) ## run the tests that a release needs: packages over the network, the whole site, notebooks, the guide
+	@$(BIN)/python -m pytest -n $(JOBS) -m release $(ARGS)
 
 lint: $(STAMP) ## ruff: rules and format
 	@$(BIN)/ruff check .

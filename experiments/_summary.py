@@ -200,13 +200,13 @@ are there, and writes its numbers as JSON:
 
 {scripts}
 
-`make bench` runs `benchmark_*.py`, beside other libraries; their table is in [the README](../README.md).
+`make bench` runs `benchmark_*.py`, beside other libraries; their table is in `docs/guide/own_filter.md`.
 
 ## What jgait reaches beside the papers
 
 `make summary` writes this table, here and in the README, from the JSON of all experiments; the numbers of record are in
 `results.json` (jgait {", ".join(versions)}). n counts simulation first, then recordings. What the rows say, and what to
-know before trusting them, is in the README under *What it reaches*.
+know before trusting them, is in `docs/experiments.md`.
 
 {table(known)}
 """

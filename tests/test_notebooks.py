@@ -30,6 +30,7 @@ def test_is_short_and_stripped(path):
             assert cell.execution_count is None
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs_and_shows_a_picture(path, tmp_path, monkeypatch):
     compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR") or str(Path(__file__).parents[1] / ".pytest_cache" / "jax")

@@ -19,6 +19,8 @@ import pytest
 from made import shank as made_shank
 
 ROOT = Path(__file__).parents[1]
+
+pytestmark = pytest.mark.release
 RUNTIME = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "pywavelets"}
 EXTRAS = ("ezc3d", "h5py", "jinja2", "matplotlib", "pandas", "pooch", "pyarrow", "python-calamine", "rich", "typer")
 COMMANDS = ("jgait.cli", "jgait.commands", "jgait.commands.demonstration")

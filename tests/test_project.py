@@ -264,18 +264,3 @@ def test_an_environment_that_is_finished_is_only_brought_up_to_date(machine):
     assert "-m pip install --quiet --require-hashes -r requirements.lock\n" in done.stdout
     assert (environment / "ready").read_text() == f"{machine.checkout}\n"
     assert not (environment / "unfinished").exists()
-
-
-def test_the_readme_s_filter_runs_and_is_tuned_as_written():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    (model,) = [block for block in blocks if "MODEL = Model(" in block]
-    (tuning,) = [block for block in blocks if "tune.identifiability(" in block and "MODEL" in block]
-    done = subprocess.run(
-        [sys.executable, "-c", model + tuning + "print(fit.params.gyroscope / true.gyroscope)"], capture_output=True,
-        text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "(64,)" in done.stdout
-    assert "error_after" in done.stdout
-    assert abs(float(done.stdout.split()[-1]) - 1.0) < 0.2

@@ -71,10 +71,9 @@ def accuracy(script: str, wanted: str = "") -> str:
 
 
 def experiments() -> str:
-    """The page of the experiments without its title, and what the README says to know before trusting them."""
+    """The table of all experiments and its introduction, without the title."""
     text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8").split("\n", 1)[1]
-    about = [block for block in readme("What it reaches").split("\n\n") if not block.startswith("|")]
-    return local_links_as_text(text.strip()) + "\n\n## What the rows say, and what to know\n\n" + "\n\n".join(about)
+    return local_links_as_text(text.strip())
 
 
 @cache

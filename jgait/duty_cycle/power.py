@@ -11,7 +11,8 @@ saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscop
 `relaxed_power` and `relaxed_masks` are the same with soft edges, smooth in duty and period.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
-gait assessment using wearable sensors", Wireless Health 2010, sections 1 and 5, Table 2; tests/duty_cycle/test_power.py.
+gait assessment using wearable sensors", Wireless Health 2010, sections 1 and 5, Table 2. Test:
+tests/duty_cycle/test_power.py.
 """
 
 import math
