@@ -1,22 +1,13 @@
-"""Published estimators, one method a file; `get` finds one by name."""
+"""Published estimators, one method a folder; `get` finds one by name."""
 
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import (
-    ankle_stride,
-    duty_cycled_gyro,
-    foot_ins,
-    leg_ekf,
-    stride_width_ekf,
-    two_feet,
-)
-from jgait.estimators import (
-    waist as waist_ofdri,
-)
+from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist
+from jgait.estimators.about import About
 from jgait.estimators.interface import Estimator, Prepared
 
-__all__ = ["Estimator", "Prepared", "get", "names"]
+__all__ = ["About", "Estimator", "Prepared", "about_of", "get", "names"]
 
 _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "leg_ekf": leg_ekf.estimator,
@@ -24,7 +15,8 @@ _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "stride_width_ekf": stride_width_ekf.estimator,
     "two_feet": two_feet.estimator,
     "ankle_stride": ankle_stride.estimator,
-    "waist_ofdri": waist_ofdri.estimator,
+    "waist": waist.estimator,
+    "waist_ofdri": waist.papers_estimator,
     "duty_cycled_gyro": duty_cycled_gyro.estimator,
 }
 
@@ -34,16 +26,22 @@ def names() -> tuple[str, ...]:
     return tuple(_ESTIMATORS)
 
 
-def get(name: str, *args: Any) -> Estimator:
+def about_of(name: str) -> About:
+    """What an estimator states about itself; of a name that is none, what holds for all."""
+    return get(name).about if name in _ESTIMATORS else About()
+
+
+def get(name: str, *args: Any, **settings: Any) -> Estimator:
     """An estimator by name.
 
     Args:
         name: one of `names()`.
         args: its options, for example `leg_ekf.PAPER`.
+        settings: the same by name, for example `options=leg_ekf.PAPER`.
 
     Raises:
         ValueError: if there is none of that name.
     """
     if name not in _ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(names())}; got {name!r}")
-    return _ESTIMATORS[name](*args)
+    return _ESTIMATORS[name](*args, **settings)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.about import About
 from jgait.types import Estimate, Recording
 
 
@@ -25,6 +26,10 @@ class Prepared[I](NamedTuple):
     standing: tuple[int, int] | None = None
 
 
+def _nothing(params: Any, recording: Recording) -> Estimate:
+    raise NotImplementedError("this estimator has no way to estimate one recording")
+
+
 class Estimator[P, I](NamedTuple):
     """An estimator as functions, so that cohorts and tuners need not know which one it is.
 
@@ -37,6 +42,8 @@ class Estimator[P, I](NamedTuple):
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
         own: (params, body) → parameters with a person's own measures put in; `body` maps a name as of the
             diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left); pure, arrays welcome.
+        about: what the estimator states about itself: measures, options, tables, figures, flags.
+        estimate: (params, recording) → `Estimate` of one recording, without padding; on the host.
     """
 
     name: str
@@ -46,6 +53,8 @@ class Estimator[P, I](NamedTuple):
     pad: Callable[[I, int], I]
     run: Callable[[P, I, Any], Estimate]
     own: Callable[[P, dict[str, Any]], P]
+    about: About = About()
+    estimate: Callable[[P, Recording], Estimate] = _nothing
 
 
 def bucket(samples: int, smallest: int) -> int:

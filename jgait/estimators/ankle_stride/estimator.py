@@ -9,6 +9,7 @@ import numpy as np
 from jgait import filtering, params
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
+from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals, pad
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation, AnkleState
 from jgait.estimators.ankle_stride.params import (
@@ -253,7 +254,10 @@ def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleIn
         preparation = prepared(recording, options)
         return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
 
-    return Estimator("ankle_stride", AnkleParams(), TRANSFORMS, ready, pad, run, with_body)
+    def estimated(p: AnkleParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options)
+
+    return Estimator("ankle_stride", AnkleParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
 
 
 def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAULT) -> Estimate:

@@ -12,6 +12,7 @@ from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh, fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.duty_cycled_gyro import model as duty_model
+from jgait.estimators.duty_cycled_gyro.about import ABOUT
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment, SegmentEstimate
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
@@ -198,7 +199,12 @@ def estimator(options: DutyCycledOptions = DEFAULT) -> Estimator[DutyCycledParam
         preparation = prepared(recording, options)
         return Prepared(preparation.inputs, preparation.options, preparation.notes, preparation.standing)
 
-    return Estimator("duty_cycled_gyro", params_of(options), transforms_of(options), ready, pad, run, with_body)
+    def estimated(p: DutyCycledParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options)
+
+    return Estimator(
+        "duty_cycled_gyro", params_of(options), transforms_of(options), ready, pad, run, with_body, ABOUT, estimated
+    )
 
 
 def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, Any]:

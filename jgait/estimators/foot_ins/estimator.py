@@ -10,6 +10,7 @@ from jgait import filtering, params
 from jgait.estimators.foot_ins import dedrift as foot_dedrift
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
+from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, pad
 from jgait.estimators.foot_ins.model import (
     FootControl,
@@ -233,7 +234,10 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
         preparation = prepared(recording, options)
         return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
 
-    return Estimator("foot_ins", FootParams(), TRANSFORMS, ready, pad, run, with_body)
+    def estimated(p: FootParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options)
+
+    return Estimator("foot_ins", FootParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
 
 
 def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT) -> Estimate:

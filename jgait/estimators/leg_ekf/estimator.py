@@ -11,6 +11,7 @@ from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
+from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inclination import Vector
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
@@ -295,7 +296,10 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
         gravity = options.gravity and has_gravity(preparation.inputs)
         return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes, preparation.standing)
 
-    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body)
+    def estimated(p: LegParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options)
+
+    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:

@@ -12,6 +12,7 @@ from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.stride_width_ekf import model as stride_width_model
 from jgait.estimators.stride_width_ekf import readout as stride_width_readout
+from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged, pad
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
@@ -184,7 +185,10 @@ def estimator(
         found = prepare_from_feet(own.time, own.feet, stances, recording.feet_range, options)
         return found._replace(notes=(*own.diagnostics["notes"], *found.notes), standing=own.diagnostics["standing"])
 
-    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, ready, pad, run, with_body)
+    def estimated(p: WidthParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options, foot_params=foot_params, foot_options=foot_options)
+
+    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
 
 
 def estimate(

@@ -11,6 +11,7 @@ from jgait.estimators.interface import Estimator, Prepared, bucket
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist.about import ABOUT
 from jgait.estimators.waist.inputs import WaistInputs, pad
 from jgait.estimators.waist.params import (
     DEFAULT,
@@ -152,7 +153,15 @@ def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistIn
         preparation = prepared(recording, options)
         return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
 
-    return Estimator("waist_ofdri", WaistParams(), TRANSFORMS, ready, pad, run, with_body)
+    def estimated(p: WaistParams, recording: Recording) -> Estimate:
+        return estimate(p, recording, options)
+
+    return Estimator("waist", WaistParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+
+
+def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:
+    """The paper's pipeline as an estimator of its own, `waist_ofdri`."""
+    return estimator(options)._replace(name="waist_ofdri", about=ABOUT._replace(default=PAPER))
 
 
 DOUBTFUL = 0.25

@@ -1,0 +1,90 @@
+"""What the ankle's estimator states about itself."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure, TotalColumn
+from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
+from jgait.estimators.ankle_stride.sensor_axes import axes_of, worn_otherwise
+from jgait.estimators.stride_flags import CLIPPED, HALF, STAIRS, TURNING
+from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
+from jgait.types import SIDES, Estimate, as_float
+
+TAPE_SD = 0.01
+"""[m] Standard deviation of a height over the ankle that was measured with a tape."""
+
+FLAGS = (TURNING, STAIRS, CLIPPED, HALF)
+
+
+def totals(estimate: Estimate) -> list[dict[str, Any]]:
+    """One row for each leg that wore a sensor: totals of its strides; medians are over whole strides."""
+    strides, rows = estimate.strides, []
+    side, half = np.asarray(strides.side), np.asarray(estimate.diagnostics["half"], bool)
+    lasts = as_float(strides.end) - as_float(strides.start)
+    for number, name in enumerate(SIDES):
+        if f"instants_{name}" not in estimate.diagnostics:
+            continue
+        own = side == number
+        whole = own & ~half if np.any(own & ~half) else own
+        flags = {f.name: int(np.sum(np.asarray(estimate.diagnostics[f.name], bool) & own)) for f in FLAGS}
+        rows.append({
+            "side": name,
+            "strides": int(own.sum()),
+            "distance_m": float(as_float(strides.length)[own].sum()),
+            "stride_length_m": median(strides.length, whole),
+            "stride_duration_s": median(lasts, whole),
+            "walking_speed_mps": median(strides.speed, whole),
+            **flags,
+            "lever_m": float(estimate.diagnostics[f"lever_{name}"][2]),
+            "lever_std_m": float(estimate.diagnostics[f"lever_stddev_{name}"][2]),
+            "special": ", ".join(f"{flags[f.name]} {f.word}" for f in FLAGS if flags[f.name]) or "–",
+        })  # fmt: skip
+    return rows
+
+
+def leg_table(estimate: Estimate) -> list[dict[str, Any]]:
+    """The totals without the words for the terminal."""
+    return [{name: value for name, value in row.items() if name != "special"} for row in totals(estimate)]
+
+
+def _lever(p: AnkleParams, _: float) -> AnkleParams:
+    """A lever that was measured is trusted more than a default one."""
+    return p._replace(lever_along_sd=min(TAPE_SD, float(p.lever_along_sd)))
+
+
+_HEIGHT = "height of the sensor over the ankle"
+ABOUT = About(
+    title="Strides from a sensor at the ankle or on the shank",
+    needs="ankle_right_gyr_x … shank_left_acc_z, one leg or both, mounted in any way.",
+    default=DEFAULT,
+    measures=(
+        BodyMeasure("lever_ankle", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor at the ankle", "--lever", 0.03),
+        BodyMeasure("lever_shank", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor on the shank", "--lever", 0.18),
+    ),
+    missing=(
+        MissingMeasure(
+            ("lever_ankle", "lever_shank"),
+            "a sensor at the ankle is taken to sit {p.lever_ankle:g} m above it, one on the shank {p.lever_shank:g} m; "
+            "the walk corrects that a little, and 0.1 m make a stride 3 to 7 cm wrong",
+        ),
+    ),
+    options=(
+        CommandOption(
+            "--lever", f"{_HEIGHT} [m]; 0.03 at the ankle, 0.18 on the shank.", low=-0.05, high=0.2, params=_lever
+        ),
+        CommandOption(
+            "--axes", "which of the sensor's axes should look forward, left and up, such as x,y,z; used only to detect "
+            "sensors that are upside down or on the other leg.", str, parse=axes_of, notes=worn_otherwise,
+        ),
+    ),
+    totals=totals,
+    columns=(
+        TotalColumn("side", "leg"), TotalColumn("strides", "strides", digits=0), DISTANCE, *MEDIANS,
+        TotalColumn("special", "special"),
+    ),
+    caption="length and speed: medians over whole strides; whole tables in the files",
+    tables=(EstimateTable("strides", "strides", json="strides"), EstimateTable("totals", leg_table, json="legs")),
+    figures=(LEG_STRIDES, WAY._replace(when=has_strides)),
+    flags=FLAGS,
+)  # fmt: skip

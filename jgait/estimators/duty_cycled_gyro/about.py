@@ -1,0 +1,157 @@
+"""What the estimator for sleeping gyroscopes states about itself."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.power import GYROSCOPE
+from jgait.duty_cycle.recording import check_filler, schedule_of
+from jgait.estimators.about import (
+    About,
+    CommandOption,
+    EstimatedRecording,
+    EstimateFigure,
+    EstimateTable,
+    Settings,
+    TotalColumn,
+)
+from jgait.estimators.duty_cycled_gyro.params import DEFAULT, PAPER
+from jgait.estimators.totals import JOINT_COLUMNS, NO_LENGTHS, SHANK, THIGH, has_legs, joint_ranges
+from jgait.types import SIDES, Estimate, as_float
+
+WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
+
+UNITS = 10
+"""Most units of a schedule's period."""
+
+SHOWN_S = 15.0
+"""[s] How much of a long recording the figure shows, from a little before the first gap."""
+
+
+def worn(estimate: Estimate) -> list[str]:
+    """Placements of the sensors that were used."""
+    names = [f"{segment}_{side}" for side in SIDES for segment in ("thigh", "shank")]
+    return [name for name in names if f"how_{name}" in estimate.diagnostics]
+
+
+def segments(estimate: Estimate) -> dict[str, Any]:
+    """A row a sample: each sensor's angle with its deviation, the rate that was used and where the rate comes from."""
+    diagnostics = estimate.diagnostics
+    columns: dict[str, Any] = {"time_s": as_float(estimate.time)}
+    for name in worn(estimate):
+        columns |= {
+            f"{name}_angle_deg": np.degrees(as_float(diagnostics[f"angle_{name}"])),
+            f"{name}_angle_std_deg": np.degrees(as_float(diagnostics[f"angle_stddev_{name}"])),
+            f"{name}_gyr_deg_s": np.degrees(as_float(diagnostics[f"gyro_{name}"])),
+            f"{name}_gyr_is": [WORDS[int(how)] for how in diagnostics[f"how_{name}"]],
+        }
+    return columns
+
+
+def numbers(estimate: Estimate) -> dict[str, Any]:
+    """JSON numbers of the whole recording."""
+    diagnostics = estimate.diagnostics
+    how = {name: np.asarray(diagnostics[f"how_{name}"]) for name in worn(estimate)}
+    return {
+        "gyroscope_measured": float(diagnostics["usable_share"]),
+        "gyroscope_energy_saved": float(diagnostics["gyro_energy_saved"]),
+        "mean_power_w": float(diagnostics["mean_power"]),
+        "battery_h_per_wh": float(diagnostics["battery_life"]) / 3600.0,
+        "battery_always_on_h_per_wh": float(diagnostics["battery_life_always_on"]) / 3600.0,
+        "latency_s": float(diagnostics["latency"]),
+        "samples": {
+            name: {word: int(np.sum(kinds == kind)) for kind, word in WORDS.items()} for name, kinds in how.items()
+        },
+    }
+
+
+def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+    known = numbers(estimate)
+    held = [kinds["held"] / sum(kinds.values()) for kinds in known["samples"].values()]
+    life = known["battery_h_per_wh"] / known["battery_always_on_h_per_wh"]
+    return [{**known, "held": float(np.mean(held)), "life": life, **joint_ranges(estimate)}]
+
+
+def shown(estimate: Estimate) -> tuple[float, float] | None:
+    """From and to [s] that the figure shows; None: the whole recording."""
+    time = as_float(estimate.time)
+    if time[-1] - time[0] <= 2.0 * SHOWN_S:
+        return None
+    asleep = np.any([np.asarray(estimate.diagnostics[f"how_{name}"]) == FILLED for name in worn(estimate)], axis=0)
+    start = float(max(time[0], time[int(np.argmax(asleep))] - 0.2 * SHOWN_S))
+    return start, start + SHOWN_S
+
+
+def _drawn(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    return (made.estimate,), {"seconds": shown(made.estimate)}
+
+
+def nearest_duty(duty: float) -> float:
+    """The duty cycle that whole units of the schedule allow.
+
+    Raises:
+        ValueError: for a duty cycle that is none, or that the gyroscope cannot follow.
+    """
+    if 0.0 < duty <= 1.0:
+        duty = float(max(Fraction(duty).limit_denominator(UNITS), Fraction(1, UNITS)))
+    schedule_of(duty, GYROSCOPE)
+    return duty
+
+
+def _remark(duty: float | None) -> str:
+    if duty is None:
+        return "no --duty: gyroscopes sleep only where the file has no samples"
+    near = nearest_duty(duty)
+    if abs(near - duty) < 1e-6:
+        return ""
+    share = Fraction(near).limit_denominator(UNITS)
+    return f"--duty {duty:g} is taken as {share} of the time: on and off last whole units of 1.4 s"
+
+
+def _option(settings: Settings, **changed: Any) -> Settings:
+    return {**settings, "options": settings["options"]._replace(**changed)}
+
+
+def _filler(name: str) -> str:
+    check_filler(name)
+    return name
+
+
+ABOUT = About(
+    title="Hip and knee angles from sensors whose gyroscopes sleep part of the time",
+    needs="the columns of leg_ekf, or those of one segment alone.",
+    default=DEFAULT,
+    paper=PAPER,
+    measures=(THIGH, SHANK),
+    missing=(NO_LENGTHS._replace(text="the default length of 0.43 m is taken"),),
+    options=(
+        CommandOption(
+            "--duty", "part of the time that the shank's gyroscope is on, in tenths, 0.1 to 1; the other samples are "
+            "hidden as if the gyroscope slept.", parse=nearest_duty, remark=_remark,
+            settings=lambda settings, value: _option(settings, schedule=value),
+        ),
+        CommandOption(
+            "--filler", "how gaps are filled, such as neighbours or blend; a wrong name lists all.", str, parse=_filler,
+            settings=lambda settings, value: _option(settings, filler=value),
+        ),
+        CommandOption(
+            "--warm-up", "how long all gyroscopes are on at first [s]; 0.", low=0.0,
+            settings=lambda settings, value: _option(settings, warm_up=value),
+        ),
+    ),
+    totals=_totals,
+    columns=(
+        TotalColumn("gyroscope_measured", "measured", "%", 0, 100.0), TotalColumn("held", "held", "%", 0, 100.0),
+        TotalColumn("gyroscope_energy_saved", "saved", "%", 0, 100.0), TotalColumn("life", "life", "×"), *JOINT_COLUMNS,
+    ),
+    caption=(
+        "gaps filled by {options.filler}; held: too few samples were measured before to fill from; saved: of the "
+        "energy of the gyroscopes; life: of a battery that feeds all sensors, over always on; angles: smallest … "
+        "largest flexion"
+    ),
+    tables=(EstimateTable("segments", segments), EstimateTable("legs", "samples", when=has_legs)),
+    figures=(EstimateFigure("sleeping_gyroscopes", "gyroscopes", arguments=_drawn),),
+    numbers=numbers,
+)  # fmt: skip

@@ -1,0 +1,44 @@
+"""What the foot estimator states about itself."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators.about import About, EstimateFigure, EstimateTable, TotalColumn
+from jgait.estimators.foot_ins.params import DEFAULT
+from jgait.estimators.stride_flags import HALF, TURNING
+from jgait.estimators.totals import DISTANCE, DURATION, LEVEL, MEDIANS, PIVOT, distance, duration, has_strides, median
+from jgait.types import Estimate
+
+
+def totals(estimate: Estimate) -> list[dict[str, Any]]:
+    """Numbers of the whole recording; medians over the valid strides."""
+    rows = np.flatnonzero(np.asarray(estimate.strides.valid, bool))
+    return [{
+        "duration_s": duration(estimate), "distance_m": distance(estimate), "strides": str(rows.size),
+        "stride_length_m": median(estimate.strides.length, rows),
+        "walking_speed_mps": median(estimate.strides.speed, rows),
+    }]  # fmt: skip
+
+
+ABOUT = About(
+    title="Paths and strides of the feet from sensors on the shoes",
+    needs="foot_right_gyr_x … foot_left_acc_z, one foot or both.",
+    default=DEFAULT,
+    measures=(PIVOT,),
+    options=(
+        LEVEL._replace(
+            settings=lambda settings, value: {**settings, "options": settings["options"]._replace(level=value)}
+        ),
+    ),
+    totals=totals,
+    columns=(DURATION, DISTANCE, TotalColumn("strides", "strides"), *MEDIANS),
+    caption="length and speed: medians over the strides",
+    tables=(EstimateTable("feet", "samples"), EstimateTable("strides", "strides")),
+    figures=(
+        EstimateFigure("foot_paths", "paths"),
+        EstimateFigure("foot_height", "height"),
+        EstimateFigure("stride_series", "strides", has_strides),
+    ),
+    flags=(TURNING, HALF),
+)

@@ -1,0 +1,49 @@
+"""What the leg estimator states about itself."""
+
+from typing import Any
+
+from jgait.estimators.about import About, CommandOption, EstimateTable
+from jgait.estimators.leg_ekf.params import DEFAULT, PAPER
+from jgait.estimators.totals import (
+    DISTANCE,
+    DURATION,
+    FOOT_PATH,
+    JOINT_ANGLES,
+    JOINT_COLUMNS,
+    NO_LENGTHS,
+    SHANK,
+    THIGH,
+    WAY,
+    distance,
+    duration,
+    joint_ranges,
+)
+from jgait.types import Estimate
+
+
+def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+    return [{"duration_s": duration(estimate), "distance_m": distance(estimate), **joint_ranges(estimate)}]
+
+
+ABOUT = About(
+    title="Hip and knee angles and distance from sensors on thigh and shank",
+    needs=(
+        "thigh_right_gyr_x … thigh_right_acc_z, likewise shank_right, thigh_left, shank_left; one leg is enough. "
+        "Accelerometers keep the angles correct in turns and on long walks."
+    ),
+    default=DEFAULT,
+    paper=PAPER,
+    measures=(THIGH, SHANK),
+    missing=(NO_LENGTHS,),
+    options=(
+        CommandOption(
+            "--scale", "personal scale of the distance; 1.", low=0.1,
+            params=lambda p, value: p._replace(distance_scale=value),
+        ),
+    ),
+    totals=_totals,
+    columns=(DURATION, DISTANCE, *JOINT_COLUMNS),
+    caption="angles: smallest … largest flexion",
+    tables=(EstimateTable("legs", "samples"),),
+    figures=(JOINT_ANGLES, FOOT_PATH, WAY),
+)  # fmt: skip

@@ -1,0 +1,119 @@
+"""What makes strides special, for all estimators: turns, stairs, clipped swings, half strides, unsure numbers."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators.about import StrideFlag
+from jgait.types import SIDES, Estimate, Strides, as_float
+
+LARGEST_TURN = 0.35
+"""[rad] A stride over which a foot turns by more (20°) belongs to a turn, where the estimator does not state it."""
+
+SHORT_STRIDE = 0.8
+"""A stride at an end of a walking bout that is shorter than this share of the median begins or ends in standing."""
+
+FEWEST_STRIDES = 3
+"""Strides of a leg from which on their median length is used."""
+
+
+def stated(estimate: Estimate, name: str) -> np.ndarray | None:
+    """(strides,) bool, the flag of this name in the diagnostics; None where the diagnostics do not have it."""
+    values = estimate.diagnostics.get(name)
+    if values is None or estimate.strides is None or np.shape(values) != np.shape(estimate.strides.side):
+        return None
+    return np.asarray(values, bool)
+
+
+def in_order(estimate: Estimate) -> np.ndarray:
+    """(rows,) int, the valid strides in the order in which they start, as in the table of strides."""
+    strides = estimate.strides
+    valid = np.flatnonzero(np.asarray(strides.valid, bool))
+    first = as_float(strides.standing if strides.start is None else strides.start)
+    return valid[np.argsort(first[valid], kind="stable")]
+
+
+def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.ndarray]:
+    """Flag → (rows,) bool for every row of the table of strides; flags that the estimate does not state have none."""
+    if estimate.strides is None:
+        return {}
+    order = in_order(estimate)
+    read = {flag.name: flag.read(estimate) for flag in flags}
+    return {name: np.asarray(values, bool)[order] for name, values in read.items() if values is not None}
+
+
+def _turning(estimate: Estimate) -> Any:
+    known = stated(estimate, "turning")
+    if known is not None or estimate.strides.turn is None:
+        return known
+    return np.abs(np.nan_to_num(as_float(estimate.strides.turn))) > LARGEST_TURN
+
+
+def _half(estimate: Estimate) -> Any:
+    known, strides = stated(estimate, "half"), estimate.strides
+    if known is not None or strides.start is None or strides.end is None:
+        return known
+    order = in_order(estimate)
+    found = np.zeros(np.size(strides.side), bool)
+    found[order] = half_strides(strides, order)
+    return found
+
+
+def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
+    """(rows,) bool, strides from or to standing: without a contact before, or short at the end of a walking bout."""
+    start, end, length = (as_float(values)[order] for values in (strides.start, strides.end, strides.length))
+    side = np.asarray(strides.side)[order]
+    half = np.zeros(order.size, bool)
+    if strides.final_contact is not None:
+        half |= np.nan_to_num(as_float(strides.final_contact)[order] - start, nan=1.0) <= 0.0
+    for leg in range(len(SIDES)):
+        rows = np.flatnonzero(side == leg)
+        if rows.size < FEWEST_STRIDES:
+            continue
+        apart = start[rows][1:] - end[rows][:-1] > 0.5 * np.median(end[rows] - start[rows])
+        ends = np.concatenate([[True], apart]) | np.concatenate([apart, [True]])
+        half[rows] |= ends & (length[rows] < SHORT_STRIDE * np.median(length[rows]))
+    return half
+
+
+def _unsure(estimate: Estimate) -> Any:
+    # where the pendulum measures the speed, an unsure integration does no harm
+    return None if "pendulum_constant" in estimate.diagnostics else stated(estimate, "unsure")
+
+
+def _width(estimate: Estimate) -> Any:
+    trusted = stated(estimate, "width_valid")
+    return None if trusted is None else ~trusted & np.isfinite(as_float(estimate.strides.width))
+
+
+TURNING = StrideFlag(
+    "turning", "turning", "in a turn",
+    "Turns shorten the path of one foot and lengthen the path of the other; these strides are not in the means below.",
+    _turning, regular=False, grade="info",
+)  # fmt: skip
+STAIRS = StrideFlag(
+    "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means below.",
+    lambda estimate: stated(estimate, "stairs"), regular=False, grade="info",
+)  # fmt: skip
+CLIPPED = StrideFlag(
+    "clipped", "clipped", "swing clipped",
+    "The swing was faster than the sensor's range, so the stride length is too small. Not in the means below.",
+    lambda estimate: stated(estimate, "clipped"), regular=False,
+)  # fmt: skip
+HALF = StrideFlag(
+    "half", "half-step", "from or to standing",
+    "Steps from or to standing are about half a stride long; they are not in the means below.",
+    _half, regular=False, grade="info",
+)  # fmt: skip
+UNSURE = StrideFlag(
+    "unsure", "speed by integration unsure", "speed unsure",
+    "The integrated speed is unsure, because the error of the accelerometer's bias had time to grow.", _unsure,
+)  # fmt: skip
+WIDTH = StrideFlag(
+    "width", "width unsure", "width unsure",
+    "The distance between the feet is not known well enough there; these widths are not in the means below.",
+    _width, leaves_out=("stride_width_m", "step_length_m"),
+)  # fmt: skip
+
+STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, WIDTH)
+"""All flags, for estimates whose estimator is not known."""

@@ -1,0 +1,67 @@
+"""What the stride width estimator states about itself."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators import foot_ins
+from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, Settings, TotalColumn
+from jgait.estimators.foot_ins.about import ABOUT as FOOT
+from jgait.estimators.stride_flags import WIDTH
+from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER
+from jgait.estimators.totals import LEVEL, PIVOT, median
+from jgait.types import Estimate, as_float
+
+
+def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+    """As of the feet, with the median width of the strides whose width can be trusted and their number."""
+    width = 100.0 * as_float(estimate.strides.width)
+    good = np.isfinite(width) & np.asarray(estimate.strides.valid, bool)
+    good &= np.asarray(estimate.diagnostics.get("width_valid", good), bool)
+    middle = median(width, good)
+    cell = f"{'–' if middle is None else f'{middle:.1f}'} ({int(good.sum())})"
+    return [{**row, "stride_width_cm": cell} for row in FOOT.totals(estimate)]
+
+
+def _level(settings: Settings, value: bool | str) -> Settings:
+    options = settings.get("foot_options", foot_ins.DEFAULT)
+    return {**settings, "foot_options": options._replace(level=value)}
+
+
+def _pivot(settings: Settings, value: float) -> Settings:
+    params = settings.get("foot_params", foot_ins.FootParams())
+    return {**settings, "foot_params": foot_ins.with_body(params, {"pivot_height": value})}
+
+
+ABOUT = FOOT._replace(
+    title="Paths, strides and stride widths from sensors on both shoes",
+    needs=(
+        "foot_right_gyr_x … foot_left_acc_z, and feet_range [m], the distance between the feet, empty where none was "
+        "measured."
+    ),
+    default=DEFAULT,
+    paper=PAPER,
+    measures=(
+        BodyMeasure(
+            "range_offset", "m", -0.2, 0.4, "how much farther apart the feet are than the measured range",
+            "--range-offset", 0.08,
+        ),
+    ),
+    missing=(
+        MissingMeasure(
+            ("range_offset",), "the default of {p.range_offset:g} m is taken, and widths are off by its error"
+        ),
+    ),
+    options=(
+        CommandOption("--pivot", f"{PIVOT.meaning} [m]; 0.08.", low=PIVOT.low, high=PIVOT.high, settings=_pivot),
+        LEVEL._replace(settings=_level),
+    ),
+    totals=_totals,
+    columns=(*FOOT.columns, TotalColumn("stride_width_cm", "stride width", "cm")),
+    caption="medians over the strides; widths over those that can be trusted, whose number is in brackets",
+    figures=(
+        *FOOT.figures,
+        EstimateFigure("two_feet", "widths", lambda made: bool(np.isfinite(as_float(made.strides.width)).any())),
+    ),
+    flags=(*FOOT.flags, WIDTH),
+)  # fmt: skip

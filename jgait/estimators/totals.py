@@ -1,0 +1,90 @@
+"""Measures, totals and figures that several estimators share in their `about`."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, TotalColumn
+from jgait.types import SIDES, Estimate, as_float
+
+THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
+SHANK = BodyMeasure("shank_length", "m", 0.2, 0.7, "shank length, knee to ankle", "--shank", 0.43)
+NO_LENGTHS = MissingMeasure(
+    ("thigh_length", "shank_length"),
+    "the default length of 0.43 m is taken, and distances are in proportion to it",
+)  # fmt: skip
+PIVOT = BodyMeasure(
+    "pivot_height", "m", 0.0, 0.3, "height of the sensor over the ball of the foot", "--pivot", 0.08
+)  # fmt: skip
+
+LEVELS: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
+"""Word of the command line → `FootOptions.level`."""
+
+
+def level_of(text: str) -> bool | str:
+    """What is known of the ground, from the word of the command line.
+
+    Raises:
+        ValueError: for a word that is none of `LEVELS`.
+    """
+    if text not in LEVELS:
+        raise ValueError(f"--level is {', '.join(LEVELS)}; got {text!r}")
+    return LEVELS[text]
+
+
+LEVEL = CommandOption(
+    "--level", "whether the ground is level: yes, no, or auto, which the rise of the strides decides.", str,
+    parse=level_of,
+)  # fmt: skip
+"""Needs `settings` of the estimator."""
+
+DURATION = TotalColumn("duration_s", "duration", "s", 1)
+DISTANCE = TotalColumn("distance_m", "distance", "m")
+JOINT_COLUMNS = tuple(TotalColumn(f"{joint}_{side}_deg", f"{joint} {side}", "°", 0)
+                      for side in SIDES for joint in ("hip", "knee"))  # fmt: skip
+MEDIANS = (TotalColumn("stride_length_m", "length", "m"), TotalColumn("walking_speed_mps", "speed", "m/s"))
+
+
+def has_strides(estimate: Estimate) -> bool:
+    """Whether any stride is valid."""
+    return estimate.strides is not None and bool(np.any(estimate.strides.valid))
+
+
+def has_legs(estimate: Estimate) -> bool:
+    """Whether the angles of any leg are known."""
+    return any(leg is not None for leg in estimate.legs)
+
+
+JOINT_ANGLES = EstimateFigure("joint_angles", "angles")
+FOOT_PATH = EstimateFigure("foot_path", "foot_path")
+WAY = EstimateFigure("distance", "distance")
+LEG_STRIDES = EstimateFigure("leg_strides", "strides", has_strides)
+
+
+def duration(estimate: Estimate) -> float:
+    """From the first sample to the last [s]."""
+    return float(estimate.time[-1] - estimate.time[0])
+
+
+def distance(estimate: Estimate) -> float | None:
+    """Distance walked [m]; None where it is not estimated."""
+    return None if estimate.distance is None else float(estimate.distance[-1])
+
+
+def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
+    """Smallest and largest flexion [°] of each joint; None for a leg without sensors."""
+    found: dict[str, tuple[float, float] | None] = {}
+    for side, leg in zip(SIDES, estimate.legs, strict=True):
+        for joint in ("hip", "knee"):
+            angle = None if leg is None else np.degrees(as_float(getattr(leg, f"{joint}_angle")))
+            found[f"{joint}_{side}_deg"] = None if angle is None else (float(np.min(angle)), float(np.max(angle)))
+    return found
+
+
+def median(values: Any, rows: Any = slice(None)) -> float | None:
+    """Median of the values that are known; None where there are none."""
+    if values is None:
+        return None
+    known = as_float(values)[rows]
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if known.size else None

@@ -1,0 +1,91 @@
+"""What the waist's estimator states about itself."""
+
+from typing import Any
+
+import numpy as np
+
+from jgait.estimators.about import (
+    About,
+    BodyMeasure,
+    EstimatedRecording,
+    EstimateFigure,
+    EstimateTable,
+    MissingMeasure,
+    TotalColumn,
+)
+from jgait.estimators.stride_flags import TURNING, UNSURE
+from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
+from jgait.estimators.waist.params import DEFAULT, PAPER
+from jgait.types import SIDES, Estimate, as_float
+
+LONGEST_STEP = 1.5
+"""[s] Contacts that are farther apart do not belong to one walking bout."""
+
+
+def contacts(estimate: Estimate) -> dict[str, Any]:
+    """The initial contacts: time [s] and side."""
+    sides = [SIDES[int(side)] for side in estimate.diagnostics["initial_contact_side"]]
+    return {"time_s": as_float(estimate.diagnostics["initial_contact"]), "side": sides}
+
+
+def totals(estimate: Estimate) -> list[dict[str, Any]]:
+    """Numbers of the whole recording."""
+    strides, diagnostics = estimate.strides, estimate.diagnostics
+    times = as_float(diagnostics["initial_contact"])
+    steps = np.diff(times)
+    steps = steps[steps < LONGEST_STEP]
+    flags = {flag.name: flag.read(estimate) for flag in (TURNING, UNSURE)}
+    return [{
+        "contacts": int(times.size),
+        "strides": int(np.size(strides.side)),
+        "distance_m": float(estimate.distance[-1]),
+        "distance_std_m": float(diagnostics["distance_stddev"][-1]),
+        "stride_length_m": median(strides.length),
+        "walking_speed_mps": median(strides.speed),
+        "cadence_spm": float(60.0 / np.median(steps)) if steps.size else None,
+        **{name: int(np.sum(values)) for name, values in flags.items() if values is not None},
+    }]  # fmt: skip
+
+
+def _drawn(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    # an estimate does not contain the accelerations over which contacts are drawn
+    return (made.recording, made.estimate), {"p": made.params, "options": made.settings["options"]}
+
+
+ABOUT = About(
+    title="Contacts, strides and distance from one sensor at the waist",
+    needs="waist_gyr_x … waist_acc_z (or lower_back, or pelvis), mounted in any way.",
+    default=DEFAULT,
+    paper=PAPER,
+    measures=(
+        BodyMeasure("height", "m", 0.8, 2.4, "height of the person", "--height", parameter="pendulum_length"),
+        BodyMeasure(
+            "sensor_height", "m", 0.4, 1.6, "height of the sensor above the ground", "--sensor-height", 0.97,
+            parameter="pendulum_length",
+        ),
+    ),
+    missing=(
+        MissingMeasure(
+            ("height", "sensor_height"),
+            "the sensor is taken to be {p.pendulum_length:g} m above the ground; a tenth of it more makes steps about "
+            "5 % longer",
+            any_one=True,
+        ),
+    ),
+    totals=totals,
+    columns=(
+        TotalColumn("contacts", "contacts", digits=0), TotalColumn("strides", "strides", digits=0), DISTANCE,
+        TotalColumn("distance_std_m", "±", "m"), *MEDIANS, TotalColumn("cadence_spm", "steps", "1/min", 0),
+    ),
+    caption="distance with its standard deviation; length and speed: medians over strides; whole tables in the files",
+    tables=(EstimateTable("contacts", contacts, json="contacts"), EstimateTable("strides", "strides", json="strides")),
+    figures=(
+        LEG_STRIDES,
+        WAY._replace(when=has_strides),
+        EstimateFigure(
+            "trunk_contacts", "contacts", lambda made: bool(np.size(made.diagnostics["initial_contact"])), _drawn
+        ),
+    ),
+    flags=(TURNING, UNSURE),
+    numbers=lambda estimate: {"totals": totals(estimate)[0]},
+)  # fmt: skip
