@@ -15,7 +15,8 @@ from jgait import datasets, params, tune
 from jgait.commands import demonstration as demo
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
-from jgait.evaluate.windows import FIELDS, Judged, judge, leg_loss
+from jgait.evaluate import FIELDS
+from jgait.evaluate.windows import Judged, judge
 from jgait.simulate import protocols
 from jgait.types import SIDES, Recording, RecordingError, as_float
 
@@ -123,8 +124,9 @@ def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
         tune.lessons(leg_ekf.estimator(options), [walk], own=datasets.body, windows=tune.named_windows(look)).one(0)
         for look in ("straight_1", "straight_2")
     )
+    loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, options, (("trajectory", 1.0), ("distance", 1.0)))
     fit = tune.fit(
-        lambda q, one: leg_loss(q, one, options), p,
+        loss, p,
         params.freed(leg_ekf.TRANSFORMS, "standing_hip", "standing_knee", "thigh_gain", "distance_scale"),
         item, optax.adam(0.03), steps=80, batched=False,
     )  # fmt: skip

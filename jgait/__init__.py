@@ -16,8 +16,7 @@ from jgait.types import (
     Walk,
     leg_of,
 )
-
-__version__ = "0.1.0"
+from jgait.version import __version__
 
 __all__ = [
     "PLACEMENTS",

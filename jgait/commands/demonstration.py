@@ -14,7 +14,8 @@ import optax
 from jgait import datasets, params, plot, tune
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
-from jgait.evaluate.windows import FIELDS, Judged, judge, leg_loss
+from jgait.evaluate import FIELDS
+from jgait.evaluate.windows import Judged, judge
 from jgait.simulate import protocols
 from jgait.types import SIDES, Estimate, Walk
 
@@ -145,8 +146,8 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
 
 
-def _loss(p: LegParams, item: tune.Lesson) -> Any:
-    return leg_loss(p, item, OPTIONS)
+_loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, OPTIONS, (("trajectory", 1.0), ("distance", 1.0)))
+"""The trajectory's error in squared degrees and centimetres, plus the squared percent error of the distance."""
 
 
 def _walking(walk: Walk, prepared: Prepared[Any]) -> tune.Windows:

@@ -83,7 +83,7 @@ def simulate(
 
 def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
     """What of the sensors was asked for; leaves with 2 where there is no such thing."""
-    import jgait.sensors as worn_sensors
+    from jgait.simulate import sensors as worn_sensors
     from jgait.types import PLACEMENTS
 
     known = {name.lower(): one for name, one in vars(worn_sensors).items()

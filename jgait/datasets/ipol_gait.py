@@ -257,9 +257,10 @@ def _intervals(
 def _person(about: dict[str, Any]) -> dict[str, Any]:
     def number(key: str, factor: float) -> float | None:
         value = about.get(key)
-        # upstream writes NaN for a measure that it does not know
-        known = isinstance(value, (int, float)) and math.isfinite(value) and value > 0
-        return float(value) * factor if known else None
+        # Upstream writes NaN for a measure that it does not know.
+        if not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
+            return None
+        return float(value) * factor
 
     return {
         "height": number("Height", 0.01), "mass": number("Weight", 1.0), "age": number("Age", 1.0),

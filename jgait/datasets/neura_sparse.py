@@ -26,16 +26,13 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError, Walk
+from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
+from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
 LAG = 2  # samples by which the IMU follows Vicon
 ROOT = "data/sample"
 LIST = f"{ROOT}/data-list.csv"
-HEADING_CUTOFF_HZ = 1.0
-PATH_SMOOTHING = (
-    0.2  # [s] width of a Gaussian: it damps sway, and does not ring when walking starts as Butterworth does
-)
 
 SERIALS = {
     "pelvis": "00B40B91",
@@ -174,14 +171,6 @@ def _read_contact(name: str) -> tuple[dict[str, np.ndarray], bool]:
     return {"right": table["stepR"].to_numpy() == 1, "left": table["stepL"].to_numpy() == 1}, known
 
 
-def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float = RATE_HZ) -> np.ndarray:
-    """Second-order Butterworth, forwards and backwards along the first axis: no delay."""
-    from scipy.signal import butter, filtfilt
-
-    numerator, denominator = butter(2, cutoff_hz / (rate_hz / 2))
-    return filtfilt(numerator, denominator, values, axis=0)
-
-
 def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
     """Where the pelvis faces in the horizontal plane, low-passed at 1 Hz without delay.
 
@@ -194,29 +183,7 @@ def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
         (T,) [rad], unwrapped, counter-clockwise from x.
     """
     to_right = vicon["RASI"] - vicon["LASI"] + vicon["RPSI"] - vicon["LPSI"]
-    return low_pass(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), HEADING_CUTOFF_HZ)
-
-
-def leg_in_plane(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, heading: np.ndarray) -> LegTrajectory:
-    """Joint centres projected on the vertical plane through the heading.
-
-    Args:
-        hip: (T, 3) [m], z up.
-        knee: (T, 3) [m].
-        ankle: (T, 3) [m].
-        heading: (T,) [rad] of the plane.
-
-    Returns:
-        The leg's angles [rad] and the ankle relative to the hip [m].
-    """
-
-    def forward(vector: np.ndarray) -> np.ndarray:
-        return vector[:, 0] * np.cos(heading) + vector[:, 1] * np.sin(heading)
-
-    thigh, shank, leg = knee - hip, ankle - knee, ankle - hip
-    thigh_angle = np.unwrap(np.arctan2(forward(thigh), -thigh[:, 2]))
-    shank_angle = np.unwrap(np.arctan2(forward(shank), -shank[:, 2]))
-    return LegTrajectory(thigh_angle, thigh_angle - shank_angle, forward(leg), leg[:, 2])
+    return low_pass_heading(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), RATE_HZ)
 
 
 def forward_path(position: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -280,7 +247,7 @@ def _reference(
         for key, marker in (("heel", "HEE"), ("toe", "TOE")):
             if side[0].upper() + marker in vicon:
                 centres[side][key] = vicon[side[0].upper() + marker]
-    smooth = gaussian_filter1d(pelvis, PATH_SMOOTHING * RATE_HZ, axis=0, mode="nearest")
+    smooth = gaussian_filter1d(pelvis, PATH_SMOOTHING_S * RATE_HZ, axis=0, mode="nearest")
     path = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
     estimate = Estimate(
         time=np.arange(len(heading)) / RATE_HZ,

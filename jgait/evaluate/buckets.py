@@ -193,7 +193,7 @@ def evaluated(job: Job, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
     if before is not None:
         yield _finished(job, *before, failures)
     if failures:
-        yield _tables([], failures)
+        yield tables([], failures)
 
 
 def _full(job: Job, items: Iterable[tuple[str, Any]], failures: list[Failed]) -> Generator[list[Ready]]:
@@ -244,7 +244,7 @@ def _finished(job: Job, bucket: list[Ready], result: Any, failures: list[Failed]
             except Exception as error:
                 bad = f"score: {reason_of(error)}"
         failures.append(Failed(ready.name, ready.walk.recording.subject, bad))
-    part = _tables(good, failures)
+    part = tables(good, failures)
     failures.clear()
     return part
 
@@ -274,7 +274,7 @@ def _unusable(estimate: Estimate) -> str | None:
     return None
 
 
-def _tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -> Cohort:
+def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -> Cohort:
     """The rows of a batch."""
     from jgait.evaluate.statistics import with_errors
 

@@ -7,15 +7,15 @@ from typing import Any
 
 import jax
 
-import jgait
 from jgait.estimators.interface import Estimator
-from jgait.evaluate import devices as spread
-from jgait.evaluate import scores
+from jgait.evaluate import devices, scores
 from jgait.evaluate.buckets import Job, evaluated
+from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, Memory, described
 from jgait.params import check_params
 from jgait.types import Estimate, Walk
+from jgait.version import __version__
 
 Progress = Callable[[int, int], None]
 """Called after every batch with the recordings finished in this run, and those among them that failed."""
@@ -107,7 +107,7 @@ def cohort(
     params = estimator.params if params is None else params
     if not callable(params):
         check_params(params, estimator.transforms)
-    local = spread.checked_mesh(mesh)
+    local = devices.checked_mesh(mesh)
     if isinstance(items, Sized):
         batch = min(batch, max(1, -(-len(items) // processes)))
     if local is not None:
@@ -117,14 +117,14 @@ def cohort(
     store = Memory() if out is None else Folder(Path(out), _description(job), rank)
     named = _named(items, read is not None, store.done(), rank, processes)
     finished = failed = 0
-    with closing(evaluated(job, named) if client is None else spread.on_dask(job, named, client)) as parts:
+    with closing(evaluated(job, named) if client is None else on_dask(job, named, client)) as parts:
         for part in parts:
             store.append(part)
             finished += len(part.recordings) + len(part.failures)
             failed += len(part.failures)
             if progress is not None:
                 progress(finished, failed)
-    spread.barrier("jgait.evaluate.cohort")
+    devices.barrier("jgait.evaluate.cohort")
     return store.tables()
 
 
@@ -148,7 +148,7 @@ def _description(job: Job) -> dict[str, str]:
     """What the results in a folder depend on, in words; how they are computed (batch, devices) is not part of it."""
     estimator = job.estimator
     return {
-        "jgait": jgait.__version__,
+        "jgait": __version__,
         "estimator": estimator.name,
         "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.pad, estimator.run)),
         "params": described(job.params),

@@ -1,16 +1,11 @@
-"""Judging the leg estimator: errors in named windows of a walk, and the loss that tunes towards them."""
+"""Errors of an estimate within a window of a walk, relative to standing."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators import leg_ekf
-from jgait.estimators.leg_ekf import LegOptions, LegParams
-from jgait.evaluate import FIELDS, distance_error, trajectory_errors
-from jgait.tune import Lesson, Objective
+from jgait.evaluate.errors import distance_error, trajectory_errors
 from jgait.types import SIDES, Estimate, as_float
-
-__all__ = ["FIELDS", "Judged", "judge", "leg_loss"]
 
 
 class Judged(NamedTuple):
@@ -74,18 +69,3 @@ def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, sti
                 error = error - error[still].mean()
             inside.append(np.abs(error[look]) <= 2.0 * spread[look])
     return float(np.mean(np.concatenate(inside)))
-
-
-def leg_loss(p: LegParams, item: Lesson, options: LegOptions = leg_ekf.DEFAULT) -> Any:
-    """Trajectory error in squared degrees and centimetres, plus the squared percent error of the distance.
-
-    Args:
-        p: parameters; leg lengths are the person's own where the lesson knows them.
-        item: the walk.
-        options: as of `leg_ekf.run`.
-
-    Returns:
-        A scalar [1].
-    """
-    terms = (("trajectory", 1.0), ("distance", 1.0))
-    return Objective(leg_ekf.run, leg_ekf.with_body, options, terms)(p, item)

@@ -17,8 +17,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
-from jax import Array, lax
+from jax import Array
 from jax.typing import ArrayLike
 
 from jgait.geometry.vectors import GRAVITY
@@ -195,58 +194,6 @@ def zero_velocity(
     statistic, default, _ = DETECTORS[detector]
     value = statistic(rate, force, sampling_rate_hz, window_s=window_s, mask=mask, gravity=gravity)
     return value < jnp.asarray(default if threshold is None else threshold, value.dtype)
-
-
-def eroded(flags: ArrayLike, samples: int) -> Array:
-    """True where all samples up to so many before and after are True: stretches lose that much at either end.
-
-    A stretch that reaches the first or last sample is not cut there, for it may go on outside.
-
-    Args:
-        flags: (T,) bool.
-        samples: how many [samples]; static under jit.
-
-    Returns:
-        (T,) bool.
-
-    Raises:
-        ValueError: if `samples` is negative.
-    """
-    kept = _flags(flags, samples)
-    return _all_within(jnp.pad(kept, (samples, samples), constant_values=True), 2 * samples + 1)
-
-
-def opened(flags: ArrayLike, samples: int) -> Array:
-    """The flags without stretches of True shorter than so many samples; longer ones stay as they are.
-
-    Args:
-        flags: (T,) bool.
-        samples: the shortest that stays [samples]; static under jit.
-
-    Returns:
-        (T,) bool.
-
-    Raises:
-        ValueError: if `samples` is negative.
-    """
-    kept = _flags(flags, samples)
-    reach = max(samples - 1, 0)
-    starts = _all_within(jnp.pad(kept, (reach, reach)), reach + 1)
-    return ~_all_within(~starts, reach + 1)
-
-
-def _all_within(flags: Array, size: int) -> Array:
-    """Whether all of `size` samples in a row are True, for each place where so many are: T − size + 1 of them."""
-    return lax.reduce_window(flags, np.array(True), lax.bitwise_and, (size,), (1,), "valid")
-
-
-def _flags(flags: ArrayLike, samples: int) -> Array:
-    found = jnp.asarray(flags)
-    if found.ndim != 1 or found.dtype != jnp.bool_:
-        raise ValueError(f"flags must be (T,) bool; got {found.shape} of {found.dtype}")
-    if samples < 0:
-        raise ValueError(f"samples must not be negative; got {samples}")
-    return found
 
 
 class _Window(NamedTuple):

@@ -17,7 +17,7 @@ from jax import lax
 from jax.extend.core import Literal
 
 from jgait.filtering.components import Matrix, known
-from jgait.filtering.trigonometry import sincos
+from jgait.geometry.trigonometry import sincos
 
 EXPENSIVE = frozenset({
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cosh", "div", "erf", "erf_inv", "exp", "exp2",

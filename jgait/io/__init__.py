@@ -6,10 +6,11 @@ structure, its clock or its units make useless raises `RecordingError`; what is 
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes, validate
-from jgait.io.dialects import recording_from_gaitmap, recording_from_mobgap
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
-from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
+from jgait.io.formats.c3d import read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
+from jgait.io.formats.capture import Capture, CaptureEvent
+from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
 from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read

@@ -2,7 +2,7 @@
 
 import re
 
-from jgait.io.formats.parts import placement_of
+from jgait.types import PLACEMENTS
 
 KINDS = {
     "gyr": ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel"),
@@ -28,6 +28,44 @@ TIMES = (
 
 NOT_RAW = ("free", "linear", "user", "filtered")
 """Words for signals that gravity was taken off, or that are not what a sensor read."""
+
+
+WORDS = {
+    "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
+    "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
+    "thigh": "thigh", "upperleg": "thigh", "femur": "thigh", "shank": "shank", "lowerleg": "shank", "tibia": "shank",
+    "shin": "shank", "ankle": "ankle", "foot": "foot", "feet": "foot", "shoe": "foot", "instep": "foot",
+    "calcn": "foot",
+}  # fmt: skip
+"""What measuring systems call the places of sensors; the longest word that fits counts."""
+
+
+def placement_of(label: str) -> str | None:
+    """Where a sensor sat, from the name that it was given; None where the name does not tell.
+
+    Args:
+        label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
+
+    Returns:
+        A member of `jgait.types.PLACEMENTS`, or None.
+    """
+    plain = label.strip().lower().replace("-", "_").replace(" ", "_")
+    if plain in PLACEMENTS:
+        return plain
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label.strip())
+    tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
+    sides = {side for side, words in (("right", ("right", "r", "re")), ("left", ("left", "l", "le")))
+             for word in words if word in tokens}  # fmt: skip
+    joined = "".join(tokens)
+    if not sides:
+        sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
+    words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
+    if not words or len(sides) > 1:
+        return None
+    place = WORDS[words[0]]
+    if place in PLACEMENTS:
+        return place
+    return f"{place}_{next(iter(sides))}" if sides else None
 
 
 def column_of(name: str) -> str | None:

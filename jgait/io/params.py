@@ -11,8 +11,8 @@ from typing import Any
 
 import jax
 
-import jgait
 from jgait.io.atomic import write_text
+from jgait.version import __version__
 
 FORMAT = 1
 
@@ -81,7 +81,7 @@ def write_params(
         if spread is not None and math.isfinite(spread):
             rows[name]["stderr"] = float(spread)
     whole = {
-        "format": FORMAT, "jgait": jgait.__version__, "estimator": estimator, "parameters": rows,
+        "format": FORMAT, "jgait": __version__, "estimator": estimator, "parameters": rows,
         "made": dict(made or {}),
     }  # fmt: skip
     return write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.atomic import replaced
-from jgait.io.formats.files import library
+from jgait.io.files import library
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-import jgait
 from jgait.report.page import Cell, Table, significant
+from jgait.version import __version__
 
 
 class Made(NamedTuple):
@@ -32,7 +32,7 @@ class Made(NamedTuple):
     file: str = ""
     command: str = ""
     notes: tuple[str, ...] = ()
-    version: str = jgait.__version__
+    version: str = __version__
 
     def settings(self) -> list[tuple[str, str]]:
         """Name → value, for the end of the page."""

@@ -167,7 +167,7 @@ def rendered(content: Content) -> str:
         from markupsafe import Markup
     except ImportError as missing:
         raise ImportError(f"reports need the extra cli: pip install 'jgait[cli]' ({missing})") from missing
-    import jgait
+    from jgait.version import __version__
 
     folder = resources.files("jgait.report") / "templates"
     style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
@@ -182,7 +182,7 @@ def rendered(content: Content) -> str:
     )
     return environment.get_template("page.html").render(
         page=content, style=Markup(style), script=Markup(script), digest=digest, grades=GRADES,
-        version=jgait.__version__,
+        version=__version__,
     )  # fmt: skip
 
 

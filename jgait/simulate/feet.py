@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jgait.filtering.trigonometry import sincos
+from jgait.geometry.trigonometry import sincos
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.person import Body, Gait
 from jgait.simulate.smooth import bump, glide, step

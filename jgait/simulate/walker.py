@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jgait.filtering.trigonometry import sincos
 from jgait.geometry.segments import Frame, Motion, Segments, differentiated
+from jgait.geometry.trigonometry import sincos
 from jgait.geometry.vectors import Vector, add, cross, dot, kept, scale, subtract
 from jgait.simulate.feet import Foot, Foothold, moving_foot, standing_foot
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead

@@ -67,24 +67,6 @@ def mean_squared(estimate: Any, reference: Any, valid: Any = None) -> Any:
     return masked_mean(_difference(estimate, reference, valid) ** 2, valid)
 
 
-def mean_squared_angle(estimate: Any, reference: Any, valid: Any = None) -> Any:
-    """Mean squared difference of angles, each taken the short way round.
-
-    Args:
-        estimate: (T,) [rad].
-        reference: (T,) [rad].
-        valid: (T,) bool, or None for all.
-
-    Returns:
-        A scalar [rad²]; 0 if nothing is valid.
-
-    Raises:
-        ValueError: if the shapes differ.
-    """
-    difference = _difference(estimate, reference, valid)
-    return masked_mean(jnp.arctan2(jnp.sin(difference), jnp.cos(difference)) ** 2, valid)
-
-
 def _window(estimate: Estimate, reference: Estimate, window: Any) -> Any:
     """Where both say something and the caller looks."""
     both = jnp.asarray(estimate.valid) & jnp.asarray(reference.valid)
@@ -240,21 +222,3 @@ def negative_log_likelihood(posterior: Any, valid: Any = None) -> Any:
     total = jnp.sum(jnp.where(use, terms, jnp.zeros_like(terms)))
     count = jnp.sum(jnp.where(use, posterior.count, jnp.zeros_like(posterior.count)), dtype=terms.dtype)
     return -total / jnp.maximum(count, 1.0)
-
-
-def weighted_sum(terms: dict[str, Any], weights: dict[str, Any]) -> Any:
-    """Σ weight · term by name.
-
-    Args:
-        terms: name → scalar.
-        weights: name → scalar, for the same names.
-
-    Returns:
-        A scalar.
-
-    Raises:
-        ValueError: if the names differ, or there are none.
-    """
-    if not terms or set(terms) != set(weights):
-        raise ValueError(f"terms and weights must have the same names; got {sorted(terms)} and {sorted(weights)}")
-    return jax.tree.reduce(jnp.add, [weights[name] * terms[name] for name in sorted(terms)])

@@ -13,8 +13,7 @@ from made.cohort import FAKE, TRACED, Params, read, run, walk
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import prepare as leg_calibration
-from jgait.evaluate import buckets, scores
-from jgait.evaluate import devices as spread
+from jgait.evaluate import buckets, devices, scores
 from jgait.evaluate.store import Folder, described
 from jgait.signal import windows as signal
 from jgait.simulate import protocols
@@ -404,7 +403,7 @@ def test_refusals_say_what_was_wrong():
     with pytest.raises(ValueError, match=r"'scale' must lie in \(0, inf\); got -1"):
         evaluate.cohort(FAKE, [], Params(-1.0))
     with pytest.raises(ValueError, match="one axis"):
-        spread.checked_mesh(jax.make_mesh((1, 1), ("a", "b"), axis_types=(jax.sharding.AxisType.Auto,) * 2))
+        devices.checked_mesh(jax.make_mesh((1, 1), ("a", "b"), axis_types=(jax.sharding.AxisType.Auto,) * 2))
     assert evaluate.cohort(FAKE, []).recordings.empty
     broken = FAKE._replace(run=lambda p, inputs, options: run(p, inputs.missing, options))
     with pytest.raises(AttributeError, match="missing") as caught:

@@ -15,7 +15,7 @@ import pytest
 from made.cohort import FAKE, read, read_or_die, walk
 
 from jgait import evaluate
-from jgait.evaluate import devices as spread
+from jgait.evaluate import devices
 
 TESTS = Path(__file__).parents[1]
 
@@ -35,7 +35,6 @@ def test_devices_share_each_batch(tmp_path):
 import jax
 from made.cohort import FAKE, TRACED, read
 from jgait import evaluate
-from jgait.evaluate import spread
 mesh = jax.make_mesh((4,), ("recordings",), axis_types=(jax.sharding.AxisType.Auto,))
 jax.config.update("jax_numpy_rank_promotion", "raise")
 tables = evaluate.cohort(FAKE, range(18), read=read, out={str(tmp_path / "four")!r}, batch=6, mesh=mesh)
@@ -77,7 +76,6 @@ import jax
 jax.distributed.initialize(sys.argv[1], 2, int(sys.argv[2]))
 from made.cohort import FAKE, read
 from jgait import evaluate
-from jgait.evaluate import spread
 number = int(sys.argv[2])
 mine = []
 def load(item):
@@ -122,17 +120,17 @@ def test_processes_wait_for_those_that_are_late(monkeypatch):
         def wait_at_barrier(self, name, milliseconds):
             waited.append((name, milliseconds))
 
-    spread.barrier("alone")
+    devices.barrier("alone")
     monkeypatch.setattr(jax, "process_count", lambda: 2)
-    monkeypatch.setattr(spread.distributed.global_state, "client", Others())
-    spread.barrier("a")
-    spread.barrier("a")
+    monkeypatch.setattr(devices.distributed.global_state, "client", Others())
+    devices.barrier("a")
+    devices.barrier("a")
     # Each barrier is its own; a collective on CPUs would have given up after 30 s.
     assert len({name for name, _ in waited}) == 2
     assert all(milliseconds > 24 * 3600 * 1000 for _, milliseconds in waited)
-    monkeypatch.setattr(spread.distributed.global_state, "client", None)
+    monkeypatch.setattr(devices.distributed.global_state, "client", None)
     with pytest.raises(RuntimeError, match=r"jax\.distributed\.initialize"):
-        spread.barrier("a")
+        devices.barrier("a")
 
 
 @pytest.fixture

@@ -198,33 +198,6 @@ def test_gradients_are_finite_where_nothing_moves_and_where_nothing_was_measured
 # --- flags ---
 
 
-def runs(*lengths):
-    """False and True in turn, so many of each."""
-    return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths)
-
-
-@pytest.mark.parametrize("samples", [0, 1, 2, 5, 60])
-def test_eroded_equals_scipy_with_the_outside_still(samples):
-    flags = np.random.default_rng(1).uniform(size=50) > 0.25
-    expected = ndimage.binary_erosion(flags, np.ones(2 * samples + 1), border_value=1)
-    np.testing.assert_array_equal(jax.jit(zv.eroded, static_argnums=1)(flags, samples), expected)
-
-
-def test_eroded_by_hand():
-    np.testing.assert_array_equal(zv.eroded(runs(3, 5, 2, 2, 1), 1), runs(4, 3, 6))
-    np.testing.assert_array_equal(zv.eroded(runs(0, 5, 4), 2), runs(0, 3, 6))  # it stood before the recording began
-
-
-def test_opened_drops_short_stretches_and_leaves_the_others():
-    flags = runs(0, 2, 2, 3, 1, 4, 1, 1, 2, 3)
-    np.testing.assert_array_equal(zv.opened(flags, 3), runs(4, 3, 1, 4, 4, 3))
-    for samples in (0, 1):
-        np.testing.assert_array_equal(zv.opened(flags, samples), flags)
-    np.testing.assert_array_equal(zv.opened(flags, 4), runs(8, 4, 7))
-    assert not zv.opened(flags, 100).any()
-    np.testing.assert_array_equal(jax.vmap(lambda row: zv.opened(row, 3))(flags[None])[0], zv.opened(flags, 3))
-
-
 # --- bad input ---
 
 
@@ -243,14 +216,6 @@ def test_opened_drops_short_stretches_and_leaves_the_others():
 def test_structural_errors_say_what_was_expected(gyr, acc, options, message):
     with pytest.raises(ValueError, match=message):
         zv.zero_velocity(np.zeros(gyr), np.zeros(acc), RATE, **options)
-
-
-@pytest.mark.parametrize("function", [zv.eroded, zv.opened])
-def test_flags_must_be_flags(function):
-    with pytest.raises(ValueError, match=r"flags must be \(T,\) bool; got \(3,\) of float64"):
-        function(np.ones(3), 1)
-    with pytest.raises(ValueError, match="samples must not be negative; got -1"):
-        function(np.ones(3, bool), -1)
 
 
 # --- a simulated walk ---
@@ -275,7 +240,7 @@ def test_on_a_simulated_walk_it_finds_the_foot_at_rest_and_not_in_swing(walked, 
     assert found[speed < 0.05].mean() > 0.9
     assert found[speed > 0.3].mean() < (0.05 if detector == "ared" else 0.005)
     _, rests = ndimage.label(speed < 0.05)
-    _, stances = ndimage.label(zv.opened(found, 10))
+    _, stances = ndimage.label(ndimage.binary_opening(found, np.ones(10)))
     assert strides == 5 and rests == stances == strides + 1
 
 
@@ -316,7 +281,7 @@ def test_under_vicon_every_stance_of_a_walk_and_not_every_one_of_fast_gait():
             continue
         rate_hz = walk.recording.sampling_rate_hz
         still = zv.zero_velocity(imu.gyr, imu.acc, rate_hz, mask=imu.mask)
-        still = np.asarray(zv.eroded(still, round(0.02 * rate_hz)))
+        still = ndimage.binary_erosion(still, np.ones(2 * round(0.02 * rate_hz) + 1), border_value=1)
         spans = [
             (start, end) for start, end in zip(*(walk.info["footprints"][k] for k in ("start", "end")), strict=True)
         ]

@@ -49,12 +49,6 @@ def test_nothing_valid_is_a_loss_of_zero_without_gradient():
     np.testing.assert_array_equal(gradient, np.zeros(3))
 
 
-def test_angles_are_compared_the_short_way_round():
-    a, b = jnp.asarray([np.pi - 0.1, 0.2]), jnp.asarray([-np.pi + 0.1, 0.1])
-    assert float(losses.mean_squared_angle(a, b)) == pytest.approx((0.2**2 + 0.1**2) / 2.0)
-    assert np.isfinite(jax.grad(losses.mean_squared_angle)(a, a)).all()
-
-
 def test_one_degree_and_one_centimetre_count_as_one_each():
     reference = leg(0)
     for field, unit in (("hip_angle", DEGREE), ("knee_angle", DEGREE), ("x", 0.01), ("y", 0.01)):
@@ -133,13 +127,6 @@ def test_likelihood_is_per_measured_component_and_ignores_steps_that_broke_down(
     np.testing.assert_allclose(gradient, [-0.2, -0.2, 0.0, -0.2])
 
 
-def test_weighted_sum_by_name():
-    value = losses.weighted_sum(
-        {"path": jnp.asarray(2.0), "distance": jnp.asarray(3.0)}, {"distance": 10.0, "path": 1.0}
-    )
-    assert float(value) == 32.0
-
-
 def test_misuse_is_refused_by_name():
     a = estimate(leg(0), None)
     with pytest.raises(ValueError, match=r"share none of the legs \['right', 'left'\]"):
@@ -152,8 +139,6 @@ def test_misuse_is_refused_by_name():
         losses.distance(estimate(distance=jnp.ones(T)), a)
     with pytest.raises(ValueError, match="must keep 'count'"):
         losses.negative_log_likelihood(Kept(jnp.ones(2), None, jnp.ones(2, bool)))
-    with pytest.raises(ValueError, match=r"same names; got \['a'\] and \['b'\]"):
-        losses.weighted_sum({"a": 1.0}, {"b": 1.0})
 
 
 def rows(start, end, length, valid):

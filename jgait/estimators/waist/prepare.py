@@ -16,9 +16,9 @@ from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity, pad
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
+from jgait.estimators.waist.rest import TrunkRest, trunk_rest
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
-from jgait.events.trunk_rest import TrunkRest, trunk_rest
 from jgait.geometry import rotation
 from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.mounting import shank as shank_axes

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from jgait.io.formats.files import check_file, library, plain, three_columns
-from jgait.io.formats.parts import Measured, Part
+from jgait.io.files import check_file, library, plain, three_columns
+from jgait.io.formats.part import Measured, Part
 from jgait.types import RecordingError
 
 EXPECTED = "an APDM Opal HDF5 file"

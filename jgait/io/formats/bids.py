@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.io.formats.files import check_file, library
-from jgait.io.formats.parts import Measured, Part, placement_of
+from jgait.io.files import check_file, library
+from jgait.io.formats.part import Measured, Part
+from jgait.io.names import placement_of
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:

@@ -12,12 +12,13 @@ are left as they are: their signals are among the analog ones, their corners and
 import os
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from jgait.io.files import check_file, library, plain
 from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
-from jgait.io.formats.files import check_file, library, plain
+from jgait.io.formats.capture import Capture, CaptureEvent
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -39,56 +40,6 @@ BIG_ENDIAN = 86
 
 PARAMETERS_END = 2**19
 """[bytes] Where the parameters end at the latest: they begin within 255 blocks of 512 and have no more."""
-
-
-class CaptureEvent(NamedTuple):
-    """One event of a capture.
-
-    Attributes:
-        time: [s] on the clock of `Capture.time`.
-        kind: 'initial_contact', 'final_contact', or the file's label where that says neither.
-        side: 'right', 'left', or None for neither.
-    """
-
-    time: float
-    kind: str
-    side: str | None
-
-
-class Capture(NamedTuple):
-    """What a motion capture stored.
-
-    Attributes:
-        time: (T,) [s] of the markers, 0 at the first captured frame.
-        rate_hz: [Hz] of the markers.
-        markers: name → (T, 3) [m], NaN where not seen; z points up where `up` is known.
-        up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
-        outputs: name → (T, 3) what a model computed, in the file's units.
-        analog_time: (A,) [s] on the same clock.
-        analog_rate_hz: [Hz], 0 where there is no analog signal.
-        analog: name → (A,) in the unit of `analog_units`.
-        analog_units: name → unit as the file calls it; empty: it does not.
-        events: in order of time.
-        force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
-        name: of the recording.
-        subject: who walked.
-        notes: what was told, changed or is doubtful.
-    """
-
-    time: np.ndarray
-    rate_hz: float
-    markers: dict[str, np.ndarray]
-    up: str | None
-    outputs: dict[str, np.ndarray]
-    analog_time: np.ndarray
-    analog_rate_hz: float
-    analog: dict[str, np.ndarray]
-    analog_units: dict[str, str]
-    events: tuple[CaptureEvent, ...]
-    force_plates: dict[str, Any]
-    name: str
-    subject: str
-    notes: tuple[str, ...]
 
 
 def read_c3d(

@@ -9,7 +9,7 @@ import numpy as np
 from jgait.types import SIDES, RecordingError
 
 if TYPE_CHECKING:
-    from jgait.io.formats.c3d import Capture
+    from jgait.io.formats.capture import Capture
     from jgait.simulate.replay import JointCentres
 
 UPRIGHT = {

@@ -9,7 +9,7 @@ from jgait.io.clock import LONGEST_GAP_S, check_order
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
-    from jgait.io.formats.parts import Part
+    from jgait.io.formats.part import Part
 
 CLOCKS_APART = 0.5
 """[samples] Time stamps of two sensors that differ by less are one clock."""

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.io.clock import LONGEST_STEP_S, TIME_UNITS
-from jgait.io.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
-from jgait.io.formats.files import check_file, library
-from jgait.io.formats.parts import Measured, Part, joined, placement_of
+from jgait.io.files import check_file, library
+from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
+from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
+from jgait.io.names import placement_of
 from jgait.io.tables import CHANNELS, Columns, about, columns_of, read_table
 from jgait.io.write import PARQUET
 from jgait.types import RecordingError

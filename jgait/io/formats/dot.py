@@ -15,7 +15,7 @@ from pathlib import Path
 
 from jgait.io.formats.mtw import COUNTER, counted, is_header, signals
 from jgait.io.formats.mtw import recognises as is_mtw
-from jgait.io.formats.parts import Measured, Part, joined
+from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
 from jgait.types import RecordingError
 

@@ -19,8 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from jgait.io.formats.files import check_file, library, three_columns
-from jgait.io.formats.parts import CLOCKS_APART, Measured, Part, placement_of, settle
+from jgait.io.files import check_file, library, three_columns
+from jgait.io.formats.clocks import CLOCKS_APART
+from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.settle import settle
+from jgait.io.names import placement_of
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.parts import SLOW, Measured, Part, joined
+from jgait.io.formats.part import Measured, Part, joined
+from jgait.io.formats.settle import SLOW
 from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
 from jgait.types import RecordingError
 

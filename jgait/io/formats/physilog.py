@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.parts import Measured, Part, joined
+from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, SECONDS, Rows, files_in, header_in, read_rows
 from jgait.types import RecordingError
 

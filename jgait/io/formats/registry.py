@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from jgait.io.formats.parts import Measured, joined, settle
+from jgait.io.formats.part import Measured, joined
+from jgait.io.formats.settle import settle
 from jgait.types import Recording, RecordingError
 
 HEAD = 4096

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.io.formats.files import check_file
+from jgait.io.files import check_file
 from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
 from jgait.geometry.segments import Motion, in_segment, inertial, segment_of
 from jgait.geometry.vectors import Vector
 from jgait.simulate.replay.body import JointCentres, LegCentres, Replay, body_motion, median
@@ -137,8 +138,6 @@ def _sensors(
 def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
     from scipy.ndimage import gaussian_filter1d
 
-    from jgait.datasets.neura_sparse import HEADING_CUTOFF_HZ, PATH_SMOOTHING, leg_in_plane, low_pass
-
     at = body.points
     diagnostics: dict[str, Any] = {}
     for name, spline in body.trajectories.items():
@@ -147,7 +146,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
         facing = at["facing"]
         heading = np.unwrap(np.arctan2(-facing[:, 0], facing[:, 1]))
     else:
-        heading = low_pass(body.yaw, HEADING_CUTOFF_HZ, rate_hz)
+        heading = low_pass_heading(body.yaw, rate_hz)
     legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
     for side in SIDES:
         if getattr(points, side) is not None:
@@ -155,7 +154,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
             diagnostics |= {f"{part}_length_{side}": _length(body, part, side) for part in ("thigh", "shank")}
     hips = [evaluate(body.trajectories[f"hip_{side}"], body.time).rate for side in SIDES if f"hip_{side}" in at]
     # As the reference of neura_sparse, but smoothing the velocity: a walk that starts at full speed loses no way.
-    velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], PATH_SMOOTHING * rate_hz, axis=0, mode="nearest")
+    velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], PATH_SMOOTHING_S * rate_hz, axis=0, mode="nearest")
     speed = np.linalg.norm(velocity, axis=1)
     path = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0)]) / rate_hz
     diagnostics["heading"] = heading

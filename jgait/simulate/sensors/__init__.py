@@ -1,20 +1,18 @@
 """Virtual sensors: what worn sensors make of an exact motion.
 
 `measure` reads an inertial sensor with the errors of an `ImuErrors` (`presets` has those of published ones),
-`measure_range` the distance between the feet, `measure_switch` and `measure_insole` the foot on the ground; a `Clock`
-says when a sensor really sampled. All are pure JAX: they can be jitted, mapped over people and differentiated.
+`measure_range` the distance between the feet; a `Clock` says when a sensor really sampled. All are pure JAX: they can
+be jitted, mapped over people and differentiated.
 """
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors.clock import Clock, check_clock, true_times
-from jgait.simulate.sensors.contact import FootSwitch, Insole, Pressure, check_contact, measure_insole, measure_switch
 from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure, turn
 from jgait.simulate.sensors.presets import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
 from jgait.simulate.sensors.range import RangeReadings, Ranging, check_ranging, measure_range, nearest_point
 
 __all__ = [
-    "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "OPAL", "Clock", "FootSwitch",
-    "ImuErrors", "Insole", "Pressure", "RangeReadings", "Ranging", "check_clock", "check_contact",
-    "check_errors", "check_ranging", "measure", "measure_insole", "measure_range", "measure_switch", "nearest_point",
-    "true_times", "turn",
+    "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "OPAL", "Clock", "ImuErrors",
+    "RangeReadings", "Ranging", "check_clock", "check_errors", "check_ranging", "measure", "measure_range",
+    "nearest_point", "true_times", "turn",
 ]  # fmt: skip

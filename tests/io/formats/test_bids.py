@@ -9,7 +9,7 @@ from made.known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
 
 from jgait import RecordingError, io
 from jgait.io.formats import bids, registry
-from jgait.io.formats.parts import placement_of
+from jgait.io.names import placement_of
 
 POINTS = {"lower_back": "lowerBack", "foot_right": "rightFoot", "foot_left": "leftFoot"}
 STEM = "sub-pp002_task-walk_tracksys-imu"

@@ -6,87 +6,20 @@ the answer becomes a note; where the signals do not tell, it refuses. Where a se
 the name that the file gives the sensor, which is noted too.
 """
 
-import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jgait.io.arrays import ACC_UNITS, GYR_UNITS, recording_from_arrays
 from jgait.io.checks import FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
-from jgait.io.formats.clocks import CLOCKS_APART as CLOCKS_APART
 from jgait.io.formats.clocks import on_one_counter, one_clock
+from jgait.io.formats.part import Measured, Part
+from jgait.io.names import placement_of
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 SLOW, FAST = 12.0, 30.0
 """[as in the file] 99th percentile of a walking sensor's rate: below the one only rad/s, above the other only deg/s."""
-
-
-class Part(NamedTuple):
-    """One sensor, as its file tells it.
-
-    Attributes:
-        label: what the file calls it.
-        gyr: (T, 3) angular rate, NaN where lost.
-        acc: (T, 3) specific force, NaN where lost; or None.
-        time: (T,) [s] on a clock that all parts of the file share, or None.
-        sampling_rate_hz: [Hz], or None to take it from `time`.
-        gyr_unit: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
-        acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
-        placement: where it sat, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
-        axes: what is known of the sensor's axes, in words; empty: nothing.
-        packets: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was
-            lost on the way has none. Parts that have them need no `time`.
-        packets_wrap: what the sensors' counter counts to before it begins again; None: it does not.
-    """
-
-    label: str
-    gyr: Any
-    acc: Any = None
-    time: Any = None
-    sampling_rate_hz: float | None = None
-    gyr_unit: str | None = None
-    acc_unit: str | None = None
-    placement: str | None = None
-    axes: str = ""
-    packets: Any = None
-    packets_wrap: int | None = None
-
-
-class Measured(NamedTuple):
-    """All sensors of a file, or of the files that belong together.
-
-    Attributes:
-        parts: one a sensor.
-        name: of the recording.
-        subject: who walked.
-        notes: what the reader noticed, in plain words.
-        feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
-            one clock, NaN where nothing was heard; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
-    """
-
-    parts: Sequence[Part]
-    name: str
-    subject: str = "subject"
-    notes: tuple[str, ...] = ()
-    feet_range: Any = None
-
-
-def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
-    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
-
-    Args:
-        every: what each file says, at least one.
-        name: of the recording; None: the first file's.
-    """
-    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
-    labels = [part.label for one in every for part in one.parts]
-    parts = [
-        part._replace(label=one.name) if len(one.parts) == 1 and labels.count(part.label) > 1 else part
-        for one in every
-        for part in one.parts
-    ]
-    return Measured(parts, name or every[0].name, every[0].subject, notes)
 
 
 def settle(
@@ -150,44 +83,6 @@ def settle(
         check_sizes=check_sizes,
     )
     return recording._replace(notes=(*(note for note in notes if note), *recording.notes))
-
-
-WORDS = {
-    "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
-    "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
-    "thigh": "thigh", "upperleg": "thigh", "femur": "thigh", "shank": "shank", "lowerleg": "shank", "tibia": "shank",
-    "shin": "shank", "ankle": "ankle", "foot": "foot", "feet": "foot", "shoe": "foot", "instep": "foot",
-    "calcn": "foot",
-}  # fmt: skip
-"""What measuring systems call the places of sensors; the longest word that fits counts."""
-
-
-def placement_of(label: str) -> str | None:
-    """Where a sensor sat, from the name that it was given; None where the name does not tell.
-
-    Args:
-        label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
-
-    Returns:
-        A member of `jgait.types.PLACEMENTS`, or None.
-    """
-    plain = label.strip().lower().replace("-", "_").replace(" ", "_")
-    if plain in PLACEMENTS:
-        return plain
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", label.strip())
-    tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
-    sides = {side for side, words in (("right", ("right", "r", "re")), ("left", ("left", "l", "le")))
-             for word in words if word in tokens}  # fmt: skip
-    joined = "".join(tokens)
-    if not sides:
-        sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
-    words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
-    if not words or len(sides) > 1:
-        return None
-    place = WORDS[words[0]]
-    if place in PLACEMENTS:
-        return place
-    return f"{place}_{next(iter(sides))}" if sides else None
 
 
 def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: list[str]) -> dict[str, Part]:

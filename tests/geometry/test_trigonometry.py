@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.filtering.trigonometry import sincos
+from jgait.geometry.trigonometry import sincos
 
 LIMITS = {
     np.float32: [(6433.0, 1.0e-7), (6e6, None)],

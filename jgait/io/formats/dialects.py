@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.io.formats.parts import Measured, Part, placement_of, settle
+from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.settle import settle
+from jgait.io.names import placement_of
 from jgait.io.tables import CHANNELS
 from jgait.types import Recording, RecordingError
 

@@ -1,0 +1,79 @@
+"""A cohort on the workers of a Dask cluster; Dask is imported only where it is used."""
+
+from collections.abc import Generator, Iterable
+from itertools import islice
+from typing import Any
+
+import jax
+
+from jgait.evaluate.buckets import Failed, Job, evaluated, tables
+from jgait.evaluate.store import Cohort, joined
+
+QUEUED = 3
+"""Tasks for each thread of the cluster that are submitted at a time; the other items wait unread."""
+
+
+def task(job: Job, items: list[tuple[str, Any]]) -> Cohort:
+    """Evaluate a group of items in a worker, in the precision of whoever sent them."""
+    with jax.enable_x64(job.x64):
+        return joined(evaluated(job, items))
+
+
+def on_dask(job: Job, items: Iterable[tuple[str, Any]], client: Any) -> Generator[Cohort]:
+    """A task for each group of `job.batch` items; the tables of each as it is finished.
+
+    A task whose worker dies is run again by Dask, elsewhere. If its workers keep dying, its items are tried one by
+    one at the end, alone on the cluster, so that only the one that kills is lost.
+    """
+    from distributed import as_completed
+
+    rest = iter(items)
+    groups = iter(lambda: list(islice(rest, job.batch)), [])
+    # The worker keeps the job, and with it what it has compiled.
+    shared = client.submit(_same, job, pure=False)
+    sent: dict[Any, list[tuple[str, Any]]] = {}
+
+    def send(group: list[tuple[str, Any]]) -> Any:
+        future = client.submit(task, shared, group, pure=False)
+        sent[future] = group
+        return future
+
+    finished = as_completed([send(group) for group in islice(groups, QUEUED * _threads(client))])
+    alone: list[tuple[str, Any]] = []
+    for future in finished:
+        group = sent.pop(future)
+        part = _result(future)
+        future.release()
+        if part is None:
+            alone += group
+        else:
+            yield part
+        for more in islice(groups, 1):
+            finished.add(send(more))
+    for item in alone:
+        future = send([item])
+        part = _result(future)
+        sent.pop(future)
+        yield _killed(item[0]) if part is None else part
+
+
+def _same(job: Job) -> Job:
+    return job
+
+
+def _threads(client: Any) -> int:
+    return max(1, sum(client.nthreads().values()))
+
+
+def _result(future: Any) -> Cohort | None:
+    """What a task gave; None if its workers died of it."""
+    from distributed import KilledWorker
+
+    try:
+        return future.result()
+    except KilledWorker:
+        return None
+
+
+def _killed(name: str) -> Cohort:
+    return tables([], [Failed(name, "", "its worker process died, time and again")])

@@ -1,0 +1,51 @@
+"""From joint centres to the angles of a leg in the vertical plane of the heading. On the host, in NumPy."""
+
+import numpy as np
+
+from jgait.types import LegTrajectory
+
+HEADING_CUTOFF_HZ = 1.0
+"""[Hz] Cut-off of the low-pass filter of the heading: the pelvis also turns about the vertical with every stride, and
+that is no turn of the walk."""
+
+PATH_SMOOTHING_S = 0.2
+"""[s] Standard deviation of the Gaussian that smooths the path walked: the Gaussian damps sway, and does not ring where
+walking starts, as a Butterworth filter does."""
+
+
+def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
+    """The heading after a second-order Butterworth filter, forwards and backwards, so without delay.
+
+    Args:
+        heading: (T,) [rad], unwrapped.
+        rate_hz: sampling rate [Hz].
+
+    Returns:
+        (T,) [rad].
+    """
+    from scipy.signal import butter, filtfilt
+
+    numerator, denominator = butter(2, HEADING_CUTOFF_HZ / (rate_hz / 2))
+    return filtfilt(numerator, denominator, heading, axis=0)
+
+
+def leg_in_plane(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, heading: np.ndarray) -> LegTrajectory:
+    """Joint centres projected on the vertical plane through the heading.
+
+    Args:
+        hip: (T, 3) [m], z up.
+        knee: (T, 3) [m].
+        ankle: (T, 3) [m].
+        heading: (T,) [rad] of the plane.
+
+    Returns:
+        The leg's angles [rad] and the ankle relative to the hip [m].
+    """
+
+    def forward(vector: np.ndarray) -> np.ndarray:
+        return vector[:, 0] * np.cos(heading) + vector[:, 1] * np.sin(heading)
+
+    thigh, shank, leg = knee - hip, ankle - knee, ankle - hip
+    thigh_angle = np.unwrap(np.arctan2(forward(thigh), -thigh[:, 2]))
+    shank_angle = np.unwrap(np.arctan2(forward(shank), -shank[:, 2]))
+    return LegTrajectory(thigh_angle, thigh_angle - shank_angle, forward(leg), leg[:, 2])

@@ -1,0 +1,71 @@
+"""What a reader of a file format gives: the sensors of a file, in the file's own units."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+
+class Part(NamedTuple):
+    """One sensor, as its file tells it.
+
+    Attributes:
+        label: what the file calls it.
+        gyr: (T, 3) angular rate, NaN where lost.
+        acc: (T, 3) specific force, NaN where lost; or None.
+        time: (T,) [s] on a clock that all parts of the file share, or None.
+        sampling_rate_hz: [Hz], or None to take it from `time`.
+        gyr_unit: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
+        acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
+        placement: where it sat, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
+        axes: what is known of the sensor's axes, in words; empty: nothing.
+        packets: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was
+            lost on the way has none. Parts that have them need no `time`.
+        packets_wrap: what the sensors' counter counts to before it begins again; None: it does not.
+    """
+
+    label: str
+    gyr: Any
+    acc: Any = None
+    time: Any = None
+    sampling_rate_hz: float | None = None
+    gyr_unit: str | None = None
+    acc_unit: str | None = None
+    placement: str | None = None
+    axes: str = ""
+    packets: Any = None
+    packets_wrap: int | None = None
+
+
+class Measured(NamedTuple):
+    """All sensors of a file, or of the files that belong together.
+
+    Attributes:
+        parts: one a sensor.
+        name: of the recording.
+        subject: who walked.
+        notes: what the reader noticed, in plain words.
+        feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
+            one clock, NaN where nothing was heard; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
+    """
+
+    parts: Sequence[Part]
+    name: str
+    subject: str = "subject"
+    notes: tuple[str, ...] = ()
+    feet_range: Any = None
+
+
+def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
+    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
+
+    Args:
+        every: what each file says, at least one.
+        name: of the recording; None: the first file's.
+    """
+    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
+    labels = [part.label for one in every for part in one.parts]
+    parts = [
+        part._replace(label=one.name) if len(one.parts) == 1 and labels.count(part.label) > 1 else part
+        for one in every
+        for part in one.parts
+    ]
+    return Measured(parts, name or every[0].name, every[0].subject, notes)
