@@ -6,17 +6,6 @@ holds the sets. A set may hold more recordings than this version of jgait knows;
 
 from collections.abc import Collection
 
-from jgait.datasets import (
-    footprints,
-    gaitmap_example,
-    ipol_gait,
-    mobgap_lab,
-    neura_sparse,
-    pyshoe_vicon,
-    tripod,
-    walking5m,
-    xio_gait,
-)
 from jgait.datasets.registry import (
     ChecksumError,
     DatasetInfo,
@@ -25,6 +14,7 @@ from jgait.datasets.registry import (
     file,
     info,
     list_datasets,
+    loader,
     missing,
     path,
     unavailable_reason,
@@ -52,18 +42,6 @@ __all__ = [
     "unavailable_reason",
 ]
 
-_LOADERS = {
-    "neura_sparse": neura_sparse,
-    "walking5m": walking5m,
-    "gaitmap_example": gaitmap_example,
-    "tripod": tripod,
-    "footprints": footprints,
-    "pyshoe_vicon": pyshoe_vicon,
-    "xio_gait": xio_gait,
-    "ipol_gait": ipol_gait,
-    "mobgap_lab": mobgap_lab,
-}
-
 
 def names(name: str) -> tuple[str, ...]:
     """Names of the recordings of a data set that are there, those not known to this version of jgait included.
@@ -71,8 +49,7 @@ def names(name: str) -> tuple[str, ...]:
     Raises:
         DatasetUnavailable: if none is there; the message says how to get the set.
     """
-    info(name)
-    found = tuple(_LOADERS[name].names())
+    found = tuple(loader(name).names())
     if not found:
         raise DatasetUnavailable(unavailable_reason(name))
     return found
@@ -84,8 +61,7 @@ def available(name: str) -> bool:
     Raises:
         ValueError: if the data set is not known.
     """
-    info(name)
-    return bool(_LOADERS[name].names())
+    return bool(loader(name).names())
 
 
 def load(name: str, only: Collection[str] | None = None) -> Walks:
@@ -108,4 +84,4 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         if lacking:
             raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(found)}")
         found = tuple(one for one in found if one in only)
-    return load_each(found, _LOADERS[name].load_one)
+    return load_each(found, loader(name).load_one)

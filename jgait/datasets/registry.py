@@ -1,19 +1,29 @@
 """Where public recordings come from, and where they lie: address, sha256, folder.
 
-Every file is named by its upstream address (repository, commit, path) and its sha256, listed in `registry.json`.
+Every file is named by its upstream address (repository, commit, path) and its sha256. A data set NAME is three things:
+its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py` with the functions of `Loader`.
 Nothing is downloaded unless `fetch` is called. Files are looked for in `$JGAIT_DATA_DIR/<set>/<upstream path>`
 when that folder exists, otherwise in the download cache.
 """
 
 import functools
 import hashlib
+import importlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 from urllib.parse import quote
+
+from jgait.types import Walk
+
+NAMES = (
+    "neura_sparse", "walking5m", "gaitmap_example", "tripod", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait",
+    "mobgap_lab",
+)  # fmt: skip
+"""The data sets; each has a module and a JSON file of its name in this folder."""
 
 DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
@@ -55,65 +65,30 @@ class ChecksumError(ValueError):
     """A file's content is not what its sha256 says it should be."""
 
 
-_DESCRIPTIONS = {
-    "neura_sparse": (
-        "Xsens IMUs on pelvis and both legs with Vicon joint centres, 100 Hz, walking with a U-turn",
-        "GPL-3.0 (the repository's LICENSE); no separate data licence",
-        "Sy et al. 2020, IEEE Transactions on Biomedical Engineering, doi 10.1109/TBME.2020.3026464",
-    ),
-    "walking5m": (
-        "IMUs on feet, shanks and thighs of young and elderly people walking about 5 m straight, 100 Hz",
-        "none stated: for local use only, never redistribute",
-        "Marpino, Walking-Dataset, github.com/Marpino/Walking-dataset",
-    ),
-    "gaitmap_example": (
-        "IMUs on both shoes, 204.8 Hz, with motion capture of heel, toe and fifth metatarsal, 2 × 20 m",
-        "MIT (the repository's LICENSE)",
-        "Küderle et al. 2024, gaitmap, IEEE Open Journal of Engineering in Medicine and Biology",
-    ),
-    "tripod": (
-        "IMUs on shanks, feet and sacrum, 128 Hz, on a treadmill, with OptoGait and Zebris",
-        "MIT (the repository's LICENSE)",
-        "Trautmann et al. 2021, TRIPOD, Data 6(9):95, doi 10.3390/data6090095",
-    ),
-    "footprints": (
-        "IMU on one shoe, 200 Hz, walks along corridors, every footprint measured with a ruler",
-        "MIT (the repository's LICENSE)",
-        "Çetin and Köroğlu 2025, A Pioneering Stride-Wise Annotated Dataset for Gait Driven Inertial Odometry, "
-        "github.com/mtahakoroglu/gait-driven-inertial-navigation-dataset",
-    ),
-    "pyshoe_vicon": (
-        "IMU on the right shoe with Vicon position of the foot, 200 Hz, walking and running in about 3 × 3 m",
-        "MIT (LICENSE of the repository that redistributes it)",
-        "Wagstaff, Peretroukhin and Kelly 2019, University of Toronto Foot-Mounted Inertial Navigation Dataset, "
-        "IEEE DataPort, doi 10.21227/v1z6-9z84",
-    ),
-    "xio_gait": (
-        "IMU on one foot, about 398 Hz, walking in a loop that ends where it began",
-        "MIT (the repository's LICENSE.md)",
-        "x-io Technologies, Gait-Tracking, github.com/xioTechnologies/Gait-Tracking",
-    ),
-    "ipol_gait": (
-        "IMUs on lower back and both feet, 100 Hz, 10 m, U-turn, 10 m, with contacts by eye",
-        "AGPL-3.0 (the repository's LICENSE.txt); no separate data licence",
-        "Voisard et al. 2023, Image Processing On Line, art. 497",
-    ),
-    "mobgap_lab": (
-        "IMU on the lower back, 100 Hz, straight walks and daily activities, with motion capture and INDIP",
-        "Apache-2.0 (the repository's LICENSE and NOTICE)",
-        "Küderle and the Mobilise-D consortium, mobgap, github.com/mobilise-d/mobgap",
-    ),
-}
+class Loader(Protocol):
+    """What the module of a data set offers."""
+
+    def names(self) -> Collection[str]:
+        """Names of the recordings that are there."""
+
+    def load_one(self, name: str) -> Walk:
+        """One recording with its reference."""
+
+
+def loader(name: str) -> Loader:
+    """The module of a data set.
+
+    Raises:
+        ValueError: if the data set is not known.
+    """
+    module: Any = importlib.import_module(f"jgait.datasets.{info(name).name}")
+    return module
 
 
 @functools.cache
 def _registry() -> dict[str, DatasetInfo]:
-    listed = json.loads(resources.files("jgait.datasets").joinpath("registry.json").read_text())
-    return {
-        name: DatasetInfo(name, title, listed[name]["repository"], listed[name]["commit"], licence, citation,
-                          listed[name]["files"])
-        for name, (title, licence, citation) in _DESCRIPTIONS.items()
-    }  # fmt: skip
+    folder = resources.files("jgait.datasets")
+    return {name: DatasetInfo(name, **json.loads(folder.joinpath(f"{name}.json").read_text("utf-8"))) for name in NAMES}
 
 
 def list_datasets() -> tuple[str, ...]:
