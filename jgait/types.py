@@ -8,6 +8,29 @@ simulator, motion capture and an estimator all give an `Estimate`, so an error i
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float, Int
+
+AnyArray = Array | np.ndarray
+"""An array of JAX, or of NumPy on the host: `Float[AnyArray, "time 3"]`."""
+
+Scalar = Float[AnyArray, ""] | float
+"""One number: a Python float, or an array without axes (traced, or what an optimiser moves)."""
+
+Values = Float[AnyArray, "..."] | float
+"""Numbers of any one shape, for functions that work element by element."""
+
+Flags = Bool[AnyArray, "..."] | bool
+"""Truth values of any one shape."""
+
+type Maybe[T] = T | Any
+"""A field that can be None; its record says when. A reader of the field must know that it is there."""
+
+# Fields of the records below. Records of several recordings are stacked along leading axes, `*batch`.
+Series = Float[AnyArray, "*batch time"]
+Series3 = Float[AnyArray, "*batch time 3"]
+Mask = Bool[AnyArray, "*batch time"]
+Rows = Float[AnyArray, "*batch row"]
 
 SIDES = ("right", "left")
 
@@ -28,10 +51,10 @@ class Imu(NamedTuple):
         mask: (T,) bool; False where the sample was lost or cannot be trusted.
     """
 
-    time: Any
-    gyr: Any
-    acc: Any
-    mask: Any
+    time: Series
+    gyr: Series3
+    acc: Maybe[Series3]
+    mask: Mask
 
 
 class RangeReadings(NamedTuple):
@@ -43,9 +66,9 @@ class RangeReadings(NamedTuple):
         mask: (T,) bool; True where a distance was read.
     """
 
-    time: Any
-    distance: Any
-    mask: Any
+    time: Series
+    distance: Series
+    mask: Mask
 
 
 class Recording(NamedTuple):
@@ -78,10 +101,10 @@ class LegTrajectory(NamedTuple):
         y: (T,) [m] ankle relative to hip, up (about minus the leg length when standing).
     """
 
-    hip_angle: Any
-    knee_angle: Any
-    x: Any
-    y: Any
+    hip_angle: Series
+    knee_angle: Series
+    x: Series
+    y: Series
 
 
 class Legs(NamedTuple):
@@ -100,9 +123,9 @@ class FootTrajectory(NamedTuple):
         orientation: (T, 4) unit quaternion q_ws, w first: takes vectors of the sensor to the world.
     """
 
-    position: Any
-    velocity: Any
-    orientation: Any
+    position: Series3
+    velocity: Maybe[Series3]
+    orientation: Maybe[Float[AnyArray, "*batch time 4"]]
 
 
 class Feet(NamedTuple):
@@ -139,22 +162,22 @@ class Strides(NamedTuple):
     the other foot did not stand in between, or was not measured.
     """
 
-    side: Any
-    start: Any
-    final_contact: Any
-    end: Any
-    length: Any
-    width: Any
-    height: Any
-    valid: Any
-    standing: Any = None
-    standing_end: Any = None
-    speed: Any = None
-    turn: Any = None
-    lift: Any = None
-    contact_angle: Any = None
-    push_off_angle: Any = None
-    step_length: Any = None
+    side: Int[AnyArray, "*batch row"]
+    start: Maybe[Rows]
+    final_contact: Maybe[Rows]
+    end: Maybe[Rows]
+    length: Rows
+    width: Rows
+    height: Rows
+    valid: Bool[AnyArray, "*batch row"]
+    standing: Maybe[Rows] = None
+    standing_end: Maybe[Rows] = None
+    speed: Maybe[Rows] = None
+    turn: Maybe[Rows] = None
+    lift: Maybe[Rows] = None
+    contact_angle: Maybe[Rows] = None
+    push_off_angle: Maybe[Rows] = None
+    step_length: Maybe[Rows] = None
 
 
 class Estimate(NamedTuple):
@@ -173,16 +196,16 @@ class Estimate(NamedTuple):
         strides_stddev: standard deviations of the strides in the type of `strides`, or None.
     """
 
-    time: Any
+    time: Series
     legs: Legs
     stddev: Legs | None
-    distance: Any
-    valid: Any
+    distance: Maybe[Series]
+    valid: Mask
     diagnostics: dict[str, Any]
-    strides: Any = None
+    strides: Maybe[Strides] = None
     feet: Feet | None = None
     feet_stddev: Feet | None = None
-    strides_stddev: Any = None
+    strides_stddev: Maybe[Strides] = None
 
 
 class Walk(NamedTuple):
@@ -217,6 +240,6 @@ def leg_of(legs: Legs, side: str) -> LegTrajectory:
     return leg
 
 
-def as_float(values: Any) -> np.ndarray:
+def as_float(values: npt.ArrayLike) -> Float[np.ndarray, "..."]:
     """A float64 NumPy array of anything array-like; the type in which recordings are held on the host."""
     return np.asarray(values, dtype=np.float64)

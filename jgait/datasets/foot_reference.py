@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.signal.windows import true_runs
-from jgait.types import Imu
+from jgait.types import Imu, as_float
 
 STANCE_RATE = 1.0  # [rad/s] peak rate of a standing foot over 50 ms
 STANCE_ACC = 1.2  # [m/s²] standard deviation of a standing foot's specific force over 50 ms
@@ -151,7 +151,7 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
     distance = np.zeros(len(gyr))
     current = 0
     while current < len(standing) - 1:
-        following, stride = _next_stride(gyr, imu, rate_hz, standing, current)
+        following, stride = _next_stride(as_float(gyr), imu, rate_hz, standing, current)
         current = following
         if stride is None or stride.length < STRIDE_LENGTH:
             continue
@@ -249,6 +249,7 @@ def _next_stride(
         Index of the stance to go on from, and the stride; None if samples are missing or the times are implausible.
     """
     tried: list[tuple[int, _Stride]] = []
+    acc = as_float(imu.acc)
     before = standing[current]
     reach = int(0.4 * rate_hz)
     first = _quietest(gyr, max(before[0], before[1] - reach), before[1])
@@ -261,7 +262,7 @@ def _next_stride(
         if time < STRIDE_TIME[0]:
             continue
         part = slice(first, last + 1)
-        position, tilt = strapdown(gyr[part], imu.acc[part], 1 / rate_hz, _rest(imu.acc, first), _rest(imu.acc, last))
+        position, tilt = strapdown(gyr[part], acc[part], 1 / rate_hz, _rest(acc, first), _rest(acc, last))
         length = float(np.hypot(*position[-1, :2]))
         forward = position[:, :2] @ (position[-1, :2] / max(length, 1e-12))
         tried.append((following, _Stride(first, last, length, float(position[-1, 2]), tilt, forward)))

@@ -33,7 +33,19 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Imu, Legs, Recording, RecordingError, Strides, Walk
+from jgait.types import (
+    SIDES,
+    Estimate,
+    Feet,
+    FootTrajectory,
+    Imu,
+    Legs,
+    Recording,
+    RecordingError,
+    Strides,
+    Walk,
+    as_float,
+)
 
 ROOT = "example_data"
 RATE_HZ = 204.8
@@ -67,7 +79,7 @@ def load_one(name: str) -> Walk:
     why: str | None = "no motion capture was recorded"
     flags = [known]
     if name in CAPTURED:
-        reference, why, known = _add_reference(details, next(iter(sensors.values())).time, rate, notes)
+        reference, why, known = _add_reference(details, as_float(next(iter(sensors.values())).time), rate, notes)
         flags.append(known)
     elif name.endswith("_ic_stride"):
         flags.append(_add_borders(details, "stride_borders_sample_ic_stride.csv", notes))

@@ -42,7 +42,7 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.one_foot import foot_imu
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
+from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data/data/lab"
 STANDARD_GRAVITY = 9.80665  # [m/s²] what a g is
@@ -88,13 +88,13 @@ def load_one(name: str) -> Walk:
     for system in SYSTEMS:
         bouts = _as_list(found.get("Standards", {}).get(system, {}).get(LEVEL, []))
         if bouts:
-            systems[system] = _system(bouts, system, rate, imu.time[-1], notes)
+            systems[system] = _system(bouts, system, rate, float(imu.time[-1]), notes)
         else:
             why.append(f"{system} saw no walking bout")
     chosen = next(iter(systems), None)
     person, known = _person(participant, measure, notes)
     flags.append(known)
-    seen = systems[chosen] if chosen else _system([], "", rate, imu.time[-1], notes)
+    seen = systems[chosen] if chosen else _system([], "", rate, float(imu.time[-1]), notes)
     details = {key: value for key, value in seen.items() if key != "strides"} | person
     details |= {
         "trial": (float(imu.time[0]), float(imu.time[-1])), "test": test, "trial_name": trial,
@@ -257,7 +257,7 @@ def _strides(
     return found[np.isfinite(found[:, [1, 3]]).all(axis=1)]
 
 
-def _reference(time: np.ndarray, seen: dict[str, Any], system: str) -> Estimate:
+def _reference(time: AnyArray, seen: dict[str, Any], system: str) -> Estimate:
     """Distance along the bouts, even in time through each; valid inside those whose length is known."""
     bouts = seen["bouts"]
     known = np.isfinite(bouts["distance"])

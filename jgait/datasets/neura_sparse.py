@@ -78,7 +78,12 @@ def load_one(name: str) -> Walk:
 
     sensors, lost = _on_one_clock(tables)
     samples = min(len(next(iter(sensors.values())).time), len(vicon["RHJC"]) - LAG)
-    sensors = {p: Imu(*(None if part is None else part[:samples] for part in imu)) for p, imu in sensors.items()}
+    sensors = {
+        p: Imu(
+            imu.time[:samples], imu.gyr[:samples], None if imu.acc is None else imu.acc[:samples], imu.mask[:samples]
+        )
+        for p, imu in sensors.items()
+    }
     vicon = {key: values[:samples] for key, values in vicon.items()}
     contact = {side: flags[:samples] for side, flags in contact.items()}
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jgait.types import SIDES, Imu, RecordingError, Strides
+from jgait.types import SIDES, AnyArray, Imu, RecordingError, Strides
 
 FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: what a sensor reads whose z points down, in axes of which z points up."""
@@ -59,7 +59,7 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
     return Imu(time - time[0], gyr, acc, mask), float(1.0 / np.median(np.diff(time)))
 
 
-def way(time: np.ndarray, position: np.ndarray, arrived: np.ndarray, left: np.ndarray) -> np.ndarray:
+def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -> np.ndarray:
     """Distance along footprints (T,) [m]: the same while the foot stands, in between even in time.
 
     Args:

@@ -40,7 +40,7 @@ import numpy as np
 from jgait.datasets import registry
 from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
 from jgait.signal.windows import true_runs
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float
 
 ROOT = "data/vicon/processed"
 DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
@@ -80,10 +80,11 @@ def load_one(name: str) -> Walk:
         if got != wanted:
             raise RecordingError(f"{path.name}: {what} must be {wanted}; got {got}")
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
+    time = as_float(imu.time)
     valid = usable(position, rate_hz)
     position = np.where(np.isfinite(position), position, 0.0) * RIGHT_HANDED
-    prints = stances(position, valid, imu.time, rate_hz)
-    arrived, left = imu.time[prints["start"]], imu.time[prints["end"] - 1]
+    prints = stances(position, valid, time, rate_hz)
+    arrived, left = time[prints["start"]], time[prints["end"] - 1]
     distance = way(imu.time, prints["position"], arrived, left)
     reference = Estimate(
         time=imu.time,
@@ -92,7 +93,7 @@ def load_one(name: str) -> Walk:
         distance=distance,
         valid=valid,
         diagnostics={"source": "Vicon; distance from stance to stance"},
-        strides=_strides(prints, valid, imu.time),
+        strides=_strides(prints, valid, time),
         feet=Feet(FootTrajectory(position, None, None), None),
     )
     notes = (*NOTES, *((f"{(~valid).sum()} samples of Vicon masked",) if not valid.all() else ()))

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
+from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 128.0
 GRAVITY = 9.80665
@@ -167,7 +167,7 @@ def _on_one_clock(tables: dict[str, np.ndarray], notes: list[str]) -> dict[str, 
     return sensors
 
 
-def _swings(rate: np.ndarray, side: str) -> np.ndarray:
+def _swings(rate: AnyArray, side: str) -> np.ndarray:
     """(n,) [s] of the middles of a shank's swings."""
     from scipy.signal import butter, filtfilt, find_peaks
 
@@ -187,7 +187,7 @@ def _windows(swings: dict[str, np.ndarray], samples: int) -> dict[str, tuple[int
 
 
 def _reference(
-    time: np.ndarray, windows: dict[str, tuple[int, int]], speed: float | None
+    time: AnyArray, windows: dict[str, tuple[int, int]], speed: float | None
 ) -> tuple[Estimate | None, str | None]:
     """The belt's distance, valid while it is at its speed; or why there is none."""
     if speed is None:

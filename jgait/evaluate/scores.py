@@ -166,7 +166,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
                 own[name], known[name] = values, truth
     elif estimate.distance is not None:
         own["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
-        known["stride_length_m"] = theirs.length
+        known["stride_length_m"] = as_float(theirs.length)
     if not own:
         return {}
     count = len(theirs.length)
@@ -218,7 +218,8 @@ def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
     valid = np.flatnonzero(np.asarray(by.valid, bool))
     order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
     kept = {name: None if column is None else as_float(column)[order] for name, column in strides._asdict().items()}
-    return Strides(**kept | {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)})
+    columns: dict[str, Any] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
+    return Strides(**kept | columns)
 
 
 def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from jgait.signal.windows import true_runs
-from jgait.types import Imu, Recording, RecordingError
+from jgait.types import AnyArray, Imu, Recording, RecordingError
 
 GRAVITY = 9.80665
 FASTEST = 35.0  # [rad/s] 2000 deg/s, the range of common gyroscopes; no part of a walking person turns faster
@@ -54,7 +54,7 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
 
 def _moves(sensors: dict[str, Imu]) -> bool:
     """Whether an accelerometer says that somebody moves; without any, a recording is taken to be of walking."""
-    spread = [np.linalg.norm(imu.acc[imu.mask], axis=1).std() for imu in sensors.values() if imu.acc is not None]
+    spread = [float(np.linalg.norm(imu.acc[imu.mask], axis=1).std()) for imu in sensors.values() if imu.acc is not None]
     return not spread or max(spread) > MOVING_ACC
 
 
@@ -79,7 +79,7 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
     )
 
 
-def check_range(distance: np.ndarray, unit: str, name: str) -> None:
+def check_range(distance: AnyArray, unit: str, name: str) -> None:
     """Refuse distances that feet cannot have.
 
     Args:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jgait.types import RecordingError, as_float
 
@@ -30,7 +31,7 @@ class Clock(NamedTuple):
 
 
 def make_clock(
-    samples: int, time: object | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
+    samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
 ) -> Clock:
     """The clock from a time column, a sampling rate, or both.
 

@@ -247,7 +247,8 @@ def _strides(strides: Strides | None, common: _Rows) -> Strides:
     kinds = {"side": np.zeros(0, int), "valid": np.zeros(0, bool)}
     held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in common.fields}
     longer = {name: np.pad(column, (0, common.rows - column.size)) for name, column in held.items()}
-    return Strides(**{name: longer.get(name) for name in Strides._fields})
+    rows: list[Any] = [longer.get(name) for name in Strides._fields]
+    return Strides(*rows)
 
 
 def lessons(

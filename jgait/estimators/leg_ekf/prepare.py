@@ -11,7 +11,7 @@ import numpy as np
 from jgait.estimators.checks import common_time
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, RecordingError
+from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
 
 STILL_RATE = 0.25  # rad/s; every leg gyroscope stays below it while standing
 STILL_WINDOW = 0.25  # s either side of a sample that must be quiet too
@@ -74,7 +74,7 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
         }
     grid = np.arange(time[0], time[-1], 1.0 / rate_hz)
 
-    def on_grid(values: np.ndarray) -> np.ndarray:
+    def on_grid(values: AnyArray) -> np.ndarray:
         return np.stack([np.interp(grid, time, c) for c in np.asarray(values, np.float64).T], 1)
 
     near = np.clip(np.searchsorted(time, grid), 0, time.size - 1)
@@ -84,7 +84,7 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
     }
 
 
-def _median(values: np.ndarray, size: int) -> np.ndarray:
+def _median(values: AnyArray, size: int) -> np.ndarray:
     """`windows.median_filter` in NumPy: every recording has a length of its own, and JAX would compile for each.
 
     Raises:
