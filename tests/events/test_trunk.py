@@ -73,6 +73,21 @@ def test_a_pelvis_that_turns_the_other_way_has_the_other_leg(detect):
     np.testing.assert_array_equal(rows(detect("soft", (forward, upward, -yaw))).side, 1 - LEFT)
 
 
+def test_a_foot_pushes_the_trunk_to_the_other_side_however_the_pelvis_turns():
+    """The trunk is accelerated to the left while the right foot carries it; the yaw rate says the contrary here."""
+    yaw, time = trunk()[2], np.arange(SAMPLES) / RATE
+    leftward = 0.4 * np.random.default_rng(1).normal(size=SAMPLES)
+    for t, side in zip(CONTACTS, LEFT, strict=True):
+        leftward += (-1.0 if side else 1.0) * 0.8 * np.exp(-0.5 * ((time - t - 0.5 * STEP) / (0.25 * STEP)) ** 2)
+    often, every = np.full(STEPS, 1.0 / STEP), np.ones(STEPS, bool)
+    told = jax.jit(lambda *x: trunk_events.sides(x[0], RATE, CONTACTS, often, every, x[1]))
+    np.testing.assert_array_equal(np.asarray(told(-yaw, leftward)) > 0.0, LEFT == 1)
+    # on a bend to the left everything is accelerated to the left as well
+    bend = 1.5 * np.exp(-0.5 * ((time - 5.0) / 0.8) ** 2)
+    np.testing.assert_array_equal(np.asarray(told(-yaw, leftward + bend)) > 0.0, LEFT == 1)
+    np.testing.assert_array_equal(np.asarray(told(yaw, -leftward)) > 0.0, LEFT == 0)
+
+
 def test_sides_hold_through_a_turn_and_a_contact_that_misleads(detect):
     forward, upward, yaw = trunk()
     time = np.arange(SAMPLES) / RATE
@@ -177,6 +192,8 @@ def test_what_cannot_be_read_says_why():
         initial_contacts(forward, upward, yaw, 20.0)
     with pytest.raises(ValueError, match=r"yaw_rate has shape \(2749,\)"):
         initial_contacts(forward, upward, yaw[1:], RATE)
+    with pytest.raises(ValueError, match=r"leftward has shape \(2749,\)"):
+        initial_contacts(forward, upward, yaw, RATE, leftward=yaw[1:])
     with pytest.raises(ValueError, match=r"T >= 10; forward has shape \(9,\)"):
         initial_contacts(forward[:9], upward[:9], yaw[:9], RATE)
     with pytest.raises(ValueError, match="upward must be floating point; got int64"):

@@ -162,7 +162,7 @@ def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOp
     settings, samples = DETECTORS[options.detector], len(mask)
     measured = np.pad(mask, (0, seen.forward.size - samples))
     call = _found_by_paper if isinstance(settings, trunk_events.PaperRule) else _found
-    told = call(seen.forward, seen.upward, seen.yaw_rate, float(rate), settings, mask=measured)
+    told = call(seen.forward, seen.upward, seen.yaw_rate, float(rate), settings, mask=measured, leftward=seen.left)
     told = trunk_events.Contacts(*(np.asarray(field) for field in told))
     there = np.asarray(told.valid) & (told.time >= 0.0) & (told.time <= (samples - 1) / rate)
     rows = np.flatnonzero(there)

@@ -241,3 +241,20 @@ def test_the_registry_and_the_documents_know_it():
         assert "[" in text[: text.find("\n        ") + 150] or name == "update"
     assert capacity(1000) == 204
     assert set(UNUSED) == {"fused", "pendulum", "update", "frozen", "integrated"}
+
+
+@pytest.mark.parametrize("name", ["3-3", "14-3", "18-2"])
+def test_sides_of_people_whose_pelvis_turns_the_other_way(data, name):
+    """By the yaw rate alone at most an eighth of the sides of these recordings of `ipol_gait` was right."""
+    walk = next((walk for walk in data("ipol_gait") if walk.recording.name == name), None)
+    if walk is None:
+        pytest.skip(f"{name} is not here")
+    back = walk.recording._replace(sensors={"lower_back": walk.recording.sensors["lower_back"]})
+    found = waist_ofdri.estimate(WaistParams(), back).diagnostics
+    walked = walk.info["initial_contacts"] <= walk.info["trial"][1]
+    contacts, sides = walk.info["initial_contacts"][walked], walk.info["initial_contact_sides"][walked]
+    apart = np.abs(np.asarray(found["initial_contact"])[:, None] - contacts)
+    near = apart.min(axis=0) < 0.2
+    assert near.mean() > 0.9
+    right = np.asarray(found["initial_contact_side"])[apart.argmin(axis=0)] == sides
+    assert right[near].mean() > 0.95
