@@ -13,6 +13,10 @@ sensors; up to a quarter of a sensor's in 17-2 and others), and so is a packet w
 Events are packets and not rows: in 8-4 the signals' shape about the events moves by a sample where one was lost, if
 they are taken for rows.
 
+In 4-1 and 4-2 the foot sensors were worn on the other foot: late in swing the feet raise the outer edge and not the
+inner one, each foot moves as the other one in 4-5, and the back is accelerated towards the foot that is said to carry
+it. Sensors and events of right and left are exchanged here in recordings in which the feet move so.
+
 Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
 hand. One contact seems to be lacking in the U-turn of 19-3 and of some others, and one or two elsewhere in 2-3, 17-2
 and 18-3; the stride over it is not `valid`. Twelve recordings (3-3, 12-3, 18-1 …) have events 1 to 12 s after the
@@ -35,6 +39,7 @@ Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
         10 and 14 and for the mass of person 2. sensor_height: None, never said.
     reference_system: who says so.
     no_reference: why there is no reference; None where there is one.
+    feet_exchanged: whether upstream's right is left; it is put right here.
     verified: whether every file's sha256 was known and agreed.
 """
 
@@ -57,6 +62,7 @@ COLUMNS = ("PacketCounter", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z"
 EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
 LOST = 0.5  # part of the packets that may be lost; with more the counter counts something else
 REPEATED = 0.01  # part of the rows that may repeat the packet before them; with more the counter counts something else
+EXCHANGED = -1.0  # [rad/s] roll late in swing, the right foot's less the left foot's: below it they are exchanged
 NOMINAL_DISTANCE = 20.0  # [m]
 NOTES = ("accelerometers as they came: at rest the left foot's reads up to 7 % more than gravity",)
 
@@ -100,6 +106,15 @@ def load_one(name: str) -> Walk:
     }
     if why is None and not any(len(of) for of in swings.values()):
         why = f"{name}.json has no events"
+    exchanged = _feet_exchanged(sensors, swings)
+    if exchanged:
+        right, left = (sensors[f"foot_{side}"] for side in SIDES)
+        sensors |= {"foot_right": left, "foot_left": right}
+        swings = {"right": swings["left"], "left": swings["right"]}
+        notes.append(
+            "the foot sensors were worn on the other foot: both raise the outer edge late in swing; sensors and events "
+            "of right and left are exchanged"
+        )
     details = _contacts(swings) | _intervals(name, about, swings, first, len(time), notes) | _person(about)
     reference = None
     if why is None:
@@ -113,6 +128,7 @@ def load_one(name: str) -> Walk:
         "nominal_distance": NOMINAL_DISTANCE,
         "test": "stand, 10 m, U-turn, 10 m, stand",
         "reference_system": None if reference is None else "checked by hand",
+        "feet_exchanged": exchanged,
         "no_reference": why,
         "verified": all(flags),
     }
@@ -193,6 +209,24 @@ def _swings(what: str, events: Any, first: int, length: int, notes: list[str]) -
     if not keep.all():
         notes.append(f"{what}: {(~keep).sum()} of {len(keep)} left out, outside the recording or not in order")
     return np.concatenate([found[keep], np.flatnonzero(keep)[:, None]], axis=1).astype(np.int64)
+
+
+def _feet_exchanged(sensors: dict[str, Imu], swings: dict[str, np.ndarray]) -> bool:
+    """Whether each foot's sensor was worn on the other foot: late in swing a foot raises its inner edge.
+
+    That is the left edge of a right foot. The right foot's median rate about forward, over the second halves of its
+    swings, is at least 1.1 rad/s more than the left foot's, and 3.5 rad/s less in 4-1 and 4-2.
+    """
+    rates = []
+    for side in SIDES:
+        imu = sensors.get(f"foot_{side}")
+        if imu is None or not len(swings[side]):
+            return False
+        up = np.asarray(imu.acc)[: max(swings[side][0, 0], 1)].mean(axis=0)
+        forward = np.cross(up, np.eye(3)[1])  # y points right
+        rolls = np.asarray(imu.gyr) @ (forward / max(float(np.linalg.norm(forward)), 1e-9))
+        rates.append(np.median([rolls[(off + strike) // 2 : strike].mean() for off, strike, _ in swings[side]]))
+    return bool(rates[0] - rates[1] < EXCHANGED)
 
 
 def _contacts(swings: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -4,9 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from jgait import datasets
 from jgait.datasets import ipol_gait
+from jgait.mounting.shank import filled
+from jgait.mounting.trunk import functional_axes
 
 real = pytest.mark.skipif(not datasets.available("ipol_gait"), reason=datasets.unavailable_reason("ipol_gait"))
 HEADER = "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\n"
@@ -98,6 +101,24 @@ def test_events_are_packets_and_lost_packets_are_masked(folder):
     write(folder, **{code: table(295, first=5) for code in ipol_gait.SENSORS})
     walk = load()
     assert walk.info["initial_contacts"][0] == pytest.approx(0.55) and walk.info["trial"] == pytest.approx((0.35, 2.55))
+
+
+def test_feet_whose_sensors_were_exchanged_are_put_right(folder):
+    """As in 4-1: the right foot's sensor raises its right edge late in swing, as a left foot does."""
+    about = {**ABOUT, "RightFootEvents": ABOUT["RightFootEvents"][:-1]}
+    for factor, exchanged in ((1.0, False), (-1.0, True)):
+        feet = {"rf": table(), "lf": table()}
+        for code, key, toward in (("rf", "RightFootEvents", 1.0), ("lf", "LeftFootEvents", -1.0)):
+            for off, strike in about[key]:
+                feet[code][off:strike, 4:7] += factor * toward * np.array([-0.4, 0.0, 1.9])
+        write(folder, about=about, **feet)
+        walk = load()
+        assert walk.info["feet_exchanged"] is exchanged
+        assert any("worn on the other foot" in note for note in walk.recording.notes) is exchanged
+        sides = [0, 1, 0, 1, 0, 1, 1]
+        np.testing.assert_array_equal(walk.info["initial_contact_sides"], np.array(sides) ^ exchanged)
+        first = walk.recording.sensors["foot_left" if exchanged else "foot_right"]
+        np.testing.assert_allclose(first.gyr[:, 0], feet["rf"][:, 4])
 
 
 def test_steps_after_the_trial_belong_to_no_bout(folder):
@@ -241,6 +262,30 @@ def test_feet_push_off_and_swing_about_their_y(walks):
             off = np.rint(walk.info["final_contacts"][of] * 100).astype(int)
             assert np.median([imu.gyr[at - 8 : at + 2, 1].mean() for at in off]) < -4
             assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 3)
+
+
+@real
+def test_the_trunk_is_pushed_away_from_the_foot_that_carries_it(walks):
+    """Sides of the reference against the back, which no foot sensor reaches.
+
+    From a contact on, the trunk is accelerated away from the foot, more than in the steps before and after. In 4-1 and
+    4-2 that holds only with upstream's feet exchanged.
+    """
+    high = butter(2, 0.3, "high", fs=100.0, output="sos")
+    for walk in walks:
+        info, imu = walk.info, filled(walk.recording.sensors["lower_back"])
+        axes = functional_axes(imu, 100.0)
+        roll = sosfiltfilt(high, np.cumsum(imu.gyr @ axes.rows[0]) / 100)
+        leftward = sosfiltfilt(high, imu.acc @ axes.rows[1] - 9.81 * roll)
+        ends = info["initial_contacts"][:, None] + np.arange(-1, 3) / axes.step_frequency
+        gained = np.diff(np.interp(ends, np.arange(len(leftward)) / 100, np.cumsum(leftward) / 100), axis=1)
+        away = (gained[:, 1] - 0.5 * (gained[:, 0] + gained[:, 2])) * np.where(
+            info["initial_contact_sides"] == 0, 1, -1
+        )
+        walked = info["initial_contacts"] < info["trial"][1]
+        assert np.mean(away[walked] > 0) > 0.85, walk.recording.name
+    there = {walk.recording.name for walk in walks}
+    assert {walk.recording.name for walk in walks if walk.info["feet_exchanged"]} == {"4-1", "4-2"} & there
 
 
 @real
