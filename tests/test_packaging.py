@@ -35,7 +35,7 @@ from pathlib import Path
 
 import jgait
 from jgait import evaluate, io, params, simulate
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, waist_ofdri
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, waist
 
 
 def distance(file: Path, thigh: float) -> jgait.Estimate:
@@ -47,7 +47,7 @@ def distance(file: Path, thigh: float) -> jgait.Estimate:
 reveal_type(io.read_csv(Path("walk.csv")))
 reveal_type(distance(Path("walk.csv"), 0.42))
 reveal_type(foot_ins.estimate(foot_ins.FootParams(), io.read_csv(Path("shoes.csv"))))
-reveal_type(waist_ofdri.estimate(waist_ofdri.WaistParams(), io.read_csv(Path("waist.csv"))))
+reveal_type(waist.estimate(waist.WaistParams(), io.read_csv(Path("waist.csv"))))
 reveal_type(ankle_stride.AnkleParams(lever_ankle=0.04))
 reveal_type(simulate.straight(8.0))
 reveal_type(params.positive)

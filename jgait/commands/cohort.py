@@ -11,17 +11,40 @@ import jax
 import numpy as np
 import typer
 
+from jgait import estimators
 from jgait.commands.console import stop
-from jgait.commands.pipeline import MEASURES
 from jgait.commands.recordings import recording_of
+from jgait.estimators.about import BodyMeasure
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
+
+
+def _measures() -> dict[str, BodyMeasure]:
+    """Column → the person's measure in it, of all estimators; those that are parameters of the estimator."""
+    found: dict[str, BodyMeasure] = {}
+    for name in estimators.names():
+        estimator = estimators.get(name)
+        for measure in estimator.about.measures:
+            if measure.name in getattr(estimator.params, "_fields", ()):
+                found.setdefault(f"{measure.name}_{measure.unit}", measure)
+    return found
+
+
+MEASURES = _measures()
+OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
+"""Column → what its positive numbers are."""
+
+COLUMNS = ("file", "subject", *MEASURES, *OTHERS)
+ASKED_FOR = {
+    measure for name in estimators.names() for group in estimators.about_of(name).missing for measure in group.measures
+}
+"""Measures whose default is worth a note: the result is in proportion to them, or off by their error."""
 
 File = Annotated[
     Path | None,
     typer.Argument(
         metavar="[COHORT.csv]",
-        help="A row a recording. Columns: file (from the table's folder), and if known subject, thigh_length_m, "
-        "shank_length_m, pivot_height_m, range_offset_m, distance_m (walked, by a reference), sampling_rate_hz.",
+        help="One row for each recording. Columns: file (from the table's folder), and if known subject, "
+        f"{', '.join(MEASURES)}, distance_m (walked, by a reference), sampling_rate_hz.",
     ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
@@ -29,27 +52,10 @@ Simulated = Annotated[int | None, typer.Option(min=1, help="So many simulated pe
 Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds.")]
 EstimatorName = Annotated[
     str,
-    typer.Option(
-        "--estimator", help="Which estimator, such as leg_ekf, foot_ins or waist_ofdri; a wrong name lists them."
-    ),
+    typer.Option("--estimator", "--method", help=f"Which estimator: {', '.join(estimators.names())}."),
 ]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")]
 Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
-
-NUMBERS = {
-    "thigh_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
-    "shank_length_m": ("a length in metres, between 0 and 1", 0.0, 1.0),
-    "pivot_height_m": ("a height in metres, between 0 and 0.3", 0.0, 0.3),
-    "range_offset_m": ("a length in metres, between -0.2 and 0.4", -0.2, 0.4),
-    "distance_m": ("a distance in metres above 0", 0.0, math.inf),
-    "sampling_rate_hz": ("a rate in Hz above 0", 0.0, math.inf),
-}
-"""Column → what its numbers are, and between which they lie."""
-
-COLUMNS = ("file", "subject", *NUMBERS)
-LENGTHS = ("thigh_length", "shank_length")
-ASKED_FOR = (*LENGTHS, "range_offset")
-"""Measures whose default is worth a word: the result is in proportion to them, or off by their error."""
 
 AT_ENDS = 0.25
 """How long a recording's distance is taken to stand at its first and last value [s]."""
@@ -88,7 +94,7 @@ class Source(NamedTuple):
                 yield walk
 
 
-def body(walk: Walk, measures: Sequence[str] = LENGTHS) -> dict[str, Any]:
+def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
     """What is known of those of a person's measures that an estimator takes."""
     from jgait import datasets
 
@@ -98,7 +104,7 @@ def body(walk: Walk, measures: Sequence[str] = LENGTHS) -> dict[str, Any]:
 
 def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
-    acc_unit: str | None, measures: Sequence[str] = LENGTHS,
+    acc_unit: str | None, measures: Sequence[str],
 ) -> Source:  # fmt: skip
     """The cohort that was asked for; leaves with 2 where there is none.
 
@@ -171,7 +177,7 @@ class _Files:
 
     def __call__(self, file: str) -> Walk:
         row = self.rows[file]
-        numbers = {name: _number(row, name) for name in NUMBERS}
+        numbers = {name: _number(row, name) for name in (*MEASURES, *OTHERS)}
         path = self.folder / file
         if not path.exists():
             raise FileNotFoundError(f"there is no such file: {path}")
@@ -179,8 +185,7 @@ class _Files:
             path, rate=numbers["sampling_rate_hz"], name=file, subject=row.get("subject") or file,
             gyr_unit=self.gyr_unit, acc_unit=self.acc_unit,
         )  # fmt: skip
-        lengths = {name: numbers[f"{name}_m"] for name in MEASURES}
-        known = {name: value for name, value in lengths.items() if value is not None}
+        known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
         way = numbers["distance_m"]
         return Walk(recording, None if way is None else _walked(recording, way), {"body": known})
 
@@ -189,12 +194,17 @@ def _number(row: dict[str, str], name: str) -> float | None:
     text = row.get(name, "")
     if not text:
         return None
-    what, low, high = NUMBERS[name]
     try:
         value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
-    if not low < value < high:
+    measure = MEASURES.get(name)
+    if measure is None:
+        good, what = 0.0 < value < math.inf, OTHERS.get(name, "")
+    else:
+        good = measure.low <= value <= measure.high
+        what = f"between {measure.low:g} and {measure.high:g} {measure.unit}"
+    if not good:
         raise ValueError(f"{name} must be {what}; got {text!r}")
     return value
 

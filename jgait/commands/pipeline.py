@@ -1,64 +1,129 @@
-"""Which estimator, with which parameters: what the options of several commands come to."""
+"""Which estimator, with which settings and parameters: the result of the options of several commands."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from jgait import estimators
 from jgait.commands.console import note, stop
-from jgait.estimators import Estimator
-
-MEASURES = ("thigh_length", "shank_length", "pivot_height", "range_offset")
-"""A person's own measures [m] that an estimator may take, by the names of its parameters."""
-
-OF = {
-    "--thigh": ("leg_ekf", "duty_cycled_gyro"),
-    "--shank": ("leg_ekf", "duty_cycled_gyro"),
-    "--scale": ("leg_ekf",),
-    "--pivot": ("foot_ins", "stride_width_ekf"),
-    "--level": ("foot_ins", "stride_width_ekf"),
-    "--range-offset": ("stride_width_ekf",),
-    "--lever": ("ankle_stride",),
-    "--axes": ("ankle_stride",),
-    "--height": ("waist_ofdri",),
-    "--sensor-height": ("waist_ofdri",),
-    "--duty": ("duty_cycled_gyro",),
-    "--filler": ("duty_cycled_gyro",),
-    "--warm-up": ("duty_cycled_gyro",),
-    "--paper": ("leg_ekf", "stride_width_ekf", "waist_ofdri", "duty_cycled_gyro"),
-}
-"""Options that only some estimators know, and which."""
+from jgait.commands.own_options import given_of, refuse
+from jgait.estimators import About, Estimator
+from jgait.types import Estimate, Recording
 
 
-def refuse_others(estimator: str, given: Mapping[str, Any]) -> None:
-    """Leave with 2 where an option was given (is not None or False) that the estimator has no use for."""
-    for option, value in given.items():
-        if value not in (None, False) and estimator not in OF[option]:
-            stop(f"{option} is an option of {' and '.join(OF[option])}; got --estimator {estimator}")
+class Choice(NamedTuple):
+    """An estimator as the command line asks for it.
+
+    Attributes:
+        estimator: with its settings.
+        settings: arguments that made it, see `jgait.estimators.about.Settings`.
+        params: parameters to start from.
+        given: option → value of the estimator's own options.
+        paper: whether this is the paper's pipeline.
+    """
+
+    estimator: Estimator[Any, Any]
+    settings: dict[str, Any]
+    params: Any
+    given: dict[str, Any]
+    paper: bool = False
+
+    def personal(self, known: Mapping[str, Any]) -> tuple[Any, list[str]]:
+        """The parameters of one person, and notes about measures for which the default stands in.
+
+        Args:
+            known: measures of the person that do not come from options.
+        """
+        about = self.estimator.about
+        own = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
+        body = {**known, **own}
+        p = self.estimator.own(self.params, body)
+        for option in about.options:
+            if option.params is not None and option.name in self.given:
+                p = option.params(p, self.given[option.name])
+        return p, missing(about, body, self.params, self.estimator.params)
+
+    def estimate(self, p: Any, recording: Recording) -> Estimate:
+        """The estimate of one recording, with the notes of the options."""
+        result = self.estimator.estimate(p, recording)
+        notes = list(result.diagnostics["notes"])
+        for option in self.estimator.about.options:
+            if option.notes is not None and option.name in self.given:
+                notes += option.notes(recording, self.given[option.name])
+        return result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
+
+
+def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) -> list[str]:
+    """Notes about measures that are not known, neither of the person nor from parameters.
+
+    Args:
+        about: what the estimator states about itself.
+        body: measures that are known.
+        params: parameters that are used.
+        default: default parameters.
+    """
+    measures = {measure.name: measure for measure in about.measures}
+    notes = []
+    for group in about.missing:
+        lacking = []
+        for name in group.measures:
+            parameter = measures[name].parameter or name
+            if name not in body and np.all(np.equal(getattr(params, parameter), getattr(default, parameter))):
+                lacking.append(measures[name].option)
+        if not lacking or (group.any_one and len(lacking) < len(group.measures)):
+            continue
+        options = list(dict.fromkeys(lacking))
+        words = f"neither {' nor '.join(options)}" if group.any_one else f"no {' and '.join(options)}"
+        notes.append(f"{words}: {group.text.format(p=params)}")
+    return notes
+
+
+def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any]) -> Choice:
+    """What the options ask for; leaves with 2 where there is no such thing.
+
+    Args:
+        name: of the estimator.
+        paper: the paper's pipeline.
+        file: of parameters, or None.
+        values: the estimator's own options as arguments, see `with_own_options`.
+    """
+    pipeline_of(name, paper)
+    given = given_of(name, values)
+    about = estimators.about_of(name)
+    settings = settings_of(about, paper)
+    for option in about.options:
+        if option.settings is not None and option.name in given:
+            settings = option.settings(settings, given[option.name])
+    estimator = estimators.get(name, **settings)
+    return Choice(estimator, settings, start_of(estimator, file, paper), given, paper)
+
+
+def settings_of(about: About, paper: bool) -> dict[str, Any]:
+    """The settings of the paper's pipeline or of the default one."""
+    options = about.paper if paper else about.default
+    return {} if options is None else {"options": options}
 
 
 def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
-    """The estimator that was asked for; leaves with 2 where there is none."""
-    from jgait import estimators
-    from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
-    from jgait.estimators import waist as waist_ofdri
-
-    modules = (leg_ekf, stride_width_ekf, waist_ofdri, duty_cycled_gyro)
-    papers = {module.__name__.rpartition(".")[2]: module.PAPER for module in modules}
-    if name in estimators.names():
-        refuse_others(name, {"--paper": paper})
+    """The estimator of this name; leaves with 2 where there is none, or no pipeline of a paper."""
+    if paper and name in estimators.names() and estimators.about_of(name).paper is None:
+        refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
     try:
-        return estimators.get(name, *([papers[name]] if paper and name in papers else []))
+        return estimators.get(name, **settings_of(estimators.about_of(name), paper))
     except ValueError as error:
         stop(str(error))
 
 
 def measures_of(estimator: Estimator[Any, Any]) -> tuple[str, ...]:
-    """Which of a person's own measures an estimator takes."""
-    return tuple(name for name in MEASURES if name in getattr(estimator.params, "_fields", ()))
+    """Those of a person's measures that are parameters of the estimator."""
+    fields = getattr(estimator.params, "_fields", ())
+    return tuple(measure.name for measure in estimator.about.measures if measure.name in fields)
 
 
 def start_of(estimator: Estimator[Any, Any], file: Path | None, paper: bool) -> Any:
-    """The estimator's own parameters, or those of a file; leaves with 2 where they cannot be."""
+    """The estimator's own parameters, or those of a file; leaves with 2 where the file cannot be used."""
     from jgait import io
     from jgait.params import check_params
 

@@ -9,6 +9,8 @@ import typer
 from jgait.commands.console import stop
 from jgait.types import Recording
 
+Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
+RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
 GyrUnit = Annotated[
     str | None, typer.Option(help="deg/s or rad/s; default deg/s for tables, for other files what they state.")
 ]

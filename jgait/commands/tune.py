@@ -161,7 +161,7 @@ def _lessons(
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
         check_params(pipeline.own(start, known), pipeline.transforms)
         both = {name: np.asarray(value, float) for name, value in known.items()}
-        both |= {name: np.broadcast_to(both[name], 2) for name in cohorts.LENGTHS if name in both}
+        both |= {name: np.broadcast_to(both[name], 2) for name in both if isinstance(getattr(start, name), tuple)}
         return {name: value for name, value in both.items() if name not in learned}
 
     with progress() as bars:

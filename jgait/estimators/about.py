@@ -88,6 +88,7 @@ class TotalColumn(NamedTuple):
         unit: of the printed number, or "".
         digits: after the decimal point.
         scale: from the total to the printed number.
+        left: the column holds words, set to the left.
     """
 
     name: str
@@ -95,6 +96,7 @@ class TotalColumn(NamedTuple):
     unit: str = ""
     digits: int = 2
     scale: float = 1.0
+    left: bool = False
 
 
 def always(_: Estimate) -> bool:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from jgait.estimators import stride_flags
 from jgait.plot.feet import FOOT, HOLD, legend, rows_of
 from jgait.plot.walk import blank
 from jgait.types import SIDES, Estimate, as_float
@@ -19,10 +20,10 @@ PANELS = (
 
 RING = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL = {
-    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": "in a turn"},
-    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": "on stairs"},
-    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": "swing clipped"},
-    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": "from or to standing"},
+    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.TURNING.label},
+    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.STAIRS.label},
+    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
+    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
 }
 """Flag in the diagnostics → the mark around a stride that has it; told apart by form, not colour."""
 

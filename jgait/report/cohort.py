@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jgait.estimators import about_of
 from jgait.report import flags
 from jgait.report.made import Made
 from jgait.report.page import (
@@ -23,7 +24,7 @@ from jgait.report.page import (
     significant,
     without_folders,
 )
-from jgait.report.recording import ABOUT, readable
+from jgait.report.recording import readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,7 +85,7 @@ def of_cohort(
         _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
         _people(found, paired, failures), _recordings(found), _failures(failures), _parameters(made),
     ]  # fmt: skip
-    about = ABOUT.get(made.estimator, "What the sensors say")
+    about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
     numbers = {
         "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": dict(failures),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.plot.strides import SPECIAL
+from jgait.estimators.about import StrideFlag
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import Estimate
 
@@ -117,24 +117,6 @@ GOES_ON = (
 )  # fmt: skip
 """How the second half of a note begins that has a semicolon inside."""
 
-STRIDES = {
-    "turning": "Turns shorten the path of one foot and lengthen the other's; they are not in the means below.",
-    "stairs": "Lengths on stairs are horizontal; they are not in the means below.",
-    "clipped": "The swing went beyond the sensor's range, so the stride comes out too short. Not in the means below.",
-    "half": "Steps from or to standing are about half a stride long, and not in the means below.",
-    "unsure": "The speed by integration is unsure, because the accelerometer's bias had time to build up.",
-    "width": "The distance between the feet is not known well enough there; these widths are not in the means below.",
-}
-"""Flag of a stride → what it means."""
-
-WORDS = {
-    **{name: style["label"] for name, style in SPECIAL.items()}, "unsure": "speed unsure", "width": "width unsure"
-}  # fmt: skip
-"""Flag of a stride → what the table of strides calls it; as in the figures."""
-
-OUT_OF_MEANS = ("turning", "stairs", "clipped", "half")
-"""Strides with one of these flags are not in the means."""
-
 FEW = 10
 """Below so many strides means are said to be of few."""
 
@@ -175,20 +157,20 @@ def ordered(flags: Iterable[Flag]) -> list[Flag]:
     return sorted(flags, key=lambda flag: list(GRADES).index(flag.grade))
 
 
-def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int) -> list[Flag]:
+def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int, flags: Iterable[StrideFlag]) -> list[Flag]:
     """What is to be said of the strides: how many are special, and whether enough are left.
 
     Args:
         rows: how many strides there are.
         marks: flag → (rows,) bool.
         regular: how many of them the means are over.
+        flags: what the flags mean.
     """
     found = []
-    for name, own in marks.items():
-        many = int(own.sum())
+    for flag in flags:
+        many = int(marks[flag.name].sum()) if flag.name in marks else 0
         if many:
-            grade = "info" if name in ("turning", "half", "stairs") else "check"
-            found.append(Flag(grade, f"{many} of {rows} strides: {WORDS[name]}", STRIDES[name]))
+            found.append(Flag(flag.grade, f"{many} of {rows} strides: {flag.label}", flag.meaning))
     if 0 < regular < FEW:
         meaning = "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm."
         found.append(Flag("check", f"Only {regular} regular strides", meaning))

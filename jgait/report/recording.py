@@ -5,23 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from jgait.estimators import about_of
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
 from jgait.report.page import Cell, Content, Report, Section, Table, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk, as_float
-
-ABOUT = {
-    "leg_ekf": "Hip and knee angles and distance from sensors on thigh and shank",
-    "foot_ins": "Paths and strides of the feet from sensors on the shoes",
-    "stride_width_ekf": "Paths, strides and stride widths from sensors on both shoes",
-    "two_feet": "Paths, strides and stride widths from sensors on both shoes",
-    "ankle_stride": "Strides from a sensor at the ankle or on the shank",
-    "duty_cycled_gyro": "Hip and knee angles from sensors whose gyroscopes sleep part of the time",
-    "waist_ofdri": "Contacts, strides and distance from one sensor at the waist",
-}
-"""Estimator → what it gives, in words."""
-
 
 CURVES = {
     "hip": "hip angle", "knee": "knee angle", "x": "ankle forward of hip", "y": "ankle above hip",
@@ -56,7 +45,7 @@ def of_estimate(
     notes = (*recording.notes, *estimate.diagnostics.get("notes", ()), *made.notes)
     raised = [
         *flags.explained(notes), *flags.of_samples(estimate),
-        *flags.of_strides(len(of.table), of.marks, int(of.regular.sum())),
+        *flags.of_strides(len(of.table), of.marks, int(of.regular.sum()), of.flags),
     ]  # fmt: skip
     raised = flags.ordered(raised)
     total = distance_of(estimate)
@@ -66,7 +55,7 @@ def of_estimate(
         sections.insert(1, _against(estimate, recording, reference))
     sections.append(_details(estimate, recording, made))
     title = Path(recording.name).name
-    about = ABOUT.get(made.estimator, "What the sensors say")
+    about = about_of(made.estimator).title
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     lead = f"{about}{who}."
     return Report(Content(

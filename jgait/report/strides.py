@@ -5,24 +5,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jgait.report import flags
+from jgait.estimators import stride_flags
+from jgait.estimators.about import StrideFlag
+from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.report.page import Cell, Table, cell, number
-from jgait.types import SIDES, Estimate, Strides, as_float
+from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
-
-TURNING = 0.35
-"""[rad] A stride over which a foot turns by more (20°) is one of a turn, where the estimator does not say itself."""
 
 KNEE_SWING = np.deg2rad(20.0)
 """[rad] How far the knee bends beyond what lies around it, at least, when a leg swings."""
 
 SHORTEST, LONGEST = 0.6, 2.5
 """[s] A cycle of a walking leg; what lasts longer has standing in it."""
-
-SHORT = 0.8
-"""A stride at an end of a bout that is shorter than this share of the median is one from or to standing."""
 
 FEWEST = 3
 """Strides of each side from which on sides are compared."""
@@ -78,17 +74,19 @@ class Found(NamedTuple):
     Attributes:
         table: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
         marks: flag → (rows,) bool.
+        flags: what the flags mean.
         regular: (rows,) bool; the strides that the means are over.
         cycles: whether these are cycles of leg angles instead of strides between contacts.
     """
 
     table: "pd.DataFrame"
     marks: dict[str, np.ndarray]
+    flags: tuple[StrideFlag, ...]
     regular: np.ndarray
     cycles: bool
 
 
-def found(estimate: Estimate) -> Found:
+def found(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> Found:
     """The strides of an estimate, or the cycles of its leg angles.
 
     A cycle of a leg goes from the largest bend of a swinging knee to the next; its length is how far the distance
@@ -96,59 +94,19 @@ def found(estimate: Estimate) -> Found:
 
     Args:
         estimate: of one recording.
+        flags: of its strides.
     """
     from jgait import io
 
     cycles = estimate.strides is None
     table = leg_cycles(estimate) if cycles else io.strides_to_dataframe(estimate)
-    marks = {} if cycles else _marks(estimate)
+    marks = stride_flags.marks(estimate, flags)
     if "stride_duration_s" in table:
         duration = table["stride_duration_s"].where(~marks.get("half", np.zeros(len(table), bool)))
         table = table.assign(cadence_spm=120.0 / duration)
-    special = [own for name, own in marks.items() if name in flags.OUT_OF_MEANS]
+    special = [marks[flag.name] for flag in flags if flag.name in marks and not flag.regular]
     regular = ~np.logical_or.reduce(special) if special else np.ones(len(table), bool)
-    return Found(table, marks, regular, cycles)
-
-
-def _marks(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Flag → of every stride whether it has it, in the order of `io.strides_to_dataframe`."""
-    strides, told = estimate.strides, estimate.diagnostics
-    size = np.size(strides.side)
-    valid = np.flatnonzero(np.asarray(strides.valid, bool))
-    first = as_float(strides.standing if strides.start is None else strides.start)
-    order = valid[np.argsort(first[valid], kind="stable")]
-    marks = {
-        name: np.asarray(told[name], bool)[order]
-        for name in flags.STRIDES
-        if name in told and np.shape(told[name]) == (size,)
-    }
-    if "pendulum_constant" in told:
-        marks.pop("unsure", None)  # the pendulum measures the speed, so that integration need not
-    if "turning" not in marks and strides.turn is not None:
-        marks["turning"] = np.abs(np.nan_to_num(as_float(strides.turn)[order])) > TURNING
-    if "half" not in marks and strides.start is not None and strides.end is not None:
-        marks["half"] = _half(strides, order)
-    trusted = told.get("width_valid")
-    if trusted is not None and np.shape(trusted) == (size,):
-        marks["width"] = ~np.asarray(trusted, bool)[order] & np.isfinite(as_float(strides.width)[order])
-    return marks
-
-
-def _half(strides: Strides, order: np.ndarray) -> np.ndarray:
-    """Which strides are from or to standing: without a contact before, or short at the end of a bout."""
-    start, end, length = (as_float(values)[order] for values in (strides.start, strides.end, strides.length))
-    side = np.asarray(strides.side)[order]
-    half = np.zeros(order.size, bool)
-    if strides.final_contact is not None:
-        half |= np.nan_to_num(as_float(strides.final_contact)[order] - start, nan=1.0) <= 0.0
-    for foot in range(len(SIDES)):
-        own = np.flatnonzero(side == foot)
-        if own.size < FEWEST:
-            continue
-        apart = start[own][1:] - end[own][:-1] > 0.5 * np.median(end[own] - start[own])
-        ends = np.concatenate([[True], apart]) | np.concatenate([apart, [True]])
-        half[own] |= ends & (length[own] < SHORT * np.median(length[own]))
-    return half
+    return Found(table, marks, flags, regular, cycles)
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
@@ -202,7 +160,7 @@ def stride_table(of: Found) -> Table:
             spread = stride.get(f"{name}_std_{unit}")
             spread = None if spread is None else measure.scale * spread
             cells.append(cell(measure.scale * stride[measure.name], measure.digits, spread))
-        words = [str(flags.WORDS[name]) for name, own in of.marks.items() if own[k]]
+        words = [flag.label for flag in of.flags if flag.name in of.marks and of.marks[flag.name][k]]
         rows.append([*cells, Cell(", ".join(words))])
     spread = any("_std_" in name for name in of.table)
     caption = CYCLES if of.cycles else "Strides, from one contact of a foot to its next."
@@ -227,8 +185,9 @@ def means(of: Found) -> list[dict[str, Any]]:
             continue
         values = of.table[measure.name].to_numpy(float)
         use = of.regular & np.isfinite(values)
-        if measure.name in ("stride_width_m", "step_length_m") and "width" in of.marks:
-            use &= ~of.marks["width"]
+        for flag in of.flags:
+            if measure.name in flag.leaves_out and flag.name in of.marks:
+                use &= ~of.marks[flag.name]
         if not use.any():
             continue
         side = of.table["side"].to_numpy()
@@ -272,7 +231,7 @@ def mean_table(of: Found, rows: list[dict[str, Any]]) -> Table:
             cells.append(Cell(_difference(row, measure)))
         made.append([*cells, Cell(str(row["all"]["n"]))])
     columns = ["", "all", *(f"{side} leg" for side in sides), *(["right − left"] if both else []), "strides"]
-    left_out = sorted({str(flags.WORDS[n]) for n in of.marks if n in flags.OUT_OF_MEANS and of.marks[n].any()})
+    left_out = sorted(f.label for f in of.flags if not f.regular and f.name in of.marks and of.marks[f.name].any())
     caption = "Mean ± standard deviation from stride to stride" + (
         f"; strides {' or '.join(left_out)} are left out." if left_out else "."
     )

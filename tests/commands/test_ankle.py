@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from jgait import io, plot
 from jgait.cli import app
-from jgait.commands.estimate import strides as estimate_strides
+from jgait.commands import results
 from jgait.estimators import ankle_stride
+from jgait.estimators.ankle_stride.about import ABOUT, totals
 from jgait.types import Imu, Recording
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
@@ -171,11 +172,11 @@ def test_both_legs_have_a_row_and_a_colour():
             for again in (False, True) for name, value in right.diagnostics.items()
         },
     )  # fmt: skip
-    legs = estimate_strides.totals(both)
+    legs = totals(both)
     assert [leg["side"] for leg in legs] == ["right", "left"]
     assert [leg["strides"] for leg in legs] == [6, 6]
     assert legs[0]["distance_m"] == pytest.approx(legs[1]["distance_m"])
-    table = estimate_strides.stride_table(both)
+    table = results.rows_of(ABOUT.tables[0], both, ABOUT)
     assert list(table["side"][:4]) == ["right", "right", "left", "left"]  # each first stride is short
     for side in ("right", "left"):
         assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
@@ -191,6 +192,6 @@ def test_a_figure_of_no_strides_is_refused():
     imu = recording.sensors["ankle_right"]
     still = Imu(imu.time, np.zeros_like(imu.gyr), np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
     result = ankle_stride.estimate(ankle_stride.AnkleParams(), Recording({"ankle_right": still}, 100.0))
-    assert estimate_strides.totals(result)[0]["strides"] == 0
+    assert totals(result)[0]["strides"] == 0
     with pytest.raises(ValueError, match="no stride is valid"):
         plot.leg_strides(result)

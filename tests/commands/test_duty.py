@@ -1,6 +1,7 @@
 """Sleeping gyroscopes on the command line: tables, totals, the figure, and what is refused."""
 
 import json
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -10,13 +11,14 @@ from typer.testing import CliRunner
 from jgait import io, plot
 from jgait.cli import app
 from jgait.commands.console import console
-from jgait.commands.estimate import duty as estimate_duty
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.estimators import duty_cycled_gyro
+from jgait.estimators.duty_cycled_gyro import about
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
 RATE = 50.0
+MODULE = import_module("jgait.estimators.duty_cycled_gyro.estimator")  # the package has a function of that name
 
 
 @pytest.fixture(autouse=True)
@@ -85,7 +87,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
         assert duty_cycled_gyro.prepared(recording, options).options.gaps
         return made(flags())
 
-    monkeypatch.setattr(duty_cycled_gyro, "estimate", estimate)
+    monkeypatch.setattr(MODULE, "estimate", estimate)
     out = tmp_path / "out"
     words = ("--method", "duty_cycled_gyro", "--duty", 0.5, "--filler", "ridge", "--warm-up", 5, "--thigh", 0.4)
     code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json")
@@ -129,7 +131,7 @@ def test_options_of_sleep_are_its_alone(csv, option):
 
 
 def test_without_a_leg_of_both_segments_there_is_no_table_of_legs(csv, tmp_path, monkeypatch):
-    monkeypatch.setattr(duty_cycled_gyro, "estimate", lambda *_: made(flags(), joints=False))
+    monkeypatch.setattr(MODULE, "estimate", lambda *_: made(flags(), joints=False))
     code, said = run(csv, "--estimator", "duty_cycled_gyro", "--paper", "--out", tmp_path / "out")
     assert code == 0 and "no --duty: gyroscopes sleep only where the file has no samples" in said, said
     assert "gaps filled by replicate" in said and "│ – │ – │ – │ – │" in said
@@ -153,7 +155,7 @@ def test_the_figure_tells_measured_from_filled_and_shades_the_sleep():
     edges = sorted(patch.get_x() for patch in shank.patches)
     np.testing.assert_allclose(edges, [10.0, 16.0])
     assert not thigh.patches and len(angles.patches) == 2
-    assert estimate_duty.shown(estimate) == (13.0, 28.0)
+    assert about.shown(estimate) == (13.0, 28.0)
     part = plot.sleeping_gyroscopes(made(flags(), joints=False), seconds=(13.0, 28.0))
     assert part.axes[0].get_ylabel() == "angle [°]" and part.axes[1].lines[0].get_xdata()[0] == 13.0
     with pytest.raises(ValueError, match="tells of no gyroscope that may sleep"):

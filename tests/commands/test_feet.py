@@ -14,6 +14,7 @@ from jgait.types import Estimate, Imu, Legs, RangeReadings, Recording, Strides, 
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
 HZ, APART, OFFSET = 100.0, 0.2, 0.08
+LEGS = ("thigh_length", "shank_length")
 LENGTHS = {"right": np.r_[0.6, np.full(5, 1.2)], "left": np.full(6, 1.2)}
 RESTS = {"right": 1.5, "left": 2.05}
 
@@ -155,7 +156,9 @@ def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
     made = tune._lessons(pipeline, source, pipeline.params, ["pivot_height"], failures, True)
     assert made.data.own == {}
     walk = datasets.load("neura_sparse")[0]
-    assert set(cohort.body(walk)) == {"thigh_length", "shank_length"} and cohort.body(walk, ("pivot_height",)) == {}
+    assert (
+        set(cohort.body(walk, LEGS)) == {"thigh_length", "shank_length"} and cohort.body(walk, ("pivot_height",)) == {}
+    )
 
 
 def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
@@ -166,7 +169,7 @@ def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
     assert found.notes == [] and found.failures == []
     walk = found.read("a.csv")
     assert cohort.body(walk, ("pivot_height", "range_offset")) == {"pivot_height": 0.09, "range_offset": -0.05}
-    legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2")
+    legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", LEGS)
     assert [note.split(":")[0] for note in legs.notes] == [
         "1 of 1 recordings have no thigh_length_m", "1 of 1 recordings have no shank_length_m",
     ]  # fmt: skip

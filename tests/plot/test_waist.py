@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.commands.estimate import waist as estimate_waist
+from jgait.commands import results
 from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.waist.about import ABOUT
 from jgait.plot.feet import HOLD
 from jgait.plot.speed import OURS, TRUE, WAYS
 from jgait.plot.waist import CONTACT, KNOWN, RAW, REBUILT
@@ -96,15 +98,16 @@ def test_speed_by_every_way_of_integrating(recording, estimate):
     assert above.get_ylabel().endswith("[m/s²]")
 
 
-def test_the_command_line_draws_contacts(recording, estimate, tmp_path, monkeypatch):
-    monkeypatch.setattr(waist_ofdri, "estimate", lambda p, recording, options: estimate)
-    show = estimate_waist.walks(waist_ofdri.WaistParams(), None, 0.97, False, told=False)
-    written = show.write(show.run(recording), tmp_path, "walk")
+def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
+    p = waist_ofdri.with_body(waist_ofdri.WaistParams(), {"sensor_height": 0.97})
+    made = EstimatedRecording(recording, estimate, p, {"options": waist_ofdri.DEFAULT})
+    written = results.written(made, ABOUT, tmp_path, "walk")
     assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
     still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int)}
     none = estimate.strides._replace(**{name: getattr(estimate.strides, name)[:0]
                                         for name in ("side", "start", "end", "length", "valid")})  # fmt: skip
-    names = [path.name for path in show.write(estimate._replace(diagnostics=still, strides=none), tmp_path, "stood")]
+    stood = made._replace(estimate=estimate._replace(diagnostics=still, strides=none))
+    names = [path.name for path in results.written(stood, ABOUT, tmp_path, "stood")]
     assert "stood_contacts.csv" in names and "stood_contacts.png" not in names
 
 

@@ -19,6 +19,7 @@ from jgait.cli import app
 from jgait.commands import evaluate as evaluate_command
 from jgait.commands import report as command
 from jgait.commands.cohort import Source
+from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride, leg_ekf
 from jgait.io.atomic import write_text
 from jgait.report import flags, strides
@@ -377,8 +378,8 @@ def walk_file(tmp_path, monkeypatch):
 
     told = {}
 
-    def estimated(name, p, walked, paper, given):
-        told.update(name=name, p=p, paper=paper)
+    def estimated(choice, p, walked):
+        told.update(name=choice.estimator.name, p=p, paper=choice.paper)
         return walking_ankles()
 
     rng = np.random.default_rng(0)
@@ -423,12 +424,15 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
 
 
 def test_what_is_not_given_of_a_person_is_said():
-    none = dict.fromkeys(("--scale", "--lever"))
-    _, missing = command.own_params(ankle_stride.estimator(), ankle_stride.AnkleParams(), {}, none, False)
-    assert missing == ["no lever ankle was given: the default of the estimator stands in for it"]
+    ankle = chosen("ankle_stride", False, None, {})
+    _, missing = ankle.personal({})
+    assert len(missing) == 1 and missing[0].startswith("no --lever: a sensor at the ankle is taken to sit 0.03 m above")
     assert [flag.grade for flag in flags.explained(missing)] == ["check"]
-    p, missing = command.own_params(leg_ekf.estimator(), leg_ekf.LegParams(), {}, none | {"--scale": 1.1}, True)
-    assert p.distance_scale == 1.1 and missing == []
+    legs = chosen("leg_ekf", False, None, {"scale": 1.1, "thigh": 0.4})
+    p, missing = legs.personal({"shank_length": (0.4, 0.41)})
+    assert p.distance_scale == 1.1 and p.shank_length.left == 0.41 and missing == []
+    _, missing = chosen("waist", False, None, {"height": 1.7}).personal({})
+    assert missing == []
 
 
 @pytest.mark.parametrize(
@@ -437,7 +441,7 @@ def test_what_is_not_given_of_a_person_is_said():
         ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
-        (("{file}", "--height", "1.7"), "--height is an option of waist_ofdri; got --estimator leg_ekf"),
+        (("{file}", "--height", "1.7"), "--height is an option of waist and waist_ofdri; got --estimator leg_ekf"),
         (("{file}", "--estimator", "mine"), "estimator must be one of"),
         (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),
         (("--simulated", "2", "--thigh", "0.4"), "--thigh is of one recording"),

@@ -81,7 +81,7 @@ ABOUT = About(
     totals=totals,
     columns=(
         TotalColumn("side", "leg"), TotalColumn("strides", "strides", digits=0), DISTANCE, *MEDIANS,
-        TotalColumn("special", "special"),
+        TotalColumn("special", "special", left=True),
     ),
     caption="length and speed: medians over whole strides; whole tables in the files",
     tables=(EstimateTable("strides", "strides", json="strides"), EstimateTable("totals", leg_table, json="legs")),

@@ -161,7 +161,8 @@ def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistIn
 
 def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:
     """The paper's pipeline as an estimator of its own, `waist_ofdri`."""
-    return estimator(options)._replace(name="waist_ofdri", about=ABOUT._replace(default=PAPER))
+    about = ABOUT._replace(title=f"{ABOUT.title}, by the paper's pipeline", default=PAPER)
+    return estimator(options)._replace(name="waist_ofdri", about=about)
 
 
 DOUBTFUL = 0.25

@@ -1,0 +1,106 @@
+"""`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from jgait.commands import cohort as cohorts
+from jgait.commands import recordings, results
+from jgait.commands.console import Bar, console, errors, in_options, note, progress, stop, write_json
+from jgait.commands.own_options import remarks, with_own_options
+from jgait.commands.pipeline import Choice, chosen
+from jgait.estimators.about import EstimatedRecording
+from jgait.types import Estimate, Recording
+
+
+@with_own_options
+def estimate(
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="One recording each: CSV, Parquet, or as a measuring system writes it, also a folder."),
+    ],
+    estimator: cohorts.EstimatorName = "leg_ekf",
+    rate: recordings.Rate = None,
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
+    range_unit: recordings.RangeUnit = "m",
+    format: recordings.Format = None,
+    place: recordings.Place = None,
+    trial: recordings.Trial = None,
+    params: cohorts.Params = None,
+    paper: cohorts.Paper = False,
+    out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("jgait-results"),
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    **own: Any,
+) -> None:
+    """Estimate gait from recordings in files, and write tables and figures.
+
+    Tables have a column time [s] and the columns of the estimator. The person should stand still for a second or more
+    somewhere in the recording.
+
+    {estimators}
+    """
+    choice = chosen(estimator, paper, params, own)
+    p, lacking = choice.personal({})
+    for line in (*remarks(estimator, own), *lacking):
+        note(line)
+    placement, placements = recordings.places_of(place)
+    read = partial(
+        recordings.recording_of, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit, format=format,
+        placement=placement, placements=placements, trial=trial,
+    )  # fmt: skip
+    about = choice.estimator.about
+    table = results.printed_table(estimator + (", the paper's pipeline" if paper else ""), about)
+    numbers, failures = _each(files, read, choice, p, table, out)
+    if table.rows:
+        console.print(table)
+        console.print(about.caption.format(**choice.settings), style="dim")
+    write_json(json_file, {"estimator": estimator, "recordings": numbers, "failures": failures})
+    if failures:
+        errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
+        raise typer.Exit(1 if len(failures) < len(files) else 2)
+
+
+def _each(
+    files: list[Path], read: Callable[[Path], Recording], choice: Choice, p: Any, table: Table, out: Path
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Estimate, write and print every file: file → numbers, and file → the reason why it could not be used."""
+    about = choice.estimator.about
+    numbers: dict[str, Any] = {}
+    failures: dict[str, str] = {}
+    for file in files:
+        try:
+            with progress() as bars:
+                Bar(bars)(f"{file.name}: reading and computing; the first recording takes longest", 0, None)
+                recording = read(file)
+                result = choice.estimate(p, recording)
+            result = _with_notes(result, recording)
+        except (ValueError, OSError) as error:
+            reason = in_options(str(error))
+            errors.print(f"[bold red]{escape(str(file))}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
+            failures[str(file)] = reason
+            continue
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            made = EstimatedRecording(recording, result, p, choice.settings)
+            written = results.written(made, about, out, file.stem)
+        except OSError as error:
+            stop(f"nothing more could be written to {out}: {error}")
+        for line in result.diagnostics["notes"]:
+            note(f"{file.name}: {line}")
+        for row in results.printed_rows(result, about, file.stem):
+            table.add_row(*row)
+        numbers[str(file)] = results.numbers(result, about, written)
+        console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+    return numbers, failures
+
+
+def _with_notes(result: Estimate, recording: Recording) -> Estimate:
+    """The notes of the reader first, each note once."""
+    notes = tuple(dict.fromkeys((*recording.notes, *result.diagnostics["notes"])))
+    return result._replace(diagnostics={**result.diagnostics, "notes": notes})

@@ -1,0 +1,123 @@
+"""Options of the command line that only some estimators have, gathered from what the estimators state."""
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from jgait import estimators
+from jgait.commands.console import stop
+from jgait.estimators.about import About, BodyMeasure, CommandOption
+
+
+class OwnOption(NamedTuple):
+    """An option, and the names of the estimators that have it."""
+
+    option: CommandOption
+    estimators: tuple[str, ...]
+
+    @property
+    def variable(self) -> str:
+        """The name of the option as an argument of a function."""
+        return self.option.name.removeprefix("--").replace("-", "_")
+
+
+def options_of(about: About) -> dict[str, CommandOption]:
+    """The options of an estimator by name: those that it states, and those of the measures that it takes."""
+    stated = {option.name: option for option in about.options}
+    measured = {m.option: _of_measure(m) for m in about.measures if m.option and m.option not in stated}
+    return measured | stated
+
+
+def _of_measure(measure: BodyMeasure) -> CommandOption:
+    default = "" if measure.default is None else f"; {measure.default:g}"
+    text = f"{measure.meaning} [{measure.unit}]{default}."
+    return CommandOption(measure.option, text, low=measure.low, high=measure.high)
+
+
+@functools.cache
+def own_options() -> dict[str, OwnOption]:
+    """All options that only some estimators have, in the order of the registry."""
+    found: dict[str, OwnOption] = {}
+    for name in estimators.names():
+        for option in options_of(estimators.about_of(name)).values():
+            known = found.get(option.name, OwnOption(option, ()))
+            found[option.name] = known._replace(estimators=(*known.estimators, name))
+    return found
+
+
+def with_own_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose argument `**own` becomes one option for each of `own_options`, for typer.
+
+    In its docstring `{estimators}` becomes a line for each estimator.
+    """
+    signature = inspect.signature(command)
+    parameters = []
+    for parameter in signature.parameters.values():
+        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
+            parameters += [_parameter(one) for one in own_options().values()]
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    @functools.wraps(command)
+    def wrapped(**values: Any) -> None:
+        command(**values)
+
+    wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {one.name: one.annotation for one in parameters}
+    lines = [_line(name) for name in estimators.names()]
+    wrapped.__doc__ = inspect.cleandoc(command.__doc__ or "").replace("{estimators}", "\n\n".join(lines))
+    return wrapped
+
+
+def _parameter(own: OwnOption) -> inspect.Parameter:
+    kind, low, high = own.option.kind, own.option.low, own.option.high
+    text = f"{', '.join(own.estimators)}: {own.option.help}"
+    declared = typer.Option(own.option.name, min=low, max=high, help=text)
+    return inspect.Parameter(
+        own.variable, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, declared]
+    )
+
+
+def _line(name: str) -> str:
+    about = estimators.about_of(name)
+    return f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip()
+
+
+def given_of(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that were given → their values, parsed; leaves with 2 for those that the estimator does not have.
+
+    Args:
+        name: of the estimator.
+        values: argument → value, or None where the option was not given.
+    """
+    given: dict[str, Any] = {}
+    mine = options_of(estimators.about_of(name))
+    for own in own_options().values():
+        value = values.get(own.variable)
+        if value is None:
+            continue
+        if own.option.name not in mine:
+            refuse(own.option.name, own.estimators, name)
+        option = mine[own.option.name]
+        try:
+            given[option.name] = value if option.parse is None else option.parse(value)
+        except ValueError as error:
+            stop(str(error))
+    return given
+
+
+def refuse(option: str, known: tuple[str, ...], name: str) -> None:
+    """Leave with 2: the option is one of other estimators."""
+    stop(f"{option} is an option of {' and '.join(known)}; got --estimator {name}")
+
+
+def remarks(name: str, values: Mapping[str, Any]) -> list[str]:
+    """What the estimator's options have to note before anything is computed."""
+    found = []
+    for option in options_of(estimators.about_of(name)).values():
+        if option.remark is not None:
+            found.append(option.remark(values.get(own_options()[option.name].variable)))
+    return [text for text in found if text]

@@ -1,0 +1,109 @@
+"""The tables, figures and numbers that `jgait estimate` makes of an estimate, as the estimator states them."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from jgait.estimators.about import About, EstimatedRecording, EstimateTable, TotalColumn
+from jgait.estimators.stride_flags import marks
+from jgait.types import Estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def printed_table(title: str, about: About) -> Table:
+    """An empty table with a column for the recording and one for each total that is printed."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("recording", justify="left")
+    for column in about.columns:
+        unit = f"\n[{column.unit}]" if column.unit else ""
+        table.add_column(escape(column.heading + unit), justify="left" if column.left else "right")
+    return table
+
+
+def printed_rows(estimate: Estimate, about: About, name: str) -> list[list[str]]:
+    """The rows of one recording in the printed table."""
+    return [[name, *(_cell(row.get(c.name), c) for c in about.columns)] for row in about.totals(estimate)]
+
+
+def _cell(value: Any, column: TotalColumn) -> str:
+    """A total in words: a range, a number, or a word."""
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        return " … ".join(_cell(one, column) for one in value)
+    return f"{column.scale * value:.{column.digits}f}"
+
+
+def written(made: EstimatedRecording, about: About, out: Path, name: str) -> list[Path]:
+    """The files of tables and figures of one recording.
+
+    Args:
+        made: the estimate, and what it was computed from.
+        about: what its estimator states.
+        out: folder.
+        name: how the files' names begin.
+    """
+    from jgait import io, plot
+
+    files = []
+    for table in about.tables:
+        if table.when(made.estimate):
+            files.append(io.write_csv(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.csv"))
+    for figure in about.figures:
+        if figure.when(made.estimate):
+            arguments, words = figure.arguments(made)
+            drawn = getattr(plot, figure.plot)(*arguments, title=name, **words)
+            files.append(plot.save(drawn, out / f"{name}_{figure.file}.png"))
+    return files
+
+
+def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataFrame":
+    """The rows of a table that the estimator states."""
+    import pandas as pd
+
+    from jgait import io
+
+    if table.rows == "samples":
+        return io.to_dataframe(estimate)
+    if table.rows == "strides":
+        strides = io.strides_to_dataframe(estimate)
+        return strides.assign(special=["; ".join(words) for words in special(estimate, about)])
+    return pd.DataFrame(table.rows(estimate))
+
+
+def special(estimate: Estimate, about: About) -> list[list[str]]:
+    """The flags of each stride in words, in the order of the table of strides."""
+    from jgait import io
+
+    found = marks(estimate, about.flags)
+    words = {flag.name: flag.word for flag in about.flags}
+    rows = range(len(io.strides_to_dataframe(estimate)))
+    return [[words[name] for name, values in found.items() if values[row]] for row in rows]
+
+
+def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, Any]:
+    """The JSON numbers of one recording."""
+    distance = None if estimate.distance is None else float(estimate.distance[-1])
+    of_all = {
+        "duration_s": float(estimate.time[-1] - estimate.time[0]),
+        "distance_m": distance,
+        "notes": list(map(str, estimate.diagnostics["notes"])),
+        "files": [str(path) for path in files],
+    }
+    tables = {table.json: _records(table, estimate, about) for table in about.tables if table.json}
+    return {**of_all, **about.numbers(estimate), **tables}
+
+
+def _records(table: EstimateTable, estimate: Estimate, about: About) -> list[dict[str, Any]]:
+    frame = rows_of(table, estimate, about)
+    if table.rows == "strides":
+        frame = frame.assign(special=special(estimate, about))
+    records: list[dict[str, Any]] = json.loads(frame.to_json(orient="records", double_precision=6))
+    return records
