@@ -18,7 +18,7 @@ from _real_gait import RESTING, Figures, Spread, Truth, figures, find_strides, p
 from jgait import datasets
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY, Vector
-from jgait.plot.walk import blank
+from jgait.plot.style import blank
 from jgait.simulate import Person, gait, straight, walk
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, ImuErrors

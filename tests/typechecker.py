@@ -1,4 +1,4 @@
-"""How annotations are checked while tests run: beartype, an int where a float is asked for, generic records as tuples."""
+"""How annotations are checked while tests run: beartype, an int where a float is asked, generic records as tuples."""
 
 import functools
 import operator

@@ -18,25 +18,18 @@ library's figures are called from here. Counterparts of the papers' figures that
 | Silva | 3: states of the stride detection | `swing_states`; equations 3 to 6: `stride_integration` |
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
 from jgait.plot.ankle import stride_integration, swing_states
-from jgait.plot.apart import feet_apart
-from jgait.plot.duty import sleeping_gyroscopes
-from jgait.plot.feet import foot_height, foot_paths, stride_series
-from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles, save
+from jgait.plot.cohort import before_after, bland_altman, per_subject
+from jgait.plot.duty import filtered_rates, sleeping_gyroscopes
+from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
+from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
 from jgait.plot.power import error_over_duty, error_over_saving
-from jgait.plot.sleep import filtered_rates
 from jgait.plot.speed import forward_speed
-from jgait.plot.strides import leg_strides
+from jgait.plot.style import save
+from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
 from jgait.plot.walk import stick_figure, stride_signals
-from jgait.plot.widths import two_feet
-
-if TYPE_CHECKING:
-    from jgait.plot.cohort import before_after, bland_altman, per_subject
-    from jgait.plot.tuning import correlation, profile, training
+from jgait.plot.widths import feet_apart, two_feet
 
 __all__ = [
     "before_after",
@@ -67,15 +60,3 @@ __all__ = [
     "trunk_contacts",
     "two_feet",
 ]
-
-_ELSEWHERE = {
-    **dict.fromkeys(("before_after", "bland_altman", "per_subject"), "jgait.plot.cohort"),
-    **dict.fromkeys(("correlation", "profile", "training"), "jgait.plot.tuning"),
-}
-"""Figures whose modules draw in this one's colours: imported when they are first asked for."""
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _ELSEWHERE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_ELSEWHERE[name]), name)

@@ -11,25 +11,39 @@ import numpy as np
 from jgait.events.shank import FLAT, HEEL_STRIKE, SWING, TOE_OFF, Detector
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector, cross, vector
-from jgait.plot.waist import legend_once
-from jgait.plot.walk import AXES, blank
+from jgait.plot.style import (
+    AXES,
+    BLUE,
+    DASHED,
+    DOTTED,
+    GROUND,
+    RED,
+    Axes,
+    Figure,
+    Seconds,
+    Style,
+    blank,
+    check_overlap,
+    legend,
+    windowed,
+)
 from jgait.types import SIDES, Recording, as_float
 
 if TYPE_CHECKING:
     from jgait.estimators.ankle_stride.inputs import AnkleSignals
     from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 
-RAW = {"color": "0.6", "linewidth": 0.9}
-FILTERED = {"color": "black", "linewidth": 1.9}
-LIMIT = {"color": "#c0392b", "linewidth": 1.2, "linestyle": (0, (4, 2))}
+RAW: Style = {"color": "0.6", "linewidth": 0.9}
+FILTERED: Style = {"color": "black", "linewidth": 1.9}
+LIMIT: Style = {"color": RED, "linewidth": 1.2, "linestyle": DASHED}
 STATES = ((FLAT, "foot flat", "1.0"), (TOE_OFF, "toe-off", "0.8"), (SWING, "swing", "0.91"),
           (HEEL_STRIKE, "heel strike", "0.7"))  # fmt: skip
 """State, its name, and its ground."""
 
-EVENTS = (
+EVENTS: tuple[tuple[str, str, Style], ...] = (
     ("push_off", "push-off", {"marker": "^", "color": "white"}),
-    ("start", "swing begins", {"marker": "D", "color": "#6fb1e0"}),
-    ("end", "swing ends: a stride", {"marker": "v", "color": "#c0392b"}),
+    ("start", "swing begins", {"marker": "D", "color": BLUE}),
+    ("end", "swing ends: a stride", {"marker": "v", "color": RED}),
 )
 """Field of `shank_events.Found`, what it is, and its mark."""
 
@@ -37,7 +51,7 @@ SHOWN_S = 4.0
 """[s] About the middle stride, if no time is asked for."""
 
 ROWS = ("acceleration [m/s²]", "velocity [m/s]", "displacement [m]")
-UNCORRECTED = {"linewidth": 0.9, "linestyle": (0, (1, 1.2))}
+UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
 
 
 class Machine(NamedTuple):
@@ -61,9 +75,9 @@ def swing_states(
     *,
     side: str | None = None,
     detector: Detector | None = None,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
-) -> Any:
+) -> Figure:
     """The sagittal rate at an ankle or on a shank with the state machine's states, events and thresholds.
 
     Args:
@@ -90,21 +104,20 @@ def swing_states(
     strides = np.flatnonzero(machine.found.stride)
     middle = float(machine.found.end[strides[strides.size // 2]]) if strides.size else float(np.median(time))
     first, last = (middle - 0.5 * SHOWN_S, middle + 0.5 * SHOWN_S) if seconds is None else seconds
-    inside = (time >= first) & (time <= last)
-    if not inside.any():
-        raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
+    inside = windowed(time, (first, last))
+    check_overlap(time, (first, last))
     figure, axes = blank(2, 1, 8.8, 5.6, sharex=True, height_ratios=(3.0, 1.0))
     above, below = axes[:, 0]
     _grounds(above, machine, (first, last))
     above.axhline(0.0, color="0.5", linewidth=0.8)
     above.plot(time[inside], raw[inside], label="rate", **RAW)
-    part = (machine.time >= first) & (machine.time <= last)
+    part = windowed(machine.time, (first, last))
     above.plot(machine.time[part], machine.rate[part], label=f"its part below {float(d.cutoff_hz):g} Hz", **FILTERED)
     for sign in (1.0, -1.0):
         above.axhline(sign * float(d.threshold), label="threshold of push-off and swing", **LIMIT)
     for field, words, style in EVENTS:
         when = as_float(getattr(machine.found, field))[strides]
-        when = when[(when >= first) & (when <= last)]
+        when = when[windowed(when, (first, last))]
         above.plot(when, np.interp(when, machine.time, machine.rate), label=words, linestyle="none", markersize=7.0,
                    markeredgecolor="black", zorder=3.0, **style)  # fmt: skip
     above.set_ylabel(f"rate of the {side} shank [rad/s],\nforward swing negative")
@@ -115,7 +128,7 @@ def swing_states(
     for axis in (above, below):
         axis.set_xlim(max(first, float(time[0])), min(last, float(time[-1])))
         axis.grid(alpha=0.3)
-    legend_once(figure, (above,), title)
+    legend(figure, title)
     return figure
 
 
@@ -127,7 +140,7 @@ def stride_integration(
     side: str | None = None,
     stride: int | None = None,
     title: str = "",
-) -> Any:
+) -> Figure:
     """One stride integrated in three dimensions: the ankle's acceleration, velocity and displacement.
 
     Strapdown from one stance to the next, turned to where the stride leads. Thin dotted lines take the first sample's
@@ -177,8 +190,7 @@ def stride_integration(
     axes[-1, 0].set_xlabel("time [s]")
     length, rise = float(np.hypot(*went["way"][-1, :2])), float(went["way"][-1, 2])
     said = f"stride {number} of the {side} leg: {length:.2f} m, rise {100.0 * rise:.0f} cm, {when[-1] - when[0]:.2f} s"
-    figure.align_ylabels()
-    legend_once(figure, axes[:2, 0], f"{title}\n{said}" if title else said)
+    legend(figure, f"{title}\n{said}" if title else said)
     return figure
 
 
@@ -227,7 +239,7 @@ def _machine(rate: np.ndarray, time: np.ndarray, rate_hz: float, d: Detector) ->
     return Machine(time - late, as_float(filtered), np.asarray(state), found)
 
 
-def _grounds(axis: Any, machine: Machine, span: tuple[float, float]) -> None:
+def _grounds(axis: Axes, machine: Machine, span: tuple[float, float]) -> None:
     """Ground in the grey of each state; foot flat is white."""
     edges = np.flatnonzero(np.diff(machine.state)) + 1
     for start, stop in zip([0, *edges], [*edges, len(machine.state) - 1], strict=True):
@@ -235,7 +247,7 @@ def _grounds(axis: Any, machine: Machine, span: tuple[float, float]) -> None:
         if state == FLAT or machine.time[stop] < span[0] or machine.time[start] > span[1]:
             continue
         _, name, grey = STATES[state]
-        axis.axvspan(machine.time[start], machine.time[stop], color=grey, linewidth=0.0, zorder=0.0, label=name)
+        axis.axvspan(machine.time[start], machine.time[stop], color=grey, label=name, **GROUND)
 
 
 @functools.cache

@@ -3,14 +3,13 @@
 Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jgait.evaluate.reliability import Limits, limits_of_agreement, number_subjects
 from jgait.evaluate.statistics import paired_difference, require_columns
-from jgait.plot.legs import ESTIMATE, REFERENCE
-from jgait.plot.walk import blank
+from jgait.plot.style import DASHED, RED, REFERENCE, Axes, Figure, Style, blank
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,10 +23,10 @@ MARKS = (
 )  # fmt: skip
 """Shape and colour of each of few subjects: told apart in grey by their shape."""
 
-HALF = {"color": "0.45", "solid_capstyle": "butt"}
-MEDIAN = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
-WORST = {"marker": "|", "color": ESTIMATE["color"], "markersize": 9.0, "markeredgewidth": 2.0, "linestyle": "none"}
-MANY = {"marker": "o", "color": "0.35", "alpha": 0.45}
+HALF: Style = {"color": "0.45", "solid_capstyle": "butt"}
+MEDIAN: Style = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
+WORST: Style = {"marker": "|", "color": RED, "markersize": 9.0, "markeredgewidth": 2.0, "linestyle": "none"}
+MANY: Style = {"marker": "o", "color": "0.35", "alpha": 0.45}
 
 
 def _unit(text: str, unit: str) -> str:
@@ -59,7 +58,7 @@ def bland_altman(
     by: str = "subject",
     level: float = 0.95,
     title: str = "",
-) -> Any:
+) -> Figure:
     """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
 
     Args:
@@ -112,14 +111,14 @@ def bland_altman(
     return figure
 
 
-def _limits(axis: Any, limits: Limits, level: float, unit: str) -> None:
+def _limits(axis: Axes, limits: Limits, level: float, unit: str) -> None:
     """Bias and limits as lines; beside the axes, clear of the points, their values and intervals."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
     beside = axis.get_yaxis_transform()
     lines = (
         ("bias", "-", 1.035, limits.bias, limits.bias_low, limits.bias_high),
-        (f"upper {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.upper, limits.upper_low, limits.upper_high),
-        (f"lower {100 * level:g} %", REFERENCE["linestyle"], 1.015, limits.lower, limits.lower_low, limits.lower_high),
+        (f"upper {100 * level:g} %", DASHED, 1.015, limits.upper, limits.upper_low, limits.upper_high),
+        (f"lower {100 * level:g} %", DASHED, 1.015, limits.lower, limits.lower_low, limits.lower_high),
     )
     for _, style, at, value, low, high in lines:
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
@@ -136,7 +135,9 @@ def _number(value: float) -> str:
     return f"{value:+.3g}".replace("-", "−")
 
 
-def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = "") -> Any:
+def per_subject(
+    table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = ""
+) -> Figure:
     """Sizes of each subject's errors: all of them, the middle half, the median and the worst, sorted by median.
 
     Args:
@@ -180,7 +181,7 @@ def _height(rows: int) -> float:
     return float(np.clip(1.6 + 0.22 * rows, 2.6, 14.0))
 
 
-def _named(axis: Any, names: list[str]) -> None:
+def _named(axis: Axes, names: list[str]) -> None:
     axis.set_yticks(range(len(names)), names, fontsize=8 if len(names) <= 50 else 5)
     axis.set_ylim(len(names) - 0.4, -0.6)
     axis.grid(alpha=0.3, axis="x")
@@ -194,7 +195,7 @@ def before_after(
     by: str = "subject",
     seed: int = 0,
     title: str = "",
-) -> Any:
+) -> Figure:
     """What a change did to each subject's error, sorted by the error before.
 
     Args:
@@ -219,7 +220,7 @@ def before_after(
     figure, axes = blank(1, 1, 6.4, _height(len(means)))
     axis = axes[0, 0]
     for row, (first, second) in enumerate(zip(before, after, strict=True)):
-        style = {"color": ESTIMATE["color"], "linestyle": (0, (2, 1))} if second > first else {"color": "0.5"}
+        style = {"color": RED, "linestyle": (0, (2, 1))} if second > first else {"color": "0.5"}
         axis.plot([first, second], [row, row], linewidth=1.8, zorder=1, **style)
     rows = np.arange(len(means))
     axis.scatter(before, rows, s=48, facecolor="white", edgecolor="black", zorder=2, label="before")

@@ -1,28 +1,47 @@
-"""The picture of a gyroscope that sleeps: its rate, measured and filled, over the time it slept, and the angles."""
-
-from typing import Any
+"""Figures of a gyroscope that sleeps: its measured and filled rate, the angles, and what sleep does to the rate."""
 
 import numpy as np
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
-from jgait.plot.feet import legend
-from jgait.plot.walk import blank
+from jgait.plot.style import (
+    BLUE,
+    DEGREES,
+    GROUND,
+    RED,
+    Axes,
+    Figure,
+    Seconds,
+    Style,
+    band,
+    blank,
+    check_overlap,
+    legend,
+    over_time,
+    windowed,
+)
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Estimate, as_float
+from jgait.types import PLACEMENTS, SIDES, Estimate, as_float
 
-DEGREES = 180.0 / np.pi
-ASLEEP = {"color": "0.9", "linewidth": 0.0, "zorder": 0.0}
-RATES = (
+ASLEEP: Style = {"color": "0.9", "label": "gyroscope asleep, or sample lost", **GROUND}
+RATES: tuple[tuple[int, str, Style], ...] = (
     (MEASURED, "measured", {"color": "black", "linewidth": 1.1}),
     (FILLED, "filled", {"color": "#d35400", "linewidth": 1.7}),
     (HELD, "held, not used", {"color": "#2e86c1", "linewidth": 1.3, "linestyle": (0, (1, 1.5))}),
 )
 """How a sample was had, its name and its line; told apart by width and dashes as well as colour."""
 
-ANGLES = (("hip", {"color": "#6fb1e0", "linewidth": 1.6}), ("knee", {"color": "#5b2c83", "linewidth": 1.1}))
+ANGLES: tuple[tuple[str, Style], ...] = (
+    ("hip", {"color": BLUE, "linewidth": 1.6}),
+    ("knee", {"color": "#5b2c83", "linewidth": 1.1}),
+)
+
+READ: Style = {"color": "0.8", "linewidth": 4.0}
+AWAKE: Style = {"color": "black", "linewidth": 1.0}
+SLEPT: Style = {"color": RED, "linewidth": 1.6, "linestyle": (0, (4, 1.5))}
+ERROR: Style = {"color": RED, "linewidth": 1.0}
 
 
-def sleeping_gyroscopes(estimate: Estimate, *, seconds: tuple[float, float] | None = None, title: str = "") -> Any:
+def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
     """Angles and gyroscope rates of every leg over time; where a gyroscope slept the ground is grey.
 
     Args:
@@ -45,56 +64,46 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: tuple[float, float] | No
     rows = 1 + max(sum(name.endswith(side) for name in names) for side in sides)
     figure, axes = blank(rows, len(sides), 6.2 * len(sides) + 1.4, 2.0 * rows + 1.0, sharex=True, sharey="row")
     time = as_float(estimate.time)
-    part = slice(0, time.size) if seconds is None else slice(*np.searchsorted(time, seconds))
-    labelled = set[str]()
+    part = windowed(time, seconds)
     for column, side in enumerate(sides):
         own = [name for name in names if name.endswith(side)]
         axes[0, column].set_title(f"{side} leg", fontsize=10)
-        _angles(axes[0, column], estimate, side, own, part, labelled)
+        _angles(axes[0, column], estimate, side, own, part)
         for axis, name in zip(axes[1:, column], own, strict=False):
-            _rates(axis, estimate, name, part, labelled)
+            _rates(axis, estimate, name, part)
             axis.set_ylabel(f"{name.split('_')[0]} rate [rad/s]")
         for axis in axes[1 + len(own) :, column]:
             axis.set_visible(False)
         axes[len(own), column].set_xlabel("time [s]")
         axes[len(own), column].tick_params(labelbottom=True)
-    legend(figure, title)
+    legend(figure, title, columns=5)
     return figure
 
 
-def _once(name: str, labelled: set[str]) -> str | None:
-    """A name for the legend the first time, None after that."""
-    if name in labelled:
-        return None
-    labelled.add(name)
-    return name
-
-
-def _shade(axis: Any, time: np.ndarray, asleep: np.ndarray, labelled: set[str]) -> None:
+def _shade(axis: Axes, time: np.ndarray, asleep: np.ndarray) -> None:
     """Grey ground from the first sample of each sleep to the first after it."""
     for start, end in true_runs(asleep):
-        label = _once("gyroscope asleep, or sample lost", labelled)
-        axis.axvspan(time[start], time[min(end, time.size - 1)], label=label, **ASLEEP)
+        axis.axvspan(time[start], time[min(end, time.size - 1)], **ASLEEP)
 
 
-def _rates(axis: Any, estimate: Estimate, name: str, part: slice, labelled: set[str]) -> None:
+def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
     """One gyroscope: each piece reaches back to the sample before it, so that the line has no holes."""
     time, rate = as_float(estimate.time)[part], as_float(estimate.diagnostics[f"gyro_{name}"])[part]
     how = np.asarray(estimate.diagnostics[f"how_{name}"])[part]
-    _shade(axis, time, how != MEASURED, labelled)
+    _shade(axis, time, how != MEASURED)
     for kind, word, style in RATES:
         own = how == kind
         if own.any():
             kept = own | np.r_[own[1:], False] if kind != MEASURED else own
-            axis.plot(time, np.where(kept, rate, np.nan), label=_once(word, labelled), **style)
+            axis.plot(time, np.where(kept, rate, np.nan), label=word, **style)
     axis.grid(alpha=0.3)
 
 
-def _angles(axis: Any, estimate: Estimate, side: str, own: list[str], part: slice, labelled: set[str]) -> None:
+def _angles(axis: Axes, estimate: Estimate, side: str, own: list[str], part: np.ndarray) -> None:
     """Hip and knee with bands of two standard deviations, or the angle of the one segment."""
     time, told = as_float(estimate.time)[part], estimate.diagnostics
     asleep = np.any([np.asarray(told[f"how_{name}"])[part] != MEASURED for name in own], axis=0)
-    _shade(axis, time, asleep, labelled)
+    _shade(axis, time, asleep)
     leg = getattr(estimate.legs, side)
     if leg is None:
         lines = [(f"{name.split('_')[0]} angle", told[f"angle_{name}"], told[f"angle_stddev_{name}"]) for name in own]
@@ -109,7 +118,88 @@ def _angles(axis: Any, estimate: Estimate, side: str, own: list[str], part: slic
     for (word, values, deviation), style in zip(lines, styles, strict=True):
         angle = DEGREES * as_float(values)[part]
         if deviation is not None:
-            band = 2.0 * DEGREES * as_float(deviation)[part]
-            axis.fill_between(time, angle - band, angle + band, color=style["color"], alpha=0.22, linewidth=0.0)
-        axis.plot(time, angle, label=_once(f"{word}, ±2σ" if deviation is not None else word, labelled), **style)
+            band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)
+        axis.plot(time, angle, label=f"{word}, ±2σ" if deviation is not None else word, **style)
     axis.grid(alpha=0.3)
+
+
+def filtered_rates(
+    estimate: Estimate,
+    awake: Estimate | None = None,
+    *,
+    placement: str | None = None,
+    seconds: Seconds = None,
+    title: str = "",
+) -> Figure:
+    """The Kalman filter's rate of each segment over the gyroscope's reading; or with sleep over without, and the error.
+
+    Args:
+        estimate: of `duty_cycled_gyro`.
+        awake: of the same recording with its gyroscopes always on; then the estimate is drawn over it, and their
+            difference beneath. None: the gyroscope's own rate, measured or filled, is drawn beneath the estimate.
+        placement: one sensor alone, such as "shank_right"; None: all.
+        seconds: from and to [s]; None: everything.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure. Errors are over the root mean square of the rate without sleep, as in the paper, within the
+        time shown.
+
+    Raises:
+        ValueError: if an estimate tells of no such gyroscope, or of other times than the other, or if nothing lies in
+            the time asked for.
+    """
+    names = [name for name in PLACEMENTS if placement in (None, name) and _told(estimate, name)]
+    if not names:
+        which = "gyroscope" if placement is None else f"gyroscope of {placement!r}"
+        raise ValueError(f"the estimate tells of no {which}; it should be one of duty_cycled_gyro")
+    time = as_float(estimate.time)
+    span = (float(time[0]), float(time[-1])) if seconds is None else seconds
+    check_overlap(time, span)
+    kept = windowed(time, span)
+    if awake is not None:
+        _same(awake, names, time)
+    rows = len(names) * (1 if awake is None else 2)
+    figure, axes = blank(rows, 1, 8.8, 1.9 * rows + 1.1, sharex=True)
+    for number, name in enumerate(names):
+        axis = axes[number * rows // len(names), 0]
+        rate = as_float(estimate.diagnostics[f"rate_{name}"])[kept]
+        asleep = np.asarray(estimate.diagnostics[f"how_{name}"])[kept] != MEASURED
+        _shade(axis, time[kept], asleep)
+        if awake is None:
+            read = as_float(estimate.diagnostics[f"gyro_{name}"])[kept]
+            axis.plot(time[kept], read, label="gyroscope, measured or filled", **READ)
+            axis.plot(time[kept], rate, label="Kalman filter", **AWAKE)
+        else:
+            whole = as_float(awake.diagnostics[f"rate_{name}"])[kept]
+            axis.plot(time[kept], whole, label="Kalman filter, gyroscope always on", **AWAKE)
+            axis.plot(time[kept], rate, label="Kalman filter, gyroscope asleep at times", **SLEPT)
+            _error(axes[2 * number + 1, 0], time[kept], rate - whole, whole)
+            _shade(axes[2 * number + 1, 0], time[kept], asleep)
+        axis.set_ylabel(f"{name.replace('_', ', ')}\nrate [rad/s]")
+    axes[0, 0].set_xlim(max(span[0], float(time[0])), min(span[1], float(time[-1])))
+    over_time(axes[:, 0])
+    legend(figure, title)
+    return figure
+
+
+def _told(estimate: Estimate, name: str) -> bool:
+    return {f"rate_{name}", f"gyro_{name}", f"how_{name}"} <= estimate.diagnostics.keys()
+
+
+def _same(awake: Estimate, names: list[str], time: np.ndarray) -> None:
+    """Refuse an estimate of other gyroscopes or times."""
+    missing = [name for name in names if not _told(awake, name)]
+    if missing or not np.array_equal(as_float(awake.time), time):
+        what = f"tells nothing of {missing[0]}" if missing else "has other times"
+        raise ValueError(f"both estimates must be of the same recording; the one that is awake {what}")
+
+
+def _error(axis: Axes, time: np.ndarray, error: np.ndarray, whole: np.ndarray) -> None:
+    size = float(np.sqrt(np.mean(whole**2)))
+    axis.axhline(0.0, color="0.5", linewidth=0.8)
+    axis.plot(time, error, **ERROR)
+    axis.set_ylabel("error [rad/s]")
+    if size > 0.0:
+        share = 100.0 * float(np.sqrt(np.mean(error**2))) / size
+        axis.set_title(f"root mean square {share:.0f} % of the rate's", fontsize=9, loc="right", pad=3.0)

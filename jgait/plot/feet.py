@@ -9,20 +9,12 @@ from typing import Any
 import numpy as np
 
 from jgait.evaluate.errors import common_samples, yaw_aligned
-from jgait.plot.walk import blank
+from jgait.plot.style import DEGREES, FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, blank, legend, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
-FOOT = {
-    "right": {"color": "black", "linewidth": 1.1},
-    "left": {"color": "#6fb1e0", "linewidth": 1.6},
-}
-HOLD = {
-    "right": {"marker": "o", "color": "black", "markersize": 4.0, "linestyle": "none"},
-    "left": {"marker": "s", "color": "#6fb1e0", "markersize": 4.5, "markeredgecolor": "#2b6a99", "linestyle": "none"},
-}
-REFERENCE = {
+REFERENCE: dict[str, Style] = {
     "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
-    "left": {"color": "#c0392b", "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
+    "left": {"color": RED, "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
 }
 SERIES = (("length", "length [m]", 1.0), ("width", "width [cm]", 100.0), ("height", "rise [cm]", 100.0))
 
@@ -50,14 +42,15 @@ def rows_of(estimate: Estimate) -> np.ndarray:
     return rows[np.argsort(as_float(last)[rows], kind="stable")]
 
 
-def footholds(estimate: Estimate, side: str) -> np.ndarray:
-    """Times at which a foot stands on its footholds [s]; none if nothing is known of them."""
+def footholds(estimate: Estimate, side: str, seconds: Seconds = None) -> np.ndarray:
+    """Times at which a foot stands on its footholds [s], within a window; none if nothing is known of them."""
     if estimate.strides is None or estimate.strides.standing is None:
         return np.zeros(0)
     rows = [k for k in rows_of(estimate) if np.asarray(estimate.strides.side)[k] == SIDES.index(side)]
     # A foot that stands for long is seen to arrive and to leave: it is where it is seen to leave from.
     first, last = as_float(estimate.strides.standing)[rows], as_float(estimate.strides.standing_end)[rows]
-    return np.concatenate([first, last[-1:]])
+    times = np.concatenate([first, last[-1:]])
+    return times[windowed(times, seconds)]
 
 
 def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np.ndarray:
@@ -66,29 +59,21 @@ def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np
     return np.stack([np.interp(times, time, axis) for axis in as_float(foot.position).T], axis=1)
 
 
-def shown(estimate: Estimate, foot: FootTrajectory, seconds: tuple[float, float] | None) -> np.ndarray:
+def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndarray:
     """Places (T, 3) with gaps where nothing is known, or outside the time asked for."""
-    time = as_float(estimate.time)
-    seen = np.asarray(estimate.valid, bool)
-    if seconds is not None:
-        seen = seen & (time >= seconds[0]) & (time <= seconds[1])
+    seen = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     return np.where(seen[:, None], as_float(foot.position), np.nan)
-
-
-def inside(times: np.ndarray, seconds: tuple[float, float] | None) -> np.ndarray:
-    """The times that lie between two [s]."""
-    return times if seconds is None else times[(times >= seconds[0]) & (times <= seconds[1])]
 
 
 def foot_paths(
     estimate: Estimate,
     reference: Estimate | None = None,
     *,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
     label: str = "",
     reference_label: str = "reference",
-) -> Any:
+) -> Figure:
     """Both feet from above, footholds marked; axes equal.
 
     Args:
@@ -113,14 +98,14 @@ def foot_paths(
     axis = axes[0, 0]
     for side, way in ways.items():
         axis.plot(way[:, 0], way[:, 1], label=f"{label} {side} foot".strip(), **FOOT[side])
-        holds = places_at(estimate, feet[side], inside(footholds(estimate, side), seconds))
-        axis.plot(holds[:, 0], holds[:, 1], **HOLD[side])
+        holds = places_at(estimate, feet[side], footholds(estimate, side, seconds))
+        axis.plot(holds[:, 0], holds[:, 1], **FOOTHOLD[side])
     for side in feet:
         known = None if reference is None else _fitted(reference, estimate, side)
         if known is not None:
             axis.plot(known[:, 0], known[:, 1], label=f"{reference_label}, {side}", **REFERENCE[side])
     plan_of(axis)
-    legend(figure, title)
+    legend(figure, title, columns=5)
     return figure
 
 
@@ -144,7 +129,7 @@ def _fitted(reference: Estimate, estimate: Estimate, side: str) -> np.ndarray | 
     return places
 
 
-def plan_of(axis: Any) -> None:
+def plan_of(axis: Axes) -> None:
     """Make axes those of a view from above."""
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
@@ -152,17 +137,7 @@ def plan_of(axis: Any) -> None:
     axis.grid(alpha=0.3)
 
 
-def legend(figure: Any, title: str) -> None:
-    """One legend for all axes, below them, and the title above."""
-    figure.legend(loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    figure.align_ylabels()
-    if title:
-        figure.suptitle(title, fontsize=11)
-
-
-def foot_height(
-    estimate: Estimate, *, seconds: tuple[float, float] | None = None, title: str = "", label: str = ""
-) -> Any:
+def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "", label: str = "") -> Figure:
     """Each foot from the side: its height along its way, footholds marked; heights are drawn larger than lengths.
 
     Args:
@@ -184,17 +159,17 @@ def foot_height(
         steps = np.nan_to_num(np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1))
         along = np.concatenate([[0.0], np.cumsum(steps)])
         axis.plot(along, 100.0 * way[:, 2], label=f"{label} {side} foot".strip(), **FOOT[side])
-        times = inside(footholds(estimate, side), seconds)
+        times = footholds(estimate, side, seconds)
         heights = 100.0 * places_at(estimate, foot, times)[:, 2]
-        axis.plot(np.interp(times, as_float(estimate.time), along), heights, **HOLD[side])
+        axis.plot(np.interp(times, as_float(estimate.time), along), heights, **FOOTHOLD[side])
         axis.set_ylabel("height [cm]")
         axis.grid(alpha=0.3)
     axes[-1, 0].set_xlabel("way of the foot, seen from above [m]")
-    legend(figure, title)
+    legend(figure, title, columns=5)
     return figure
 
 
-def stride_series(estimate: Estimate, *, title: str = "") -> Any:
+def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, width and rise of every stride over time, with bars of two standard deviations where they are stated.
 
     Widths that the estimator does not trust (`diagnostics["width_valid"]`) are hollow and without bars.
@@ -218,7 +193,7 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Any:
         series_of(axis, estimate, rows, field, scale, labelled=number == 0)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
-    legend(figure, title)
+    legend(figure, title, columns=5)
     return figure
 
 
@@ -227,7 +202,7 @@ def any_finite(values: Any, rows: np.ndarray) -> bool:
     return values is not None and bool(np.isfinite(as_float(values)[rows]).any())
 
 
-def series_of(axis: Any, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
+def series_of(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
     """One quantity of the strides of both feet over time."""
     strides, stated = estimate.strides, estimate.strides_stddev
     when = as_float(strides.standing_end if strides.end is None else strides.end)
@@ -243,9 +218,100 @@ def series_of(axis: Any, estimate: Estimate, rows: np.ndarray, field: str, scale
         if not own.size:
             continue
         good, bad = own[trusted[own]], own[~trusted[own]]
-        style = {**HOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
+        style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
                       label=f"{side} foot{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
-        hollow = {**HOLD[side], "markerfacecolor": "white"}
+        hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
         axis.plot(when[bad], values[bad], label=f"{side} foot, not trusted" if bad.size else None, **hollow)
     axis.grid(alpha=0.3)
+
+
+PANELS = (
+    ("length", "stride length [m]", 1.0),
+    ("duration", "stride time [s]", 1.0),
+    ("height", "rise [cm]", 100.0),
+    ("turn", "turn [°]", DEGREES),
+)
+"""Field of `Strides` (the duration is end − start), what the axis says, and what its SI unit is multiplied by."""
+
+RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
+SPECIAL: dict[str, Style] = {
+    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": "in a turn"},
+    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": "on stairs"},
+    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": "swing clipped"},
+    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": "from or to standing"},
+}
+"""Flag in the diagnostics → the mark around a stride that has it; told apart by form, not colour."""
+
+
+def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
+    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
+
+    Args:
+        estimate: of `ankle_stride`, or any with `strides` whose `diagnostics` has the flags of `SPECIAL` or none.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure.
+
+    Raises:
+        ValueError: if the estimate has no strides, or none of them is valid.
+    """
+    rows = rows_of(estimate)
+    if not rows.size:
+        raise ValueError("no stride is valid: there is nothing to draw")
+    told = [panel for panel in PANELS if _told(estimate, panel[0], rows)]
+    figure, axes = blank(len(told), 1, 8.6, 1.9 * len(told) + 1.1, sharex=True)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], told, strict=True)):
+        if field in ("height", "turn"):
+            axis.axhline(0.0, color="0.6", linewidth=0.8)
+        _series(axis, estimate, rows, field, scale, labelled=number == 0)
+        _marks(axis, estimate, rows, field, scale, labelled=number == 0)
+        axis.set_ylabel(unit)
+        axis.grid(alpha=0.3)
+        axis.margins(y=0.15)
+    axes[-1, 0].set_xlabel("time [s]")
+    legend(figure, title)
+    return figure
+
+
+def _values(estimate: Estimate, field: str) -> np.ndarray | None:
+    strides = estimate.strides
+    if field == "duration":
+        return as_float(strides.end) - as_float(strides.start)
+    values = getattr(strides, field)
+    return None if values is None else as_float(values)
+
+
+def _told(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
+    values = _values(estimate, field)
+    return values is not None and bool(np.isfinite(values[rows]).any())
+
+
+def _series(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
+    """The strides of both legs, joined by a thin line, with bars where deviations are stated."""
+    when, values = as_float(estimate.strides.end), _values(estimate, field)
+    stated = None if estimate.strides_stddev is None or field == "duration" else estimate.strides_stddev
+    spread = None if stated is None else getattr(stated, field)
+    for number, side in enumerate(SIDES):
+        own = rows[np.asarray(estimate.strides.side)[rows] == number]
+        if not own.size or values is None:
+            continue
+        bars = None if spread is None else 2.0 * scale * np.nan_to_num(as_float(spread)[own])
+        words = f"{side} leg{', ±2σ' if spread is not None else ''}" if labelled else None
+        axis.plot(when[own], scale * values[own], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
+        style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
+        axis.errorbar(when[own], scale * values[own], yerr=bars, label=words, **style)
+
+
+def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
+    """A mark around every stride that is special, in the legend only if there is one."""
+    when, values = as_float(estimate.strides.end), _values(estimate, field)
+    for name, style in SPECIAL.items():
+        flags = estimate.diagnostics.get(name)
+        if flags is None or values is None or np.shape(flags) != when.shape:
+            continue
+        own = rows[np.asarray(flags, bool)[rows]]
+        if own.size:
+            shown = style if labelled else {**style, "label": None}
+            axis.plot(when[own], scale * values[own], **RING, **shown)

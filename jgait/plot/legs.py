@@ -1,18 +1,15 @@
 """Figures of legs: joint angles, the foot relative to the hip, and distance, beside their reference."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jgait.plot.walk import blank
-from jgait.types import SIDES, Estimate, LegTrajectory, as_float
+from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, band, blank, windowed
+from jgait.types import SIDES, Estimate, LegTrajectory
 
-ESTIMATE = {"color": "#c0392b", "linewidth": 1.4}
-REFERENCE = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
 FIELDS = (
-    ("hip_angle", "hip flexion [°]", 180.0 / np.pi),
-    ("knee_angle", "knee flexion [°]", 180.0 / np.pi),
+    ("hip_angle", "hip flexion [°]", DEGREES),
+    ("knee_angle", "knee flexion [°]", DEGREES),
     ("x", "ankle forward of hip [cm]", 100.0),
     ("y", "ankle above hip [cm]", 100.0),
 )
@@ -22,13 +19,6 @@ def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | 
     spreads = estimate.stddev or (None, None)
     rows = zip(SIDES, estimate.legs, spreads, strict=True)
     return [(side, leg, spread) for side, leg, spread in rows if leg is not None]
-
-
-def _window(estimate: Estimate, seconds: tuple[float, float] | None) -> slice:
-    time = np.asarray(estimate.time)
-    if seconds is None:
-        return slice(0, time.size)
-    return slice(*np.searchsorted(time, seconds))
 
 
 def _shown(estimate: Estimate) -> Estimate:
@@ -51,11 +41,11 @@ def joint_angles(
     estimate: Estimate,
     reference: Estimate | None = None,
     *,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
     label: str = "jgait",
     reference_label: str = "reference",
-) -> Any:
+) -> Figure:
     """Hip and knee flexion of each leg with a band of two standard deviations, over the reference.
 
     Args:
@@ -76,11 +66,11 @@ def foot_displacement(
     estimate: Estimate,
     reference: Estimate | None = None,
     *,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
     label: str = "jgait",
     reference_label: str = "reference",
-) -> Any:
+) -> Figure:
     """Where each ankle is relative to its hip over time, with a band of two standard deviations, over the reference.
 
     Args:
@@ -101,7 +91,7 @@ def _over_time(
     estimate: Estimate,
     reference: Estimate | None,
     fields: tuple[tuple[str, str, float], ...],
-    seconds: tuple[float, float] | None,
+    seconds: Seconds,
     title: str,
     labels: tuple[str, str],
 ) -> Any:
@@ -109,15 +99,14 @@ def _over_time(
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
-    part = _window(estimate, seconds)
+    part = windowed(estimate.time, seconds)
     time = np.asarray(estimate.time)[part]
     for column, (side, leg, spread) in enumerate(worn):
         for row, (field, unit, scale) in enumerate(fields):
             axis = axes[row, column]
             value = scale * np.asarray(getattr(leg, field))[part]
             if spread is not None:
-                band = 2.0 * scale * np.asarray(getattr(spread, field))[part]
-                axis.fill_between(time, value - band, value + band, color="#f0b7b0", linewidth=0, label="±2σ")
+                band(axis, time, value, scale * np.asarray(getattr(spread, field))[part], color="#f0b7b0")
             if reference is not None and getattr(reference.legs, side) is not None:
                 _reference(axis, reference, side, field, scale, seconds, labels[1])
             axis.plot(time, value, label=labels[0], **ESTIMATE)
@@ -134,9 +123,9 @@ def _over_time(
 
 
 def _reference(
-    axis: Any, reference: Estimate, side: str, field: str, scale: float, seconds: tuple[float, float] | None, label: str
+    axis: Axes, reference: Estimate, side: str, field: str, scale: float, seconds: Seconds, label: str
 ) -> None:
-    part = _window(reference, seconds)
+    part = windowed(reference.time, seconds)
     values = scale * np.asarray(getattr(getattr(reference.legs, side), field))[part]
     axis.plot(np.asarray(reference.time)[part], values, label=label, **REFERENCE)
 
@@ -145,11 +134,11 @@ def foot_path(
     estimate: Estimate,
     reference: Estimate | None = None,
     *,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
     label: str = "jgait",
     reference_label: str = "reference",
-) -> Any:
+) -> Figure:
     """Where the ankle goes relative to the hip, in the sagittal plane.
 
     Args:
@@ -166,12 +155,12 @@ def foot_path(
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
-    part = _window(estimate, seconds)
+    part = windowed(estimate.time, seconds)
     for column, (side, leg, _) in enumerate(worn):
         axis = axes[0, column]
         if reference is not None and getattr(reference.legs, side) is not None:
             true = getattr(reference.legs, side)
-            span = _window(reference, seconds)
+            span = windowed(reference.time, seconds)
             axis.plot(
                 100 * np.asarray(true.x)[span], 100 * np.asarray(true.y)[span], label=reference_label, **REFERENCE
             )
@@ -191,12 +180,12 @@ def distance(
     estimate: Estimate,
     reference: Estimate | None = None,
     *,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
     label: str = "jgait",
     reference_label: str = "reference",
     others: dict[str, Estimate] | None = None,
-) -> Any:
+) -> Figure:
     """Walked distance over time, from the start of the window, with a band of two standard deviations where stated.
 
     Args:
@@ -216,7 +205,7 @@ def distance(
 
     def draw(what: Estimate, name: str, style: dict[str, Any]) -> None:
         what = _shown(what)
-        part = _window(what, seconds)
+        part = windowed(what.time, seconds)
         values = np.asarray(what.distance)[part]
         told = np.flatnonzero(np.isfinite(values))
         from_start = values - values[told[0]] if told.size else values
@@ -228,8 +217,7 @@ def distance(
         draw(reference, reference_label, REFERENCE)
     spread = estimate.diagnostics.get("distance_stddev")
     if spread is not None and seconds is None:
-        way, off = as_float(estimate.distance), 2.0 * as_float(spread)
-        axis.fill_between(np.asarray(estimate.time), way - off, way + off, color="0.85", linewidth=0.0, label="±2σ")
+        band(axis, np.asarray(estimate.time), estimate.distance, spread, color="0.85")
     draw(estimate, label, ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
@@ -238,22 +226,3 @@ def distance(
     if title:
         axis.set_title(title)
     return figure
-
-
-def save(figure: Any, path: str | Path, *, dpi: int = 130) -> Path:
-    """Write a figure to a file, whole or not at all.
-
-    Args:
-        figure: a matplotlib figure.
-        path: where; the ending gives the format.
-        dpi: dots an inch for pixel formats.
-
-    Returns:
-        The path.
-    """
-    from jgait.io.atomic import replaced
-
-    path = Path(path)
-    with replaced(path) as part:
-        figure.savefig(part, dpi=dpi)
-    return path

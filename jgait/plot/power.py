@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jgait.plot.walk import blank
+from jgait.plot.style import DASHED, RED, Axes, Figure, Style, blank
 
-PAPER = {"color": "black", "linewidth": 1.6, "linestyle": (0, (4, 2)), "marker": "s", "markersize": 5.0,
+PAPER: Style = {"color": "black", "linewidth": 1.6, "linestyle": DASHED, "marker": "s", "markersize": 5.0,
          "markerfacecolor": "white"}  # fmt: skip
-FOUND = {"color": "#c0392b", "linewidth": 2.4, "marker": "D", "markersize": 5.5}
-POLICY = {"color": "black", "linestyle": "none", "marker": "*", "markersize": 14.0, "markerfacecolor": "#f2c84b"}
+FOUND: Style = {"color": RED, "linewidth": 2.4, "marker": "D", "markersize": 5.5}
+POLICY: Style = {"color": "black", "linestyle": "none", "marker": "*", "markersize": 14.0, "markerfacecolor": "#f2c84b"}
 SHADES = ("0.15", "0.45", "0.65")
 MARKS = ("o", "^", "v", "P", "X", "<", ">", "d", "p", "h")
 TICKS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
@@ -43,7 +43,7 @@ def _style(series: Series, number: int) -> dict[str, Any]:
             "markersize": 4.5}  # fmt: skip
 
 
-def _drawn(axis: Any, lines: Mapping[str, Series]) -> None:
+def _drawn(axis: Axes, lines: Mapping[str, Series]) -> None:
     """Every series over 100 x, on an error axis of plain numbers; what the paper and the descent say lies on top."""
     number = 0
     for name, series in lines.items():
@@ -64,7 +64,7 @@ def _drawn(axis: Any, lines: Mapping[str, Series]) -> None:
     axis.grid(alpha=0.3)
 
 
-def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = "") -> Any:
+def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = "") -> Figure:
     """What each way of filling the gaps errs as the gyroscope is on for less of the time.
 
     Args:
@@ -82,7 +82,7 @@ def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = 
 
 def error_over_saving(
     panels: Mapping[str, Mapping[str, Series]], *, power: float | None = None, title: str = ""
-) -> Any:
+) -> Figure:
     """Error against energy saved: the further down and to the right, the better.
 
     Args:
@@ -116,7 +116,7 @@ def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float
     return figure
 
 
-def _second(axis: Any, power: float) -> None:
+def _second(axis: Axes, power: float) -> None:
     """Mean power in milliwatts above the saving."""
 
     def both_ways(value: Any) -> Any:

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.plot.waist import Trunk, check_overlap, contacts_of, legend_once, moves
-from jgait.plot.walk import blank
+from jgait.plot.style import BLUE, DASHED, RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
+from jgait.plot.waist import Trunk, contacts_of, moves
 from jgait.types import Estimate, Recording, as_float
 
 if TYPE_CHECKING:
     from jgait.estimators.waist.params import WaistOptions, WaistParams
 
-ACCELERATION = {"color": "0.35", "linewidth": 0.8}
-WAYS = {
+ACCELERATION: Style = {"color": "0.35", "linewidth": 0.8}
+WAYS: dict[str, tuple[str, Style]] = {
     "integrated": ("integrated, no more", {"color": "0.85", "linewidth": 4.0}),
-    "frozen": ("direct and reverse, no update", {"color": "#6fb1e0", "linewidth": 1.9}),
+    "frozen": ("direct and reverse, no update", {"color": BLUE, "linewidth": 1.9}),
     "updated": ("direct and reverse, velocity update", {"color": "black", "linewidth": 0.9}),
 }
 """Function of `velocity_update` → what the legend calls it, and its line."""
 
-OURS = {"color": "#c0392b", "linewidth": 2.2}
-TRUE = {"color": "black", "linewidth": 1.3, "linestyle": (0, (4, 2))}
+OURS: Style = {"color": RED, "linewidth": 2.2}
+TRUE: Style = {"color": "black", "linewidth": 1.3, "linestyle": DASHED}
 EVERY = 5
 """[cycles] From one upright line to the next."""
 
@@ -39,9 +39,9 @@ def forward_speed(
     reference: Estimate | None = None,
     p: "WaistParams | None" = None,
     options: "WaistOptions | None" = None,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
-) -> Any:
+) -> Figure:
     """Forward acceleration, speed and way of the trunk: integrated, direct and reverse, updated, and as estimated.
 
     Args:
@@ -67,11 +67,11 @@ def forward_speed(
     if estimate.distance is None:
         raise ValueError("the estimate tells of no distance; it should be one of waist_ofdri")
     first, last = (float(estimate.time[0]), float(estimate.time[-1])) if seconds is None else seconds
-    check_overlap(estimate, (first, last))
+    check_overlap(estimate.time, (first, last))
     p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=options.smooth)
     covered = _covered(trunk, p)
-    kept = (trunk.time >= first) & (trunk.time <= last)
+    kept = windowed(trunk.time, (first, last))
     figure, axes = blank(3, 1, 8.8, 7.6, sharex=True, height_ratios=(1.0, 1.5, 1.3))
     above, speed, way = axes[:, 0]
     above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)
@@ -87,13 +87,14 @@ def forward_speed(
     begins = np.asarray(trunk.inputs.cycle_begin)[: int(trunk.inputs.cycles) : EVERY]
     for axis, unit in ((above, "forward accel-\neration [m/s²]"), (speed, "speed [m/s]"), (way, "way [m]")):
         for begin in trunk.time[begins]:
-            axis.axvline(begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles")
+            axis.axvline(
+                begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles" if axis is way else None
+            )
         axis.set_ylabel(unit)
         axis.grid(alpha=0.3, axis="y")
         axis.set_xlim(first, last)
     way.set_xlabel("time [s]")
-    figure.align_ylabels()
-    legend_once(figure, (speed, way), title)
+    legend(figure, title)
     return figure
 
 
@@ -142,7 +143,7 @@ def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.nda
 def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Time and way from the start of the span on [s], [m]."""
     time, way = as_float(estimate.time), as_float(estimate.distance)
-    seen = np.asarray(estimate.valid, bool) & np.isfinite(way) & (time >= span[0]) & (time <= span[1])
+    seen = np.asarray(estimate.valid, bool) & np.isfinite(way) & windowed(time, span)
     return time[seen], way[seen] - (way[seen][0] if seen.any() else 0.0)
 
 
@@ -156,7 +157,7 @@ def _known(speed: Any, way: Any, reference: Estimate, contacts: np.ndarray, span
     way.plot(*_gone(reference, span), **TRUE)
 
 
-def _framed(axis: Any) -> None:
+def _framed(axis: Axes) -> None:
     """Limits by all that is drawn but the plain integral, which runs away; a little of it is seen."""
     values = np.concatenate([as_float(line.get_ydata()) for line in axis.lines[1:]])
     values = values[np.isfinite(values)]

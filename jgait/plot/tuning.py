@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from jgait.plot.legs import ESTIMATE, REFERENCE
-from jgait.plot.walk import blank
+from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank
 from jgait.tune.fit import Fit
 from jgait.tune.identifiability import Identifiability
 from jgait.tune.profile import Profile
 
-REJECTED = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
-VALIDATION = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
+VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
 MANY = 14
 """From so many parameters on the numbers are left out of the squares."""
 
@@ -30,7 +29,7 @@ def _plain(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def correlation(identifiability: Identifiability, *, title: str = "") -> Any:
+def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
     """How the errors of the parameters go together: the darker the closer, with the sign in the number.
 
     What is not determined by the data is marked with a star.
@@ -71,7 +70,7 @@ def correlation(identifiability: Identifiability, *, title: str = "") -> Any:
     return figure
 
 
-def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Any:
+def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
     """How the loss rises as one parameter is held away from its best value, and where the interval ends.
 
     Args:
@@ -89,7 +88,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
     seen = np.isfinite(profile.rises)
     rises = profile.rises[seen]
     axis.plot(*profile.curve(), **ESTIMATE)
-    axis.plot(profile.values[seen], rises, "o", color=ESTIMATE["color"], markersize=4.5)
+    axis.plot(profile.values[seen], rises, "o", color=RED, markersize=4.5)
     line = {**REFERENCE, "label": f"{100 * level:g} %: {need:.3g} nat"}
     axis.axhline(need, **line)
     low, high = profile.interval(level)
@@ -113,7 +112,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
     return figure
 
 
-def training(fit: Fit[Any], *, unit: str = "", title: str = "") -> Any:
+def training(fit: Fit[Any], *, unit: str = "", title: str = "") -> Figure:
     """Loss and gradient step by step; crosses are steps that led nowhere and were taken back.
 
     Args:

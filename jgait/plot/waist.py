@@ -10,22 +10,36 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
-from jgait.plot.feet import HOLD
-from jgait.plot.walk import blank
+from jgait.plot.style import (
+    BLUE,
+    DOTTED,
+    FOOTHOLD,
+    GROUND,
+    RED,
+    Axes,
+    Figure,
+    Seconds,
+    Style,
+    blank,
+    check_overlap,
+    legend,
+    over_time,
+    windowed,
+)
 from jgait.types import SIDES, Estimate, Recording, as_float
 
 if TYPE_CHECKING:
     from jgait.estimators.waist.inputs import WaistInputs
     from jgait.estimators.waist.params import WaistOptions, WaistParams
 
-RAW = {"color": "0.6", "linewidth": 1.0}
-REBUILT = {"color": "black", "linewidth": 1.9}
-INTEREST = {"color": "0.91", "linewidth": 0.0, "zorder": 0.0}
-CONTACT = {
+RAW: Style = {"color": "0.6", "linewidth": 1.0}
+REBUILT: Style = {"color": "black", "linewidth": 1.9}
+INTEREST: Style = {"color": "0.91", "label": "interval of interest", **GROUND}
+CONTACT: dict[str, Style] = {
     "right": {"color": "black", "linewidth": 1.0, "zorder": 1.5},
-    "left": {"color": "#6fb1e0", "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
+    "left": {"color": BLUE, "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
 }
-KNOWN = {"color": "#c0392b", "linewidth": 1.6, "linestyle": (0, (1, 1.2)), "zorder": 1.6}
+KNOWN: Style = {"color": RED, "linewidth": 1.6, "linestyle": DOTTED, "zorder": 1.6}
 SHOWN_S = 4.0
 """[s] About the middle contact, if no time is asked for."""
 
@@ -95,9 +109,9 @@ def trunk_contacts(
     p: "WaistParams | None" = None,
     options: "WaistOptions | None" = None,
     rule: PaperRule | None = None,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     title: str = "",
-) -> Any:
+) -> Figure:
     """The trunk's accelerations, what the wavelet leaves of them, and the initial contacts of both feet.
 
     Grey ground is the interval of interest, in which the paper looks for the greatest forward acceleration.
@@ -123,30 +137,28 @@ def trunk_contacts(
 
     contacts = contacts_of(estimate)
     first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
-    check_overlap(estimate, (first, last))
+    check_overlap(estimate.time, (first, last))
     rule = PaperRule() if rule is None else rule
     p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
     at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz, rule)
     peaks = _peaks(trunk, recording.sampling_rate_hz)
-    kept, fine = ((t >= first) & (t <= last) for t in (trunk.time, at))
+    kept, fine = (windowed(t, (first, last)) for t in (trunk.time, at))
     figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
     for axis, (field, unit) in zip(axes[:, 0], ROWS, strict=True):
         for peak in peaks if field == "forward" else ():
-            axis.axvspan(peak - rule.before, peak + rule.after, label="interval of interest", **INTEREST)
+            axis.axvspan(peak - rule.before, peak + rule.after, **INTEREST)
         raw = getattr(trunk, field)
         axis.plot(trunk.time[kept], raw[kept], label="acceleration", **RAW)
         axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
         _drawn(axis, trunk.time, raw, contacts, reference, (first, last))
         axis.set_ylabel(unit)
         axis.set_xlim(first, last)
-        axis.grid(alpha=0.3)
         if last - first <= 2.0 * SHOWN_S:
             axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
             axis.grid(alpha=0.18, which="minor", axis="x")
-    axes[-1, 0].set_xlabel("time [s]")
-    figure.align_ylabels()
-    legend_once(figure, axes[:, 0], title)
+    over_time(axes[:, 0])
+    legend(figure, title)
     return figure
 
 
@@ -166,29 +178,7 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
 
 
-def check_overlap(estimate: Estimate, seconds: tuple[float, float]) -> None:
-    """Refuse times at which nothing was estimated.
-
-    Raises:
-        ValueError: naming the times that there are, and those asked for.
-    """
-    time = as_float(estimate.time)
-    if not np.any((time >= seconds[0]) & (time <= seconds[1])):
-        raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
-
-
-def legend_once(figure: Any, axes: Any, title: str) -> None:
-    """One legend below all axes with each name once, and the title above."""
-    found: dict[str, Any] = {}
-    for axis in axes:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    if title:
-        figure.suptitle(title, fontsize=11)
-
-
-def _window(time: np.ndarray, contacts: np.ndarray, seconds: tuple[float, float] | None) -> tuple[float, float]:
+def _window(time: np.ndarray, contacts: np.ndarray, seconds: Seconds) -> tuple[float, float]:
     """From and to [s]."""
     if seconds is not None:
         return seconds
@@ -228,19 +218,19 @@ def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
 
 
 def _drawn(
-    axis: Any, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], reference: Estimate | None,
+    axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], reference: Estimate | None,
     span: tuple[float, float],
 ) -> None:  # fmt: skip
     """Contacts of both feet, as upright lines and as marks on the acceleration; known ones dotted."""
     for number, (side, times) in enumerate(contacts.items()):
-        own = times[(times >= span[0]) & (times <= span[1])]
+        own = times[windowed(times, span)]
         for when in own:
             axis.axvline(when, **CONTACT[side])
         axis.plot(own, np.interp(own, time, raw), label=f"{side} contact", zorder=3.0,
-                  **{**HOLD[side], "markersize": 6.0})  # fmt: skip
+                  **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip
         if reference is None or reference.strides is None:
             continue
         rows = np.asarray(reference.strides.valid, bool) & (np.asarray(reference.strides.side) == number)
         known = np.unique([*as_float(reference.strides.start)[rows], *as_float(reference.strides.end)[rows]])
-        for when in known[(known >= span[0]) & (known <= span[1])]:
+        for when in known[windowed(known, span)]:
             axis.axvline(when, label="reference contact", **KNOWN)

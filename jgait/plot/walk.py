@@ -4,36 +4,25 @@ For whoever has the truth of a walk, simulated. `jgait.plot` has both functions.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
+from jgait.io.atomic import replaced
+from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank
 from jgait.simulate import Body, Truth
 from jgait.types import PLACEMENTS, SIDES, Recording
 
-LEG = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+
+LEG: dict[str, Style] = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
 PELVIS = {"color": "0.3", "linewidth": 2.6}
-AXES = (
-    {"color": "black", "linewidth": 1.3, "linestyle": "-"},
-    {"color": "#c0392b", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
-    {"color": "#6fb1e0", "linewidth": 1.7, "linestyle": "-"},
-)
-"""Of x, y and z: told apart in grey by their lightness and dashes."""
 
 CONTACTS = (("initial contact", "-"), ("final contact", (0, (1, 1.5))))
 SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
-
-
-def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Any, Any]:
-    """A figure [inch] drawn without a display, so that servers and tests need none, and its axes (rows, columns)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def stick_figure(
@@ -41,11 +30,11 @@ def stick_figure(
     path: str | Path | None = None,
     *,
     body: Body | None = None,
-    seconds: tuple[float, float] | None = None,
+    seconds: Seconds = None,
     frames_per_second: float = 25.0,
     slower: float = 1.0,
     title: str = "",
-) -> Any:
+) -> "FuncAnimation":
     """The walking body from the side and from the front, moving; the view follows the pelvis.
 
     The right leg is black, the left one grey. The toes bend where the sole would sink into the ground.
@@ -92,13 +81,8 @@ def stick_figure(
         figure, show, frames=len(chosen), interval=1000.0 / frames_per_second, blit=False, cache_frame_data=False
     )
     if path is not None:
-        path = Path(path)
-        part = path.with_name(f".{path.stem}.part{path.suffix}")
-        try:
+        with replaced(path) as part:
             animation.save(part, writer=PillowWriter(fps=round(frames_per_second)), dpi=80)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
     return animation
 
 
@@ -187,7 +171,7 @@ def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.nda
     return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
 
 
-def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Any:
+def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Figure:
     """Everything that the sensors read over one stride, with the contacts of both feet.
 
     Args:
@@ -242,7 +226,7 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
     return figure
 
 
-def _contacts(axis: Any, strides: Any, stride: int, *, labelled: bool) -> None:
+def _contacts(axis: Axes, strides: Any, stride: int, *, labelled: bool) -> None:
     """Upright lines where feet land and leave: dark for the foot whose stride it is, light for the other."""
     start, end, own = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
     rows = np.flatnonzero(np.asarray(strides.valid))

@@ -1,4 +1,4 @@
-"""The picture of two feet in one world: how far apart they step, from above and over time."""
+"""Figures of two feet in one world: stride widths from above and over time, and the distances between the feet."""
 
 import itertools
 from collections.abc import Sequence
@@ -7,24 +7,53 @@ from typing import Any
 import numpy as np
 
 from jgait.plot.feet import (
-    FOOT,
-    HOLD,
     any_finite,
     feet_of,
     footholds,
     height_of,
-    inside,
-    legend,
     places_at,
     plan_of,
     rows_of,
     series_of,
     shown,
 )
-from jgait.plot.walk import blank
-from jgait.types import SIDES, Estimate, as_float
+from jgait.plot.style import (
+    BLUE,
+    FOOT,
+    FOOTHOLD,
+    GROUND,
+    RED,
+    Axes,
+    Figure,
+    Seconds,
+    Style,
+    band,
+    blank,
+    legend,
+    over_time,
+    windowed,
+)
+from jgait.types import SIDES, Estimate, Recording, as_float
 
-ACROSS = {"color": "#c0392b", "linewidth": 0.9}
+ACROSS: Style = {"color": RED, "linewidth": 0.9}
+THROUGH: Style = {"color": "0.55", "linewidth": 0.8}
+TOGETHER: Style = {
+    "marker": "o",
+    "markersize": 4.5,
+    "linestyle": "none",
+    "color": "black",
+    "elinewidth": 1.2,
+    "zorder": 3.0,
+}
+READ: Style = {"marker": "x", "markersize": 5.0, "linestyle": "none", "color": RED, "zorder": 2.5}
+TRUE: Style = {
+    "marker": "_",
+    "markersize": 11.0,
+    "markeredgewidth": 2.0,
+    "linestyle": "none",
+    "color": BLUE,
+    "zorder": 2.0,
+}
 STRAIGHT = np.deg2rad(15.0)
 """A stride that turns more is part of a turn."""
 
@@ -35,7 +64,7 @@ MOVING = 10
 """Strides over which the standard deviation of the width is taken."""
 
 
-def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | None = None, title: str = "") -> Any:
+def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | None = None, title: str = "") -> Figure:
     """Both feet in one world with the widths of their strides: from above, in sections, and over time.
 
     A width is the line from where a foot stands to the line between the other's two footholds. In the sections the
@@ -83,7 +112,7 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
     over_time.tick_params(labelbottom=False)
     _moving(moving, estimate, rows)
     moving.set_xlabel("time [s]")
-    legend(figure, title)
+    legend(figure, title, columns=5)
     return figure
 
 
@@ -117,9 +146,7 @@ def _width_lines(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, np.n
     return lines
 
 
-def _draw(
-    axis: Any, estimate: Estimate, widths: list[tuple[float, np.ndarray]], part: tuple[float, float] | None
-) -> None:
+def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]], part: Seconds) -> None:
     """Feet, footholds and widths from above; of a section turned so that it leads to the right from 0."""
     feet = feet_of(estimate)
     ways = {side: shown(estimate, foot, part)[:, :2] for side, foot in feet.items()}
@@ -134,8 +161,8 @@ def _draw(
     for side, way in ways.items():
         x, y = turn @ (way - origin).T
         axis.plot(x, y, label=f"{side} foot" if part is None else None, **FOOT[side])
-        holds = places_at(estimate, feet[side], inside(footholds(estimate, side), part))[:, :2]
-        axis.plot(*(turn @ (holds - origin).T), **HOLD[side])
+        holds = places_at(estimate, feet[side], footholds(estimate, side, part))[:, :2]
+        axis.plot(*(turn @ (holds - origin).T), **FOOTHOLD[side])
     named = "width" if part is None else None
     for time, line in widths:
         if part is None or part[0] <= time <= part[1]:
@@ -143,7 +170,7 @@ def _draw(
             named = None
 
 
-def _moving(axis: Any, estimate: Estimate, rows: np.ndarray) -> None:
+def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
     """Standard deviation of the width over the last strides."""
     width = 100.0 * as_float(estimate.strides.width)[rows]
     there = np.isfinite(width)
@@ -154,3 +181,101 @@ def _moving(axis: Any, estimate: Estimate, rows: np.ndarray) -> None:
     axis.set_ylabel(f"SD of {MOVING} [cm]")
     axis.set_ylim(bottom=0.0)
     axis.grid(alpha=0.3)
+
+
+def feet_apart(
+    estimate: Estimate,
+    recording: Recording | None = None,
+    *,
+    reference: Estimate | None = None,
+    range_offset: float = 0.08,
+    seconds: Seconds = None,
+    title: str = "",
+) -> Figure:
+    """The distances z₁ and z₂ between the feet, across and along the left foot's heading, and where feet are, ±2σ.
+
+    Dots with bars are double support, at which the paper judges both; the line goes through every moment at which a
+    foot stood or a range was read.
+
+    Args:
+        estimate: of `stride_width_ekf` or `two_feet`: its diagnostics have `z1`, `z2` and their deviations.
+        recording: draws the ranges that were read, with their offset.
+        reference: whose diagnostics have `z1` and `z2`, drawn at the estimate's double supports.
+        range_offset: from what the range sensor reads to z₁ [m].
+        seconds: from and to [s]; None: everything.
+        title: above the figure.
+
+    Returns:
+        A matplotlib figure: z₁, z₂, and where the estimate states it the standard deviation of each foot's place: of
+        `stride_width_ekf.estimate` since the foot last stood, of `estimate_from_feet` and `two_feet` in the one world.
+
+    Raises:
+        ValueError: if the estimate lacks a foot, or says nothing of the distances.
+    """
+    feet = feet_of(estimate)
+    if len(feet) < 2 or not {"z1", "z2"} <= estimate.diagnostics.keys():
+        raise ValueError("the estimate says nothing of z1 and z2 between two feet; stride_width_ekf and two_feet do")
+    time, seen, told = _moments(estimate, seconds)
+    if not seen.any():
+        raise ValueError(f"there is no moment between the times asked for; got seconds = {seconds}")
+    spread = estimate.feet_stddev
+    stated = spread is not None and all(getattr(spread, side) is not None for side in SIDES)
+    figure, axes = blank(2 + stated, 1, 8.8, 5.2 + 1.7 * stated, sharex=True)
+    for axis, (name, unit) in zip(axes[:2, 0], (("z1", "across, z₁ [cm]"), ("z2", "along, z₂ [cm]")), strict=True):
+        _distance(axis, estimate, name, time, seen)
+        if reference is not None:
+            known = _moments(reference, None)
+            when = time[seen & _flags(told, "double_support", time)]
+            axis.plot(when, 100.0 * np.interp(when, known[0], as_float(known[2][name])), label="reference", **TRUE)
+        axis.set_ylabel(unit)
+    if recording is not None and recording.feet_range is not None:
+        read = recording.feet_range
+        there = np.asarray(read.mask, bool) & (as_float(read.time) >= time[seen][0])
+        there &= as_float(read.time) <= time[seen][-1]
+        values = 100.0 * (as_float(read.distance)[there] + range_offset)
+        axes[0, 0].plot(as_float(read.time)[there], values, label="range read, with its offset", **READ)
+    if stated:
+        _places(axes[2, 0], estimate, seconds)
+    over_time(axes[:, 0])
+    legend(figure, title)
+    return figure
+
+
+def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """Times at which z₁ and z₂ are told [s], which of them are to be seen, and what is told."""
+    told = estimate.diagnostics
+    own = "moment_time" not in told
+    time = as_float(estimate.time if own else told["moment_time"])
+    seen = np.asarray(estimate.valid, bool) if own else np.ones(time.size, bool)
+    seen = seen & np.isfinite(as_float(told["z1"])) & np.isfinite(as_float(told["z2"]))
+    return time, seen & windowed(time, seconds), told
+
+
+def _flags(told: dict[str, Any], name: str, like: np.ndarray) -> np.ndarray:
+    return np.asarray(told.get(name, np.zeros(like.size, bool)), bool)
+
+
+def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, seen: np.ndarray) -> None:
+    """One of both distances: a line through every moment with a band, dots at double support, turns shaded."""
+    told = estimate.diagnostics
+    values, spread = 100.0 * as_float(told[name]), 100.0 * as_float(told[f"{name}_stddev"])
+    band(axis, time[seen], values[seen], spread[seen], color="0.87", zorder=0.5)
+    axis.plot(time[seen], values[seen], label="every moment", **THROUGH)
+    both = seen & _flags(told, "double_support", time)
+    axis.errorbar(time[both], values[both], yerr=2.0 * spread[both], label="double support, ±2σ", **TOGETHER)
+    turns = np.flatnonzero(seen & _flags(told, "turning", time))
+    for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else ():
+        axis.axvspan(
+            time[run[0]], time[min(run[-1] + 1, time.size - 1)], label="a foot turns", color="#f3e3b5", **GROUND
+        )
+
+
+def _places(axis: Axes, estimate: Estimate, seconds: Seconds) -> None:
+    """The standard deviation of each foot's horizontal place."""
+    time, seen = as_float(estimate.time), np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
+    for side in SIDES:
+        deviation = as_float(getattr(estimate.feet_stddev, side).position)[:, :2]
+        axis.plot(time[seen], 100.0 * np.hypot(*deviation[seen].T), label=f"{side} foot", **FOOT[side])
+    since = "\nsince it last stood" if "moment_time" in estimate.diagnostics else ""
+    axis.set_ylabel(f"σ of place{since} [cm]")
+    axis.set_ylim(bottom=0.0)

@@ -7,7 +7,7 @@ from made.shank import LEAN, SWING, shank
 from jgait import plot
 from jgait.events import shank as shank_events
 from jgait.plot.ankle import FILTERED, RAW, STATES
-from jgait.plot.walk import AXES
+from jgait.plot.style import AXES
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.feet import FOOT, REFERENCE
+from jgait.plot.feet import REFERENCE
+from jgait.plot.style import FOOT
 from jgait.plot.widths import ACROSS
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Strides
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.apart import READ, TOGETHER
+from jgait.plot.widths import READ, TOGETHER
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, RangeReadings, Recording
 
 N = 40

@@ -11,8 +11,8 @@ from jgait.commands import results
 from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.waist.about import ABOUT
-from jgait.plot.feet import HOLD
 from jgait.plot.speed import OURS, TRUE, WAYS
+from jgait.plot.style import FOOTHOLD
 from jgait.plot.waist import CONTACT, KNOWN, RAW, REBUILT
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, Strides
 
@@ -63,7 +63,7 @@ def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
         assert np.abs(rebuilt.get_ydata()).max() < 0.3 * height  # a slow sine has little in its finest details
         for number, name in enumerate(SIDES):
             own = when[seen & (side == number)]
-            (marks,) = [m for m in axis.lines if m.get_marker() == HOLD[name]["marker"]]
+            (marks,) = [m for m in axis.lines if m.get_marker() == FOOTHOLD[name]["marker"]]
             np.testing.assert_allclose(marks.get_xdata(), own)
             upright = [m for m in lines_of(axis, CONTACT[name]) if len(m.get_xdata()) == 2]
             np.testing.assert_allclose([m.get_xdata()[0] for m in upright], own)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from jgait import plot, simulate
-from jgait.plot.walk import AXES, LEG
+from jgait.plot.style import AXES
+from jgait.plot.walk import LEG
 from jgait.simulate import Gait, Person
 
 

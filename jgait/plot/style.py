@@ -1,0 +1,121 @@
+"""What all figures share: colours and lines that differ also in grey, empty figures, bands, windows, legends, files.
+
+Estimates are red, references black and dashed; right is black, left light blue. Matplotlib is imported only when a
+figure is drawn, and needs no display.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jgait.io.atomic import replaced
+from jgait.types import as_float
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any
+
+type Style = dict[str, Any]
+"""Keyword arguments of matplotlib."""
+
+type Seconds = tuple[float, float] | None
+"""From and to [s]; None: everything."""
+
+DEGREES = 180.0 / np.pi
+RED, BLUE = "#c0392b", "#6fb1e0"
+DASHED, DOTTED = (0, (4, 2)), (0, (1, 1.2))
+
+ESTIMATE: Style = {"color": RED, "linewidth": 1.4}
+REFERENCE: Style = {"color": "black", "linewidth": 1.2, "linestyle": DASHED}
+AXES: tuple[Style, ...] = (
+    {"color": "black", "linewidth": 1.3, "linestyle": "-"},
+    {"color": RED, "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
+    {"color": BLUE, "linewidth": 1.7, "linestyle": "-"},
+)
+"""Of x, y and z: told apart in grey by their lightness and dashes."""
+
+FOOT: dict[str, Style] = {"right": {"color": "black", "linewidth": 1.1}, "left": {"color": BLUE, "linewidth": 1.6}}
+"""Side → line of its foot."""
+
+FOOTHOLD: dict[str, Style] = {
+    "right": {"marker": "o", "color": "black", "markersize": 4.0, "linestyle": "none"},
+    "left": {"marker": "s", "color": BLUE, "markersize": 4.5, "markeredgecolor": "#2b6a99", "linestyle": "none"},
+}
+"""Side → mark of an event of its foot: told apart in grey by lightness and shape."""
+
+GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
+"""A part of the time that is shaded behind the lines."""
+
+
+def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
+    """A figure [inch] drawn without a display, so that servers and tests need none, and its axes (rows, columns)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def windowed(time: Any, seconds: Seconds) -> np.ndarray:
+    """(T,) True where a time lies in the window."""
+    time = as_float(time)
+    if seconds is None:
+        return np.ones(time.shape, bool)
+    return (time >= seconds[0]) & (time <= seconds[1])
+
+
+def check_overlap(time: Any, seconds: tuple[float, float]) -> None:
+    """Refuse a window in which no sample lies.
+
+    Raises:
+        ValueError: naming the times of the recording, and those of the window.
+    """
+    time = as_float(time)
+    if not windowed(time, seconds).any():
+        raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
+
+
+def band(axis: Axes, x: Any, values: Any, deviation: Any, *, label: str | None = "±2σ", **style: Any) -> None:
+    """Two standard deviations about values, filled."""
+    spread = 2.0 * as_float(deviation)
+    axis.fill_between(x, as_float(values) - spread, as_float(values) + spread, linewidth=0.0, label=label, **style)
+
+
+def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
+    """One legend below all axes, with each label once, and the title above; the labels of the y axes are aligned."""
+    entries: dict[str, Any] = {}
+    for axis in figure.axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    figure.align_ylabels()
+    if title:
+        figure.suptitle(title, fontsize=11)
+
+
+def over_time(axes: Iterable[Axes]) -> None:
+    """A grid on all axes, and the time below the last."""
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    axis.set_xlabel("time [s]")
+
+
+def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
+    """Write a figure to a file, whole or not at all.
+
+    Args:
+        figure: a matplotlib figure.
+        path: of the file; the ending gives the format.
+        dpi: dots an inch for pixel formats.
+
+    Returns:
+        The path.
+    """
+    with replaced(path) as part:
+        figure.savefig(part, dpi=dpi)
+    return Path(path)
