@@ -1,6 +1,7 @@
 """Estimates of real recordings are those stored in `unchanged.json`, to rounding: moving code changes no number.
 
-JGAIT_WRITE_UNCHANGED=1 python -m pytest -n 0 tests/estimators/test_unchanged.py writes the numbers anew.
+JGAIT_WRITE_UNCHANGED=1 python -m pytest -n 0 tests/estimators/test_unchanged.py writes the numbers anew; -k narrows
+it down to the recordings and estimators that a change of method is meant to move.
 """
 
 import json
