@@ -1,8 +1,8 @@
-"""Parameters in natural units, and the transforms that let an optimiser move them freely.
+"""Parameters in natural units, and the transforms that map them to the real line for an optimiser.
 
-A parameter set is a NamedTuple of scalars (or arrays) in natural units. Beside it stands a tuple of the same
-type that holds a `Transform` for each field. `unconstrain` maps parameters to the whole real line and drops
-what is fixed; `constrain` maps back. What is fixed never reaches the optimiser.
+A parameter set is a NamedTuple of scalars (or arrays) in natural units. A second tuple of the same type holds a
+`Transform` for each field. `unconstrain` maps parameters to the whole real line and drops fixed parameters;
+`constrain` maps back. A fixed parameter never reaches the optimiser.
 """
 
 import math
@@ -12,29 +12,32 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree, PyTreeDef
+
+from jgait.types import Values
 
 
 class Transform(NamedTuple):
     """A smooth bijection between a parameter's range and the real line.
 
     Attributes:
-        name: how the transform reads in tables, for example "positive".
+        name: the name of the transform in tables, for example "positive".
         to_free: natural value → free value on the real line; None when the parameter is fixed.
         to_natural: free value → natural value; None when the parameter is fixed.
         low: lower end of the open range.
         high: upper end of the open range.
-        own: whether every subject has a value of their own, see `per_subject`.
+        own: whether each subject has a separate value, see `per_subject`.
     """
 
     name: str
-    to_free: Callable[[Any], Any] | None
-    to_natural: Callable[[Any], Any] | None
+    to_free: Callable[[Values], Values] | None
+    to_natural: Callable[[Values], Values] | None
     low: float = -math.inf
     high: float = math.inf
     own: bool = False
 
 
-def _identity(value: Any) -> Any:
+def _identity(value: Values) -> Values:
     return value
 
 
@@ -45,7 +48,7 @@ positive = Transform("positive", jnp.log, jnp.exp, low=0.0)
 """Greater than zero; the free value is the natural logarithm."""
 
 fixed = Transform("fixed", None, None)
-"""Kept at its value; never seen by the optimiser."""
+"""Kept at its value; the optimiser never changes it."""
 
 
 def interval(low: float, high: float) -> Transform:
@@ -57,30 +60,30 @@ def interval(low: float, high: float) -> Transform:
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"interval(low, high) needs finite low < high; got low={low!r}, high={high!r}")
 
-    def to_free(value: Any) -> Any:
+    def to_free(value: Values) -> Values:
         return jnp.log((value - low) / (high - value))
 
-    def to_natural(free: Any) -> Any:
+    def to_natural(free: Values) -> Values:
         return low + (high - low) * jax.nn.sigmoid(free)
 
     return Transform(f"interval({low:g}, {high:g})", to_free, to_natural, low, high)
 
 
 def per_subject(transform: Transform) -> Transform:
-    """The same range, and a value for each subject; `per_subject(fixed)` is a known measure of each."""
+    """The same range, with a separate value for each subject; `per_subject(fixed)`: a known measure of each."""
     return transform._replace(name=f"{transform.name}, per subject", own=True)
 
 
 class Prior(NamedTuple):
-    """What was known of a parameter before the data.
+    """The knowledge about a parameter before the data.
 
     Attributes:
-        name: how it reads in tables, for example "normal(0.43, 0.02)".
+        name: the name of the prior in tables, for example "normal(0.43, 0.02)".
         penalty: natural value → minus the logarithm of its density, up to a constant [nat]; pure JAX.
     """
 
     name: str
-    penalty: Callable[[Any], Any]
+    penalty: Callable[[Values], Values]
 
 
 def normal(mean: float, stddev: float) -> Prior:
@@ -108,13 +111,13 @@ def lognormal(median: float, factor: float) -> Prior:
     )
 
 
-def _is_transform(node: Any) -> bool:
+def _is_transform(node: object) -> bool:
     return isinstance(node, Transform)
 
 
-def _pairs(params: Any, transforms: Any) -> tuple[list[str], list[Any], list[Transform], Any]:
+def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], list[Transform], PyTreeDef]:
     """Names, values and transforms side by side; raises where they do not match."""
-    treedef: Any
+    treedef: PyTreeDef
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
     if not all(_is_transform(t) for t in flat):
         odd = next(t for t in flat if not _is_transform(t))
@@ -130,25 +133,25 @@ def _pairs(params: Any, transforms: Any) -> tuple[list[str], list[Any], list[Tra
     return [jax.tree_util.keystr(path).lstrip(".") for path, _ in paths], values, flat, treedef
 
 
-def names(transforms: Any) -> tuple[str, ...]:
+def names(transforms: PyTree) -> tuple[str, ...]:
     """Names of all parameters as `freed` takes them, such as "angle_noise" and "thigh_length.right"."""
     paths, _ = jax.tree_util.tree_flatten_with_path(transforms, is_leaf=_is_transform)
     return tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in paths)
 
 
 def freed[P](transforms: P, *free: str) -> P:
-    """The same transforms, everything fixed but what is named.
+    """The same transforms, with every parameter fixed except those named.
 
     Args:
         transforms: a tuple of transforms.
-        free: names as of `names`, or the beginning of some: "thigh_length" for both legs.
+        free: names as `names` returns them, or the first part of a name: "thigh_length" for both legs.
 
     Raises:
-        ValueError: if there is no parameter of a name; the message lists those there are.
+        ValueError: if no parameter has a given name; the message lists the known names.
     """
     every = names(transforms)
-    wanted = {name: {one for one in every if one == name or one.startswith(f"{name}.")} for name in free}
-    unknown = [name for name, found in wanted.items() if not found]
+    wanted = {name: {known for known in every if known == name or known.startswith(f"{name}.")} for name in free}
+    unknown = [name for name, matches in wanted.items() if not matches]
     if unknown:
         raise ValueError(f"there is no parameter {unknown[0]!r}; there are {', '.join(every)}")
     chosen = set[str]().union(*wanted.values())
@@ -156,8 +159,8 @@ def freed[P](transforms: P, *free: str) -> P:
     return jax.tree.unflatten(treedef, [t if n in chosen else fixed for n, t in zip(every, flat, strict=True)])
 
 
-def check_params(params: Any, transforms: Any) -> None:
-    """Refuse concrete values outside their range, naming the parameter.
+def check_params(params: PyTree, transforms: PyTree) -> None:
+    """Raise if a concrete value lies outside its range, and name the parameter.
 
     Raises:
         TypeError: if the structures differ.
@@ -198,7 +201,7 @@ def constrain[P](free: P, transforms: P, params: P) -> P:
     """Map free values back to natural units; fixed ones are taken from `params`.
 
     Args:
-        free: what `unconstrain` gave.
+        free: free values, as `unconstrain` returns them.
         transforms: the same tuple of transforms.
         params: parameters in natural units, the source of the fixed ones.
 

@@ -1,11 +1,11 @@
-"""The records that every part of jgait gives and takes: sensors, recordings, events, strides, estimates.
+"""The records that all parts of jgait exchange: sensors, recordings, strides, estimates; and a vocabulary of types.
 
 Inside the library everything is SI: seconds, metres, radians, rad/s, m/s². Signals are called `gyr` and `acc`;
-an accelerometer at rest reads +9.81 along the axis that points up. Truth has the type of the estimate: a
-simulator, motion capture and an estimator all give an `Estimate`, so an error is a function of two of them.
+an accelerometer at rest reads +9.81 along the axis that points up. A reference has the type of an
+estimate: a simulator, motion capture and an estimator all return an `Estimate`, so an error is a function of two.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +17,13 @@ AnyArray = Array | np.ndarray
 Scalar = Float[AnyArray, ""] | float
 """One number: a Python float, or an array without axes (traced, or what an optimiser moves)."""
 
-Values = Float[AnyArray, "..."] | float
-"""Numbers of any one shape, for functions that work element by element."""
-
-Flags = Bool[AnyArray, "..."] | bool
-"""Truth values of any one shape."""
+if TYPE_CHECKING:  # whether it has axes, is traced or a Python number depends on the caller: checked while tests run
+    type Values = Any
+    type Flags = Any
+else:
+    Values = Float[AnyArray, "..."] | float
+    Flags = Bool[AnyArray, "..."] | bool | np.bool_
+"""`Values`: numbers of any one shape, for elementwise functions. `Flags`: truth values of any one shape."""
 
 type Maybe[T] = T | Any
 """A field that can be None; its record says when. A reader of the field must know that it is there."""
@@ -72,13 +74,13 @@ class RangeReadings(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What was worn by one person on one walk.
+    """The sensor signals of one person during one walk.
 
     Attributes:
         sensors: placement (see `PLACEMENTS`) → `Imu`.
         sampling_rate_hz: nominal rate of the sensors [Hz].
-        name: what tables and figures call the recording.
-        subject: who walked; splits into tuning and judging never cut through a subject.
+        name: the name of the recording in tables and figures.
+        subject: identifier of the person; all recordings of a subject are in the same part of a split.
         notes: what a reader noticed or changed (unit conversions, dropped samples), in plain words.
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
     """
@@ -115,7 +117,7 @@ class Legs(NamedTuple):
 
 
 class FootTrajectory(NamedTuple):
-    """Where one foot's sensor goes; as a standard deviation, `orientation` is (T, 3), a rotation vector in the world.
+    """The trajectory of one foot's sensor; of a standard deviation, `orientation` is (T, 3), a rotation vector.
 
     Attributes:
         position: (T, 3) [m] in the world, z up.
@@ -181,18 +183,18 @@ class Strides(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What an estimator, a simulator or motion capture says about a recording.
+    """The result of an estimator, a simulator or motion capture for one recording.
 
     Attributes:
         time: (T,) [s].
         legs: joint angles and foot position.
-        stddev: standard deviations in the type of `legs`, or None where the source states none.
+        stddev: standard deviations in the type of `legs`, or None where the source gives none.
         distance: (T,) [m] distance walked since the start, or None.
-        valid: (T,) bool; False where the values mean nothing (padding, no data yet).
-        diagnostics: name → scalar or array that says how far to trust the result.
-        strides: `Strides`, or None where the source says nothing of them.
-        feet: where the feet's sensors go, `Feet`, or None.
-        feet_stddev: its standard deviations in the same type, or None.
+        valid: (T,) bool; False where the values are not usable (padding, no data yet).
+        diagnostics: name → scalar, array or other measure of the quality of the result.
+        strides: `Strides`, or None where the source gives none.
+        feet: trajectories of the feet's sensors, `Feet`, or None.
+        feet_stddev: standard deviations of `feet` in the same type, or None.
         strides_stddev: standard deviations of the strides in the type of `strides`, or None.
     """
 
@@ -212,9 +214,9 @@ class Walk(NamedTuple):
     """One recorded walk.
 
     Attributes:
-        recording: what the sensors gave.
-        reference: what an independent measurement says, in the type of an estimate; None where there is none.
-        info: what else is known; each data set's module says which keys there are.
+        recording: the sensor signals.
+        reference: an independent measurement, in the type of an estimate; None where there is none.
+        info: further information; the module of each data set lists the keys.
     """
 
     recording: Recording
@@ -223,7 +225,7 @@ class Walk(NamedTuple):
 
 
 class RecordingError(ValueError):
-    """A recording cannot be used; the message says what was expected and what came."""
+    """A recording cannot be used; the message names the expected and the actual content."""
 
 
 def leg_of(legs: Legs, side: str) -> LegTrajectory:
@@ -241,5 +243,5 @@ def leg_of(legs: Legs, side: str) -> LegTrajectory:
 
 
 def as_float(values: npt.ArrayLike) -> Float[np.ndarray, "..."]:
-    """A float64 NumPy array of anything array-like; the type in which recordings are held on the host."""
+    """A float64 NumPy array of array-like values: the type of recordings on the host."""
     return np.asarray(values, dtype=np.float64)

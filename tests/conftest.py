@@ -13,9 +13,14 @@ from types import ModuleType
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 
 import jax
+import jaxtyping
 import pytest
+import typechecker
 
-from jgait import datasets
+# Functions check the shapes and types in their annotations at each call or trace.
+jaxtyping.install_import_hook(typechecker.MODULES, "typechecker.check")
+
+from jgait import datasets  # noqa: E402
 
 
 def pytest_configure(config: pytest.Config) -> None:

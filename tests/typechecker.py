@@ -1,4 +1,4 @@
-"""How annotations are checked while tests run: beartype, an int where a float is asked, generic records as tuples."""
+"""The check of annotations while tests run: beartype; an int passes as a float, a generic record as a tuple."""
 
 import functools
 import operator
@@ -8,26 +8,32 @@ from collections.abc import Callable
 from typing import Any
 
 import beartype
+import numpy.typing as npt
+
+MODULES = [f"jgait.{name}" for name in ("params", "types", "geometry", "signal")]
+"""Modules whose functions are checked, with all below them."""
 
 _CONFIGURATION = beartype.BeartypeConf(is_pep484_tower=True)
 
 
 def check[F: Callable[..., Any]](function: F) -> F:
-    """The function, its arguments and its result checked against their annotations at each call."""
+    """The function, with its arguments and its result checked against the annotations at each call."""
     annotations = getattr(function, "__annotations__", {})
     for name, hint in annotations.items():
-        annotations[name] = _without_generic_records(hint)
+        annotations[name] = _checkable(hint)
     return beartype.beartype(conf=_CONFIGURATION)(function)
 
 
-def _without_generic_records(hint: Any) -> Any:
-    """A hint with `tuple` for each generic NamedTuple, which beartype 0.23 does not check."""
+def _checkable(hint: Any) -> Any:
+    """The hint without what beartype 0.23 does not check: generic NamedTuples, protocols, names in strings."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    record = origin or hint
-    if isinstance(record, type) and issubclass(record, tuple) and getattr(record, "__parameters__", ()):
+    plain = origin or hint
+    if hint is npt.ArrayLike or isinstance(hint, str | typing.ForwardRef) or getattr(plain, "_is_protocol", False):
+        return object
+    if isinstance(plain, type) and issubclass(plain, tuple) and getattr(plain, "__parameters__", ()):
         return tuple
     if origin in (types.UnionType, typing.Union):
-        return functools.reduce(operator.or_, map(_without_generic_records, arguments))
+        return functools.reduce(operator.or_, map(_checkable, arguments))
     if origin in (tuple, list, dict):
-        return origin[tuple(map(_without_generic_records, arguments))]
+        return origin[tuple(map(_checkable, arguments))]
     return hint

@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 
 from jgait.signal import butterworth
 from jgait.signal import windows as signal
+from jgait.types import Scalar
 
 REACH = 0.2
 """[s] How far before and after the coarse instant a contact may lie."""
@@ -61,7 +62,7 @@ SOFT = Soft()
 
 
 def rates_of_change(
-    forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, cutoff_hz: ArrayLike, mask: ArrayLike | None = None
+    forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, cutoff_hz: Scalar, mask: ArrayLike | None = None
 ) -> Array:
     """Minus the forward, and the upward acceleration's rate of change, low-passed, over their local root mean squares.
 

@@ -3,21 +3,20 @@
 A quaternion `q_ws` takes vectors of the sensor to the world; frames read right to left.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from jgait.geometry.vectors import Vector, cross, dot, scale, subtract
+from jgait.types import AnyArray, Scalar, Values
 
 
-def rotation(vector: Any) -> Any:
+def rotation(vector: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Rotation matrix of a rotation vector, R = I + (sin θ / θ) [v]ₓ + ((1 − cos θ) / θ²) [v]ₓ², smooth at zero.
 
     Args:
-        vector: (..., 3) axis times angle [rad].
-
-    Returns:
-        (..., 3, 3).
+        vector: axis times angle [rad].
 
     Source: Rodrigues' formula.
     """
@@ -35,18 +34,18 @@ def rotation(vector: Any) -> Any:
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def turn(axis: Any, angle: Any) -> Any:
-    """Rotation matrix (3, 3) about a direction (3,) of any length, by an angle [rad]."""
+def turn(axis: Float[AnyArray, "3"], angle: Scalar) -> Float[Array, "3 3"]:
+    """The rotation matrix about an axis of any length, by an angle [rad]."""
     return rotation(axis / jnp.sqrt(jnp.sum(axis * axis)) * angle)
 
 
 class Quaternion(NamedTuple):
-    """A unit quaternion in components, w first: `q_ws` takes vectors of the sensor to the world; any one shape."""
+    """A unit quaternion in components, w first: `q_ws` takes vectors of the sensor to the world; all of one shape."""
 
-    w: Any
-    x: Any
-    y: Any
-    z: Any
+    w: Values
+    x: Values
+    y: Values
+    z: Values
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -60,12 +59,12 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """The rotation back."""
+    """The inverse rotation."""
     return Quaternion(q.w, -q.x, -q.y, -q.z)
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """The same direction at length one."""
+    """The quaternion divided by its norm."""
     norm = jnp.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
     return Quaternion(q.w / norm, q.x / norm, q.y / norm, q.z / norm)
 
@@ -86,8 +85,8 @@ _COSINE = (1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628
 def exponential(v: Vector) -> Quaternion:
     """The quaternion of a rotation vector, (cos |v|/2, v/|v| sin |v|/2), by power series of |v|²/4.
 
-    Without branches and smooth at zero, for what turns within one sample: exact to 1e-13 up to 1 rad, to 1e-7 up to
-    π, and then normalised. Larger rotations: `quaternion(rotation(v))`.
+    It has no branches and is smooth at zero. It is meant for the rotation within one sample: the error is 1e-13 up to
+    1 rad and 1e-7 up to π; the result is normalised. For larger rotations use `quaternion(rotation(v))`.
     """
     square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
     sine, cosine = (_horner(terms, square) for terms in (_SINE, _COSINE))
@@ -95,7 +94,7 @@ def exponential(v: Vector) -> Quaternion:
     return normalised(Quaternion(cosine, half * v.x, half * v.y, half * v.z))
 
 
-def _horner(terms: tuple[float, ...], x: Any) -> Any:
+def _horner(terms: tuple[float, ...], x: Values) -> Values:
     value = terms[-1] * x + terms[-2]
     for term in terms[-3::-1]:
         value = value * x + term
@@ -115,24 +114,24 @@ def logarithm(q: Quaternion) -> Vector:
     return Vector(factor * q.x, factor * q.y, factor * q.z)
 
 
-def as_array(q: Quaternion) -> Any:
-    """Components along a last axis, (..., 4), w first; back with `from_array`."""
+def as_array(q: Quaternion) -> Float[Array, "*batch 4"]:
+    """The components along a last axis, w first; `from_array` is the inverse."""
     return jnp.stack(q, axis=-1)
 
 
-def from_array(values: Any) -> Quaternion:
+def from_array(values: Float[AnyArray, "..."]) -> Quaternion:
     """The quaternion of an array (..., 4), w first, as in `FootTrajectory.orientation`.
 
     Raises:
-        ValueError: if the last axis is not of four.
+        ValueError: if the last axis has not four components.
     """
     if values.ndim == 0 or values.shape[-1] != 4:
         raise ValueError(f"a quaternion's array must be (..., 4), w first; got {values.shape}")
     return Quaternion(*(values[..., i] for i in range(4)))
 
 
-def matrix(q: Quaternion) -> Any:
-    """The rotation matrix (..., 3, 3) of a unit quaternion; its columns are the sensor's axes in the world."""
+def matrix(q: Quaternion) -> Float[Array, "*batch 3 3"]:
+    """The rotation matrix of a unit quaternion; its columns are the sensor's axes in the world."""
     w, x, y, z = q
     rows = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -142,11 +141,11 @@ def matrix(q: Quaternion) -> Any:
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def quaternion(m: Any) -> Quaternion:
+def quaternion(m: Float[AnyArray, "*batch 3 3"]) -> Quaternion:
     """The quaternion of a rotation matrix, w ≥ 0: the longest row of 4 q qᵀ, whose entries are linear in the matrix.
 
     Args:
-        m: (..., 3, 3), orthonormal and right-handed.
+        m: orthonormal and right-handed.
 
     Source: S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1(3), 1978.
     """
@@ -164,15 +163,16 @@ def quaternion(m: Any) -> Quaternion:
 
 
 def between(a: Vector, b: Vector) -> Quaternion:
-    """The shortest rotation that takes one direction to another, precise near opposite directions as near equal ones.
+    """The shortest rotation that takes one direction to another, precise also for nearly opposite directions.
 
-    With unit vectors, d = a·b and c = a × b: (1 + d, c) for an angle up to 90°; beyond it (c·p, (1 − d) p) about
-    the axis p = c / |c|, made perpendicular to a once more, for c is small where they are nearly opposite. Where they
-    are exactly opposite it is half a turn about some axis across.
+    With unit vectors, d = a·b and c = a × b, the quaternion is (1 + d, c) for an angle up to 90°. Beyond 90° it is
+    (c·p, (1 − d) p) about the axis p = c / |c|; because c is small for nearly opposite directions, p is made
+    perpendicular to a once more. For exactly opposite directions the rotation is half a turn about some perpendicular
+    axis.
 
     Args:
-        a: of any length but zero.
-        b: of any length but zero.
+        a: a direction of any length except zero.
+        b: a direction of any length except zero.
     """
     a, b = _direction(a), _direction(b)
     d, c = dot(a, b), cross(a, b)
@@ -195,9 +195,9 @@ def _direction(v: Vector) -> Vector:
     return scale(1.0 / jnp.sqrt(dot(v, v)), v)
 
 
-def heading(q: Quaternion) -> Any:
-    """Where the sensor's x axis points in the world's plane, from the world's x axis to the left [rad], −π to π.
+def heading(q: Quaternion) -> Values:
+    """The direction of the sensor's x axis in the horizontal plane, from the world's x axis to the left [rad], −π to π.
 
-    It has no meaning, and no gradient, where that axis is vertical.
+    The heading has no meaning, and no gradient, where the sensor's x axis is vertical.
     """
     return jnp.arctan2(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -1,22 +1,23 @@
-"""Rigid segments in space: where each is and how it is turned, how fast that changes, and what a sensor on it feels.
+"""Rigid segments in space: position and orientation, their derivatives, and the readings of a perfect sensor.
 
 World: x forward at the start, y to the left, z up. A segment standing upright has the axes of the world; its x points
-forward, y to the left, z along it to the proximal end (for the foot: up). Vectors are three arrays, not one array
+forward, y to the left, z along it to the proximal end (for the foot: up). A vector is three arrays, not one array
 with an axis of three: every function here is elementwise, and compiles into loops over time and people.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from jgait.geometry.vectors import GRAVITY, Vector, dot
-from jgait.types import SIDES
+from jgait.types import SIDES, AnyArray
 
 
 class Frame(NamedTuple):
-    """Where a segment is and how it is turned, or the rate or acceleration of that.
+    """Position and orientation of a segment, or their first or second derivative.
 
     Attributes:
         origin: the segment's proximal joint in the world [m]; the middle of the hips for the pelvis.
@@ -31,23 +32,23 @@ class Frame(NamedTuple):
     z: Vector
 
 
-class Segments(NamedTuple):
-    """Something of each segment of the lower body."""
+class Segments[S](NamedTuple):
+    """One value for each segment of the lower body, such as its `Frame`."""
 
-    pelvis: Any
-    thigh_right: Any
-    thigh_left: Any
-    shank_right: Any
-    shank_left: Any
-    foot_right: Any
-    foot_left: Any
+    pelvis: S
+    thigh_right: S
+    thigh_left: S
+    shank_right: S
+    shank_left: S
+    foot_right: S
+    foot_left: S
 
 
 def segment_of(placement: str) -> str:
     """The segment that carries a sensor at a placement (see `jgait.PLACEMENTS`).
 
     Raises:
-        ValueError: if none of the lower body does.
+        ValueError: if the placement is not on the lower body.
     """
     if placement in ("pelvis", "lower_back", "waist"):
         return "pelvis"
@@ -61,7 +62,7 @@ def segment_of(placement: str) -> str:
     return f"{segments[kind]}_{side}"
 
 
-class Motion(NamedTuple):
+class Motion[P](NamedTuple):
     """A pose and its first and second derivative with respect to time.
 
     Attributes:
@@ -70,13 +71,13 @@ class Motion(NamedTuple):
         acceleration: the same type, per second squared.
     """
 
-    pose: Any
-    rate: Any
-    acceleration: Any
+    pose: P
+    rate: P
+    acceleration: P
 
 
 def in_world(frame: Frame, point: Vector) -> Vector:
-    """A point given in a segment's axes, in the world; with `frame` a rate or acceleration, that of the point."""
+    """The world coordinates of a point given in segment axes; of a frame's derivative: the derivative of the point."""
     return Vector(*(
         origin + x * point.x + y * point.y + z * point.z
         for origin, x, y, z in zip(frame.origin, frame.x, frame.y, frame.z, strict=True)
@@ -84,15 +85,15 @@ def in_world(frame: Frame, point: Vector) -> Vector:
 
 
 def in_segment(frame: Frame, direction: Vector) -> Vector:
-    """A direction given in the world, in the segment's axes."""
+    """The components along the segment's axes of a direction given in the world."""
     return Vector(dot(frame.x, direction), dot(frame.y, direction), dot(frame.z, direction))
 
 
-def differentiated[P](pose: Callable[[Any], P], time: Any) -> Motion:
+def differentiated[P](pose: Callable[[Float[AnyArray, "time"]], P], time: Float[AnyArray, "time"]) -> Motion[P]:
     """A pose, its rate and its acceleration, exact by forward-mode differentiation.
 
     Args:
-        pose: elementwise in time: (T,) [s] → any pytree of (T,).
+        pose: a function of time [s], elementwise; it returns any pytree of (T,) arrays.
         time: (T,) [s].
 
     Returns:
@@ -100,21 +101,21 @@ def differentiated[P](pose: Callable[[Any], P], time: Any) -> Motion:
     """
     ones = jnp.ones_like(time)
 
-    def rates(at: Any) -> tuple[P, P]:
+    def rates(at: Float[AnyArray, "time"]) -> tuple[P, P]:
         return jax.jvp(pose, (at,), (ones,))
 
     (value, rate), (_, acceleration) = jax.jvp(rates, (time,), (ones,))
     return Motion(value, rate, acceleration)
 
 
-def inertial(motion: Motion, point: Vector) -> tuple[Vector, Vector]:
-    """What a perfect inertial sensor on a segment feels, in the segment's axes.
+def inertial(motion: Motion[Frame], point: Vector) -> tuple[Vector, Vector]:
+    """The readings of a perfect inertial sensor on a segment, in the segment's axes.
 
-    gyr = (ẏ·z, ż·x, ẋ·y),  acc = (p̈·x, p̈·y, p̈·z) + g (z component of the axes), with p the sensor's place.
+    gyr = (ẏ·z, ż·x, ẋ·y),  acc = (p̈·x, p̈·y, p̈·z) + g (z component of the axes), with p the position of the sensor.
 
     Args:
         motion: of one segment's `Frame`.
-        point: the sensor's place in the segment's axes [m].
+        point: position of the sensor in the segment's axes [m].
 
     Returns:
         Angular rate [rad/s] and specific force [m/s²].

@@ -9,17 +9,21 @@ The largest error, found by comparing with values of higher precision:
     float32   1.0e-7  for |x| ≤ 6433 (1000 turns),       beyond it half a unit in the last place of x
     float64   2.1e-16 for |x| ≤ 1.6e6 (250 000 turns),   beyond it half a unit in the last place of x
 
-Beyond, that is, the error is that of rounding x to its float type, where the compiler fuses multiplications with
-additions, as it does by default; without that it is up to twice as large. From 6.5e6 and 3.5e15 on, where that is a
-good part of a turn, only |sin|, |cos| ≤ 1 is left.
+Beyond these limits the error is that of rounding x to its float type, where the compiler fuses multiplications with
+additions, as it does by default; without fusion the error is up to twice as large. From 6.5e6 (float32) and 3.5e15
+(float64) on, the rounding of x is a good part of a turn and only |sin|, |cos| ≤ 1 holds.
 Infinity gives NaN. Derivatives are the functions themselves: (sin)' = cos, (cos)' = −sin.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, Int
+
+from jgait.types import Values
 
 
 class _Recipe(NamedTuple):
@@ -33,7 +37,7 @@ class _Recipe(NamedTuple):
         cosine: coefficients of (cos r − 1 + r²/2) / r⁴ in r².
     """
 
-    integer: Any
+    integer: DTypeLike
     bits: int
     shift: float
     parts: tuple[float, ...]
@@ -68,7 +72,7 @@ _QUARTER = 0.7858
 
 
 @jax.custom_jvp
-def sincos(x: Any) -> tuple[Any, Any]:
+def sincos(x: Values) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Sine and cosine of x, any shape, in float32 or float64.
 
     Args:
@@ -104,20 +108,22 @@ def sincos(x: Any) -> tuple[Any, Any]:
     )
 
 
-def _horner(coefficients: tuple[float, ...], u: Any) -> Any:
+def _horner(coefficients: tuple[float, ...], u: Float[Array, "..."]) -> Float[Array, "..."]:
     result = jnp.full_like(u, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         result = coefficient + u * result
     return result
 
 
-def _negated(value: Any, second_bit: Any, recipe: _Recipe) -> Any:
+def _negated(
+    value: Float[Array, "*shape"], second_bit: Int[Array, "*shape"], recipe: _Recipe
+) -> Float[Array, "*shape"]:
     """The value with its sign turned where the second bit of the quadrant is set."""
     sign = lax.shift_left(second_bit, jnp.full_like(second_bit, recipe.bits - 2))
     return lax.bitcast_convert_type(lax.bitcast_convert_type(value, recipe.integer) ^ sign, value.dtype)
 
 
 @sincos.defjvp
-def _sincos_jvp(primals: tuple[Any], tangents: tuple[Any]) -> Any:
+def _sincos_jvp(primals: tuple[Values], tangents: tuple[Values]) -> tuple[tuple[Values, Values], tuple[Values, Values]]:
     sine, cosine = sincos(primals[0])
     return (sine, cosine), (cosine * tangents[0], -sine * tangents[0])

@@ -1,8 +1,11 @@
 """Vectors in space as three arrays, one per component; every function is elementwise over time and people."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jax import lax
+from jaxtyping import Float
+
+from jgait.types import AnyArray, Values
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
@@ -11,17 +14,17 @@ GRAVITY = 9.80665
 class Vector(NamedTuple):
     """Three components along x, y and z, each of any one shape."""
 
-    x: Any
-    y: Any
-    z: Any
+    x: Values
+    y: Values
+    z: Values
 
 
 def kept[T](values: T) -> T:
-    """The same values, computed once and kept: otherwise a compiler computes them anew wherever they are used."""
+    """The same values, computed once: without this barrier the compiler computes them again at every use."""
     return lax.optimization_barrier(values)
 
 
-def vector(values: Any) -> Vector:
+def vector(values: Float[AnyArray, "*batch 3"]) -> Vector:
     """The last axis (3,) of an array as components."""
     return Vector(values[..., 0], values[..., 1], values[..., 2])
 
@@ -36,13 +39,13 @@ def subtract(a: Vector, b: Vector) -> Vector:
     return Vector(a.x - b.x, a.y - b.y, a.z - b.z)
 
 
-def scale(factor: Any, a: Vector) -> Vector:
+def scale(factor: Values, a: Vector) -> Vector:
     """The vector a, `factor` times as long."""
     return Vector(factor * a.x, factor * a.y, factor * a.z)
 
 
-def dot(a: Vector, b: Vector) -> Any:
-    """Scalar product."""
+def dot(a: Vector, b: Vector) -> Values:
+    """The scalar product a · b."""
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 

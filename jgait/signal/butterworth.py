@@ -11,36 +11,38 @@ cut-off. `low_pass` is a `lax.scan` of `step`, so that a device which calls `ste
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.typing import ArrayLike
+from jaxtyping import Float, Int
+
+from jgait.types import AnyArray, Scalar, Values
 
 UNROLL = 4
-"""Samples a turn of the scan: the work on one is less than what a turn costs."""
+"""Samples per iteration of the scan: the work on one sample costs less than the overhead of an iteration."""
 
 
 class Section(NamedTuple):
     """One second-order low-pass, gain 1 at rest: b (1, 2, 1) over (1, a1, a2)."""
 
-    b: Any
-    a1: Any
-    a2: Any
+    b: Scalar
+    a1: Scalar
+    a2: Scalar
 
 
 class SectionState(NamedTuple):
-    """What a section remembers, in the transposed direct form II; each of a sample's shape."""
+    """The two delayed values of a section in the transposed direct form II; each of a sample's shape."""
 
-    first: Any
-    second: Any
+    first: Values
+    second: Values
 
 
-def sections(cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) -> tuple[Section, ...]:
+def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tuple[Section, ...]:
     """The sections of a Butterworth low-pass.
 
     Args:
-        cutoff_hz: where the gain is 1/√2 [Hz], between 0 and half the sampling rate.
+        cutoff_hz: frequency at which the gain is 1/√2 [Hz], between 0 and half the sampling rate.
         sampling_rate_hz: of the samples [Hz].
         order: 2, 4, 6 …; static.
 
@@ -53,7 +55,7 @@ def sections(cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) 
     if order < 2 or order % 2:
         raise ValueError(f"order must be 2, 4, 6 …; got {order}")
     if all(isinstance(value, int | float) for value in (cutoff_hz, sampling_rate_hz)):
-        low, high = float(cutoff_hz), float(sampling_rate_hz)  # type: ignore[arg-type]
+        low, high = float(cutoff_hz), float(sampling_rate_hz)
         if not 0.0 < low < 0.5 * high:
             raise ValueError(f"cutoff_hz must lie between 0 and half the sampling rate of {high:g} Hz; got {low:g}")
     k = jnp.tan(jnp.pi * jnp.asarray(cutoff_hz) / sampling_rate_hz)
@@ -64,19 +66,19 @@ def sections(cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) 
     )
 
 
-def delay(cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) -> Any:
-    """How late slow signals leave the causal filter [s]: its group delay at zero frequency, Σ d / (2 f_s k)."""
+def delay(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Scalar:
+    """The delay of slow signals by the causal filter [s]: its group delay at zero frequency, Σ d / (2 f_s k)."""
     k = jnp.tan(jnp.pi * jnp.asarray(cutoff_hz) / sampling_rate_hz)
     damped = sum(2.0 * math.sin(math.pi * (2 * number + 1) / (2 * order)) for number in range(order // 2))
     return damped / (2.0 * sampling_rate_hz * k)
 
 
-def at_rest(cascade: tuple[Section, ...], sample: ArrayLike) -> tuple[SectionState, ...]:
-    """The state of sections that have seen one value for ever.
+def at_rest(cascade: tuple[Section, ...], sample: Values) -> tuple[SectionState, ...]:
+    """The state of the sections after an endless constant input.
 
     Args:
         cascade: from `sections`.
-        sample: (...) the value, any unit.
+        sample: (...) the constant value, any unit.
 
     Returns:
         One state a section.
@@ -86,8 +88,8 @@ def at_rest(cascade: tuple[Section, ...], sample: ArrayLike) -> tuple[SectionSta
 
 
 def step(
-    cascade: tuple[Section, ...], state: tuple[SectionState, ...], sample: ArrayLike
-) -> tuple[tuple[SectionState, ...], Array]:
+    cascade: tuple[Section, ...], state: tuple[SectionState, ...], sample: Values
+) -> tuple[tuple[SectionState, ...], Float[Array, "..."]]:
     """One sample through the filter.
 
     Args:
@@ -98,7 +100,8 @@ def step(
     Returns:
         The state to carry on, and the filtered sample.
     """
-    value, after = jnp.asarray(sample), []
+    value: Array = jnp.asarray(sample)
+    after = []
     for section, before in zip(cascade, state, strict=True):
         come = section.b * value
         gone = come + before.first
@@ -107,13 +110,15 @@ def step(
     return tuple(after), value
 
 
-def _filtered(cascade: tuple[Section, ...], values: Array, *, reverse: bool = False) -> Array:
+def _filtered(
+    cascade: tuple[Section, ...], values: Float[Array, "time *rest"], *, reverse: bool = False
+) -> Float[Array, "time *rest"]:
     typed = tuple(Section(*(jnp.asarray(c, values.dtype) for c in section)) for section in cascade)
     start = at_rest(typed, values[-1] if reverse else values[0])
     return lax.scan(lambda s, x: step(typed, s, x), start, values, reverse=reverse, unroll=UNROLL)[1]
 
 
-def _samples(x: ArrayLike, least: int) -> Array:
+def _samples(x: AnyArray, least: int) -> Float[Array, "time *rest"]:
     values = jnp.asarray(x)
     if not jnp.issubdtype(values.dtype, jnp.floating):
         raise ValueError(f"x must be floating point; got {values.dtype}")
@@ -122,12 +127,12 @@ def _samples(x: ArrayLike, least: int) -> Array:
     return values
 
 
-def low_pass(x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) -> Array:
-    """The causal filter over a recording; before it the first sample is taken to have lasted for ever.
+def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Float[Array, "time *rest"]:
+    """The causal filter over a recording; before the recording the signal is assumed constant at its first sample.
 
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
-        cutoff_hz: where the gain is 1/√2 [Hz].
+        cutoff_hz: frequency at which the gain is 1/√2 [Hz].
         sampling_rate_hz: of the samples [Hz].
         order: 2, 4, 6 …; static.
 
@@ -140,14 +145,16 @@ def low_pass(x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, or
     return _filtered(sections(cutoff_hz, sampling_rate_hz, order), _samples(x, 1))
 
 
-def low_pass_both_ways(x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, order: int = 2) -> Array:
+def low_pass_both_ways(
+    x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2
+) -> Float[Array, "time *rest"]:
     """The filter forwards and then backwards: no delay, its gain squared.
 
     Both ends are continued by a point reflection of 3 (order + 1) samples, as SciPy's `filtfilt` does.
 
     Args:
         x: (T, ...) samples, floating point, any unit, finite; T > 3 (order + 1).
-        cutoff_hz: where the gain of both ways together is 1/2 [Hz].
+        cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
         sampling_rate_hz: of the samples [Hz].
         order: of one way: 2, 4, 6 …; static.
 
@@ -166,22 +173,22 @@ def low_pass_both_ways(x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: Arr
 
 
 def low_pass_until(
-    x: ArrayLike, cutoff_hz: ArrayLike, sampling_rate_hz: ArrayLike, last: ArrayLike, order: int = 2
-) -> Array:
-    """The filter forwards and then backwards over a recording with padding behind it, which changes nothing.
+    x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, last: Int[AnyArray, ""] | int, order: int = 2
+) -> Float[Array, "time *rest"]:
+    """The filter forwards and then backwards over a recording, unchanged by the padding after it.
 
-    Before its first sample and behind its last one the recording is taken to have lasted for ever, on the way back as
-    the filter left it.
+    Before its first sample and after its last one the signal is assumed constant; for the backward filter, constant at
+    the last output of the forward filter.
 
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
-        cutoff_hz: where the gain of both ways together is 1/2 [Hz].
+        cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
         sampling_rate_hz: of the samples [Hz].
         last: index of the last sample before the padding.
         order: of one way: 2, 4, 6 …; static.
 
     Returns:
-        The same shape and unit; in the padding, what follows from the last sample.
+        The same shape and unit; in the padding, the response to the constant signal.
 
     Raises:
         ValueError: as `low_pass`.

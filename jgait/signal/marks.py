@@ -1,9 +1,11 @@
 """Marks: per sample, where intervals of a recording begin and end."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax.typing import ArrayLike
+from jaxtyping import Bool, Int
+
+from jgait.types import AnyArray, Flags
 
 
 class Marks(NamedTuple):
@@ -14,18 +16,23 @@ class Marks(NamedTuple):
         end: bool, a stride ends here; one may begin at the same sample.
     """
 
-    begin: Any
-    end: Any
+    begin: Flags
+    end: Flags
 
 
-def marks(begin: ArrayLike, end: ArrayLike, samples: int, valid: ArrayLike | None = None) -> Marks:
+def marks(
+    begin: Int[AnyArray, "stride"],
+    end: Int[AnyArray, "stride"],
+    samples: int,
+    valid: Bool[AnyArray, "stride"] | None = None,
+) -> Marks:
     """Flags of strides from the samples at which they begin and end.
 
     Args:
-        begin: (n,) samples.
-        end: (n,) samples, each after its begin and not after the next.
+        begin: sample at which each stride begins.
+        end: sample at which each stride ends: after its begin, not after the next begin.
         samples: T; static.
-        valid: (n,) bool, False for rows that are no stride; None: all are.
+        valid: False for rows that are no stride; None: all rows are strides.
     """
     there = jnp.ones(jnp.shape(begin), bool) if valid is None else jnp.asarray(valid)
     flags = []

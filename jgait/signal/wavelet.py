@@ -16,13 +16,14 @@ how many levels follow, so three levels rebuild from them what ten do.
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import pywt
-from jax import Array
-from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from jgait.types import AnyArray, Scalar, Values
 
 MAGNITUDES = ("max", "rms")
 """What a threshold is relative to: the greatest absolute value of a detail, or its root mean square."""
@@ -39,17 +40,17 @@ class Transform(NamedTuple):
         details: one (T, ...) a level, the finest (level 1) first.
     """
 
-    approximation: Any
-    details: tuple[Any, ...]
+    approximation: Float[AnyArray, "time *rest"]
+    details: tuple[Float[AnyArray, "time *rest"], ...]
 
 
 class Taps(NamedTuple):
     """Filters of a wavelet, of equal and even length: there (`dec`) and back (`rec`)."""
 
-    dec_lo: np.ndarray
-    dec_hi: np.ndarray
-    rec_lo: np.ndarray
-    rec_hi: np.ndarray
+    dec_lo: Float[np.ndarray, "tap"]
+    dec_hi: Float[np.ndarray, "tap"]
+    rec_lo: Float[np.ndarray, "tap"]
+    rec_hi: Float[np.ndarray, "tap"]
 
 
 @functools.cache
@@ -67,7 +68,9 @@ def taps(wavelet: str) -> Taps:
     return Taps(*(np.asarray(bank, np.float64) for bank in pywt.Wavelet(wavelet).filter_bank))
 
 
-def _filtered(values: Array, filters: Sequence[np.ndarray], spread: int, lead: int) -> list[Array]:
+def _filtered(
+    values: Float[Array, "time *rest"], filters: Sequence[Float[np.ndarray, "tap"]], spread: int, lead: int
+) -> list[Float[Array, "time *rest"]]:
     """Σ_k f[k] x[n − spread (k − lead)] for every filter, indices modulo T.
 
     The delays are known while tracing: each is a slice of the signal written twice, and XLA makes one loop of them.
@@ -82,7 +85,7 @@ def _filtered(values: Array, filters: Sequence[np.ndarray], spread: int, lead: i
     ]
 
 
-def _samples(x: ArrayLike, name: str = "x") -> Array:
+def _samples(x: AnyArray, name: str = "x") -> Float[Array, "time *rest"]:
     values = jnp.asarray(x)
     if not jnp.issubdtype(values.dtype, jnp.floating):
         raise ValueError(f"{name} must be floating point; got {values.dtype}")
@@ -91,7 +94,7 @@ def _samples(x: ArrayLike, name: str = "x") -> Array:
     return values
 
 
-def transform(x: ArrayLike, wavelet: str, levels: int) -> Transform:
+def transform(x: AnyArray, wavelet: str, levels: int) -> Transform:
     """The stationary wavelet transform, as `pywt.swt`.
 
     Args:
@@ -120,8 +123,8 @@ def transform(x: ArrayLike, wavelet: str, levels: int) -> Transform:
     return Transform(values, tuple(details))
 
 
-def inverse(t: Transform, wavelet: str) -> Array:
-    """The signal that a transform is of, as `pywt.iswt`; of changed coefficients, the mean of all the ways back.
+def inverse(t: Transform, wavelet: str) -> Float[Array, "time *rest"]:
+    """The signal of a transform, as `pywt.iswt`; for changed coefficients, the mean of all the ways back.
 
     Args:
         t: as `transform` gives it, changed or not.
@@ -148,7 +151,7 @@ def inverse(t: Transform, wavelet: str) -> Array:
     return values
 
 
-def padded(x: ArrayLike, multiple: int = MULTIPLE) -> tuple[Array, int]:
+def padded(x: AnyArray, multiple: int = MULTIPLE) -> tuple[Float[Array, "padded *rest"], int]:
     """Both ends continued by reflection that repeats the edge, to the next multiple of a length.
 
     Args:
@@ -170,7 +173,9 @@ def padded(x: ArrayLike, multiple: int = MULTIPLE) -> tuple[Array, int]:
     return jnp.pad(values, sides, mode="symmetric"), before
 
 
-def magnitude(x: ArrayLike, kind: str, mask: ArrayLike | None = None) -> Array:
+def magnitude(
+    x: Float[AnyArray, "time *rest"], kind: str, mask: Bool[AnyArray, "time"] | None = None
+) -> Float[Array, "*rest"]:
     """How large a signal is, max |x| or √(mean x²), along the first axis.
 
     Args:
@@ -195,7 +200,7 @@ def magnitude(x: ArrayLike, kind: str, mask: ArrayLike | None = None) -> Array:
     return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
 
-def threshold(x: ArrayLike, limit: ArrayLike, *, hard: bool) -> Array:
+def threshold(x: Values, limit: Values, *, hard: bool) -> Float[Array, "..."]:
     """What of a signal is above a limit: x where |x| > limit (hard), sign(x) max(|x| − limit, 0) (soft), else 0.
 
     Args:
@@ -212,9 +217,9 @@ def threshold(x: ArrayLike, limit: ArrayLike, *, hard: bool) -> Array:
 
 
 def from_details(
-    x: ArrayLike, shares: Sequence[ArrayLike] | ArrayLike, wavelet: str = "db5", *, relative_to: str = "rms",
-    hard: bool = False, mask: ArrayLike | None = None, multiple: int = MULTIPLE,
-) -> Array:  # fmt: skip
+    x: AnyArray, shares: Sequence[Scalar] | Float[AnyArray, "level"], wavelet: str = "db5", *, relative_to: str = "rms",
+    hard: bool = False, mask: Bool[AnyArray, "time"] | None = None, multiple: int = MULTIPLE,
+) -> Float[Array, "time *rest"]:  # fmt: skip
     """A signal rebuilt from its finest details alone, each thresholded at a share of its own magnitude.
 
     d_j → threshold(d_j, c_j |d_j|), a → 0, and back; |d_j| over the samples that were there before padding.
@@ -236,7 +241,7 @@ def from_details(
     """
     whole, before = padded(x, multiple)
     within = slice(before, before + np.shape(x)[0])
-    parts = [jnp.asarray(share, whole.dtype) for share in shares]  # type: ignore[union-attr]
+    parts = [jnp.asarray(share, whole.dtype) for share in shares]
     found = transform(whole, wavelet, len(parts))
     kept = tuple(
         threshold(d, share * magnitude(d[within], relative_to, mask)[None], hard=hard)

@@ -1,19 +1,21 @@
-"""Signal processing: medians, moving statistics, and standing still told from the gyroscope.
+"""Medians and moving statistics over centred windows.
 
-Everything but `longest_still` is JAX: usable under `jit` and `vmap`, along the first axis, and differentiable wherever
+Everything except `true_runs` is JAX: usable under `jit` and `vmap`, along the first axis, and differentiable wherever
 the operation itself is (a median has the gradient of the sample it picks; a comparison has none). Windows are centred,
 of an odd number of samples, and the ends are continued by reflection that does not repeat the edge.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
-from jax.typing import ArrayLike
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from jgait.types import AnyArray
 
 
-def _reflected(x: ArrayLike, size: int) -> Array:
+def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "padded *rest"]:
     """The samples with both ends continued by reflection, so that every window of `size` is full."""
     values = jnp.asarray(x)
     if size < 1 or size % 2 == 0:
@@ -24,7 +26,7 @@ def _reflected(x: ArrayLike, size: int) -> Array:
     return jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
 
 
-def median_filter(x: ArrayLike, size: int) -> Array:
+def median_filter(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
     """Median over a centred window, y_k = median(x_{k-h} … x_{k+h}) with h = (size-1)/2.
 
     Args:
@@ -42,7 +44,7 @@ def median_filter(x: ArrayLike, size: int) -> Array:
     return jnp.median(jnp.stack([padded[shift : shift + count] for shift in range(size)]), axis=0)
 
 
-def moving_mean(x: ArrayLike, size: int) -> Array:
+def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
     """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h.
 
     Args:
@@ -62,7 +64,7 @@ def moving_mean(x: ArrayLike, size: int) -> Array:
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
 
 
-def moving_std(x: ArrayLike, size: int) -> Array:
+def moving_std(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
     """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), of the window itself (no n-1).
 
     Its gradient is zero where the window is constant.
@@ -87,11 +89,11 @@ def moving_std(x: ArrayLike, size: int) -> Array:
 
 
 def window_size(window_s: float, sampling_rate_hz: float) -> int:
-    """Seconds to an odd number of samples, at least 1."""
+    """The odd number of samples that covers a window [s], at least 1."""
     return 2 * int(np.ceil(window_s * sampling_rate_hz / 2)) + 1 if window_s > 0 else 1
 
 
-def true_runs(flags: Any) -> list[tuple[int, int]]:
+def true_runs(flags: Bool[AnyArray, "time"] | Sequence[bool]) -> list[tuple[int, int]]:
     """Stretches of True as (start, end) [samples], half-open; on the host."""
     edges = np.diff(np.concatenate([[0], np.asarray(flags, bool).astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -57,11 +57,12 @@ from jgait.estimators.ankle_stride.length_steps import (
 from jgait.geometry.vectors import Vector
 from jgait.signal import butterworth
 from jgait.signal.marks import Marks, marks
+from jgait.types import Scalar
 
 __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "planar", "smoothed"]
 
 
-def smoothed(signal: ArrayLike, cutoff_hz: ArrayLike | None, sampling_rate_hz: float) -> Array:
+def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
     """Low-pass without delay, as the inertial methods take their signals; None leaves them as they are.
 
     Args:
