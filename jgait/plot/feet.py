@@ -4,10 +4,9 @@ The right foot is black with dots, the left one light blue with squares: told ap
 Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
-from typing import Any
-
 import numpy as np
 
+from jgait.estimators import stride_flags
 from jgait.evaluate.errors import common_samples, yaw_aligned
 from jgait.plot.style import DEGREES, FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, blank, legend, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
@@ -187,7 +186,7 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    told = [one for one in SERIES if any_finite(getattr(estimate.strides, one[0]), rows)]
+    told = [one for one in SERIES if has(estimate, one[0], rows)]
     figure, axes = blank(len(told), 1, 8.6, 1.9 * len(told) + 1.0, sharex=True)
     for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], told, strict=True)):
         series_of(axis, estimate, rows, field, scale, labelled=number == 0)
@@ -197,17 +196,26 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     return figure
 
 
-def any_finite(values: Any, rows: np.ndarray) -> bool:
-    """Whether anything is told of some strides."""
-    return values is not None and bool(np.isfinite(as_float(values)[rows]).any())
+def values_of(estimate: Estimate, field: str) -> np.ndarray:
+    """(strides,) a field of `Strides`, or their duration; NaN where the estimate does not state it."""
+    strides = estimate.strides
+    values = strides.end - strides.start if field == "duration" else getattr(strides, field)
+    return np.full(np.shape(strides.side), np.nan) if values is None else as_float(values)
 
 
-def series_of(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
-    """One quantity of the strides of both feet over time."""
+def has(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
+    """Whether any of the strides has a value of the field."""
+    return bool(np.isfinite(values_of(estimate, field)[rows]).any())
+
+
+def series_of(
+    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool, part: str = "foot"
+) -> None:
+    """One quantity of the strides of both sides over time; rows without a value are left out."""
     strides, stated = estimate.strides, estimate.strides_stddev
     when = as_float(strides.standing_end if strides.end is None else strides.end)
-    values = scale * as_float(getattr(strides, field))
-    spread = None if stated is None else getattr(stated, field)
+    values = scale * values_of(estimate, field)
+    spread = None if stated is None or field == "duration" else getattr(stated, field)
     bars = np.zeros_like(values) if spread is None else np.nan_to_num(2.0 * scale * as_float(spread))
     trusted = np.ones(values.size, bool)
     flags = estimate.diagnostics.get("width_valid")
@@ -220,9 +228,9 @@ def series_of(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scal
         good, bad = own[trusted[own]], own[~trusted[own]]
         style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
-                      label=f"{side} foot{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
+                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
-        axis.plot(when[bad], values[bad], label=f"{side} foot, not trusted" if bad.size else None, **hollow)
+        axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
     axis.grid(alpha=0.3)
 
 
@@ -236,10 +244,10 @@ PANELS = (
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
-    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": "in a turn"},
-    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": "on stairs"},
-    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": "swing clipped"},
-    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": "from or to standing"},
+    "turning": {"marker": "D", "markersize": 10, "markeredgewidth": 1.0, "label": stride_flags.TURNING.label},
+    "stairs": {"marker": "^", "markersize": 12, "markeredgewidth": 1.0, "label": stride_flags.STAIRS.label},
+    "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
+    "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
 }
 """Flag in the diagnostics → the mark around a stride that has it; told apart by form, not colour."""
 
@@ -260,56 +268,35 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    told = [panel for panel in PANELS if _told(estimate, panel[0], rows)]
+    told = [panel for panel in PANELS if has(estimate, panel[0], rows)]
     figure, axes = blank(len(told), 1, 8.6, 1.9 * len(told) + 1.1, sharex=True)
     for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], told, strict=True)):
         if field in ("height", "turn"):
             axis.axhline(0.0, color="0.6", linewidth=0.8)
-        _series(axis, estimate, rows, field, scale, labelled=number == 0)
+        _joined(axis, estimate, rows, field, scale)
+        series_of(axis, estimate, rows, field, scale, labelled=number == 0, part="leg")
         _marks(axis, estimate, rows, field, scale, labelled=number == 0)
         axis.set_ylabel(unit)
-        axis.grid(alpha=0.3)
         axis.margins(y=0.15)
     axes[-1, 0].set_xlabel("time [s]")
     legend(figure, title)
     return figure
 
 
-def _values(estimate: Estimate, field: str) -> np.ndarray | None:
-    strides = estimate.strides
-    if field == "duration":
-        return as_float(strides.end) - as_float(strides.start)
-    values = getattr(strides, field)
-    return None if values is None else as_float(values)
-
-
-def _told(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
-    values = _values(estimate, field)
-    return values is not None and bool(np.isfinite(values[rows]).any())
-
-
-def _series(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
-    """The strides of both legs, joined by a thin line, with bars where deviations are stated."""
-    when, values = as_float(estimate.strides.end), _values(estimate, field)
-    stated = None if estimate.strides_stddev is None or field == "duration" else estimate.strides_stddev
-    spread = None if stated is None else getattr(stated, field)
+def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
+    """A thin line through the strides of each leg."""
+    when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for number, side in enumerate(SIDES):
         own = rows[np.asarray(estimate.strides.side)[rows] == number]
-        if not own.size or values is None:
-            continue
-        bars = None if spread is None else 2.0 * scale * np.nan_to_num(as_float(spread)[own])
-        words = f"{side} leg{', ±2σ' if spread is not None else ''}" if labelled else None
         axis.plot(when[own], scale * values[own], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
-        style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
-        axis.errorbar(when[own], scale * values[own], yerr=bars, label=words, **style)
 
 
 def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
     """A mark around every stride that is special, in the legend only if there is one."""
-    when, values = as_float(estimate.strides.end), _values(estimate, field)
+    when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for name, style in SPECIAL.items():
         flags = estimate.diagnostics.get(name)
-        if flags is None or values is None or np.shape(flags) != when.shape:
+        if flags is None or np.shape(flags) != when.shape:
             continue
         own = rows[np.asarray(flags, bool)[rows]]
         if own.size:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from jgait.plot.feet import (
-    any_finite,
     feet_of,
     footholds,
+    has,
     height_of,
     places_at,
     plan_of,
@@ -86,7 +86,7 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
     if len(feet) < 2:
         raise ValueError(f"two_feet needs both feet; the estimate has the {next(iter(feet))} one alone")
     rows = rows_of(estimate)
-    if not any_finite(estimate.strides.width, rows):
+    if not has(estimate, "width", rows):
         raise ValueError("no stride of the estimate has a width; stride_width_ekf gives them")
     widths = _width_lines(estimate, rows)
     sections = _straight(estimate, rows) if sections is None else sections
