@@ -18,8 +18,8 @@ ifneq ($(shell test -x .venv-bench/bin/python && cat $(BENCH_STAMP) 2>/dev/null)
 .PHONY: $(BENCH_STAMP)
 endif
 
-# Libraries that need other versions than jgait: experiments/peers/NAME.txt becomes .venv-NAME.
-PEERS := $(basename $(notdir $(wildcard experiments/peers/*.txt)))
+# Libraries that need other versions than jgait: experiments/common/peers/NAME.txt becomes .venv-NAME.
+PEERS := $(basename $(notdir $(wildcard experiments/common/peers/*.txt)))
 .PHONY: $(patsubst %,.venv-%/ready,$(shell for peer in $(PEERS); do \
 	test -x .venv-$$peer/bin/python && test "$$(cat .venv-$$peer/ready 2>/dev/null)" = "$(CURDIR)" || echo $$peer; done))
 
@@ -31,8 +31,8 @@ export JGAIT_DATA_DIR := $(BESIDE)
 endif
 endif
 
-EXPERIMENTS := $(filter-out _% common benchmark%,$(basename $(notdir $(wildcard experiments/*.py))))
-BENCHMARKS := $(basename $(notdir $(wildcard experiments/benchmark*.py)))
+# Which experiments or benchmarks run; all of them if it is empty.
+NAMES ?=
 
 NOTEBOOKS ?= $(wildcard notebooks/*.ipynb)
 
@@ -64,15 +64,15 @@ lint: $(STAMP) ## ruff: rules and format
 types: $(STAMP) ## mypy
 	@$(BIN)/mypy jgait
 
-experiments: $(STAMP) ## run every experiment; results/NAME.json; ARGS="--quick" for a first look
+experiments: $(STAMP) ## run every experiment; results/NAME.json; NAMES="leg_ekf foot_ins" for some, ARGS="--quick" for a first look
 	@mkdir -p results
-	@for name in $(EXPERIMENTS); do \
-		echo "experiments/$$name.py"; \
-		$(BIN)/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
+	@for name in $(or $(NAMES),$$($(BIN)/python -m experiments --list experiments)); do \
+		echo "experiments: $$name"; \
+		$(BIN)/python -m experiments "$$name" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
 
-summary: $(STAMP) ## write the table of all experiments, from results/, into experiments/README.md and README.md
-	@$(BIN)/python experiments/_summary.py $(ARGS)
+summary: $(STAMP) ## write the table of all experiments into experiments/README.md, from results/
+	@$(BIN)/python -m experiments.common.summary $(ARGS)
 
 # Notebooks are run beside their sources, for what they write, and again only when they or the library have changed.
 build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find jgait -name '*.py') | $(STAMP)
@@ -87,19 +87,15 @@ docs: $(STAMP) $(NOTEBOOKS:%=build/%) ## run the notebooks, write the documentat
 $(BENCH_STAMP): pyproject.toml .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup bench
 
-bench: $(if $(BENCHMARKS),$(BENCH_STAMP)) ## run the benchmarks against other libraries, in .venv-bench; results/NAME.json
-ifeq ($(BENCHMARKS),)
-	@echo "There is no benchmark yet: make bench runs experiments/benchmark*.py."
-else
+bench: $(BENCH_STAMP) ## run the benchmarks against other libraries, in .venv-bench; results/NAME.json
 	@mkdir -p results
-	@for name in $(BENCHMARKS); do \
-		echo "experiments/$$name.py"; \
-		.venv-bench/bin/python "experiments/$$name.py" --json "results/$$name.json" $(ARGS) || exit 1; \
+	@for name in $(or $(NAMES),$$(.venv-bench/bin/python -m experiments --list benchmarks)); do \
+		echo "experiments: $$name"; \
+		.venv-bench/bin/python -m experiments "$$name" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
-endif
 
 PEER_STAMPS := $(PEERS:%=.venv-%/ready)
-$(PEER_STAMPS): .venv-%/ready: experiments/peers/%.txt .ci/setup
+$(PEER_STAMPS): .venv-%/ready: experiments/common/peers/%.txt .ci/setup
 	@PYTHON="$(PYTHON)" sh .ci/setup peer $*
 
 peers: $(PEER_STAMPS) ## make the environments of the libraries that experiments compare with: .venv-NAME

@@ -11,11 +11,12 @@ import statistics
 import sys
 from pathlib import Path
 
+from experiments.common.row import Row, show
+
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 import layering  # noqa: E402
-from common import Row, main, show  # noqa: E402
 
 
 def lines(path: Path) -> int:
@@ -40,7 +41,7 @@ def places() -> dict[str, int]:
     return {toy.kind: len(toy.files) for toy in TOYS}
 
 
-def layout(quick: bool) -> list[Row]:
+def rows(quick: bool) -> list[Row]:
     """Count; nothing is left out with `quick`."""
     of = {path: lines(path) for path in layering.modules(ROOT).values()}
     edges = layering.imports(ROOT)
@@ -68,7 +69,3 @@ def layout(quick: bool) -> list[Row]:
         *((f"places_{kind}", number, "places") for kind, number in places().items()),
     ]
     return [Row(metric, float(value), unit, n=len(of), split="the source") for metric, value, unit in counted]
-
-
-if __name__ == "__main__":
-    main("layout", "The shape of the code: names, imports, lengths of files, places that a new part touches.", layout)

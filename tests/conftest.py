@@ -66,8 +66,8 @@ def data() -> Callable[[str], datasets.Walks]:
 
 @pytest.fixture(scope="module")
 def load_experiment() -> Iterator[Callable[[str], ModuleType]]:
-    """`load_experiment("tuning")`: the module experiments/tuning.py, which finds its own helpers beside it."""
-    folder = str(Path(__file__).parents[1] / "experiments")
+    """`load_experiment("tuning.noise")`: the module experiments/tuning/noise.py."""
+    folder = str(Path(__file__).parents[1])
     sys.path.insert(0, folder)
-    yield importlib.import_module
+    yield lambda name: importlib.import_module(f"experiments.{name}")
     sys.path.remove(folder)

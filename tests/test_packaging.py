@@ -149,7 +149,7 @@ def test_the_sdist_holds_tests_and_experiments(built):
         names = {name.partition("/")[2] for name in archive.getnames()}
     for name in ("LICENSE", "README.md", "CHANGELOG.md", "pyproject.toml", "experiments/results.json"):
         assert name in names
-    assert {Path(__file__).relative_to(ROOT).as_posix(), "experiments/leg_ekf.py"} <= names
+    assert {Path(__file__).relative_to(ROOT).as_posix(), "experiments/bennett2013/table2.py"} <= names
     assert not [name for name in names if "__pycache__" in name or name.startswith((".venv", "results/"))]
 
 
@@ -269,7 +269,7 @@ def test_a_user_s_file_is_checked_strictly(installed, tmp_path):
 
 
 def test_importing_the_library_loads_nothing_that_jax_does_not(installed, tmp_path):
-    """So that it takes no longer; experiments/benchmark_import.py measures it."""
+    """So that it takes no longer; experiments/benchmark/imports.py measures it."""
     code = """
 import json, sys
 import {first}

@@ -6,7 +6,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def parts(load_experiment):
-    names = ("_ankle_legs", "_ankle_detect", "_ankle_lengths", "_ankle_real")
+    names = ("common.shanks", "silva2017.detect", "silva2017.lengths", "silva2017.groups", "silva2017.methods")
     return [load_experiment(name) for name in names]
 
 
@@ -19,7 +19,7 @@ def test_detections_and_contacts_are_matched_once(parts):
 
 
 def test_every_stride_of_the_reference_walk_and_its_length(data, parts):
-    legs, detect, lengths, real = parts
+    legs, detect, lengths, groups, methods = parts
     data("neura_sparse")
     found = legs.legs("neura_sparse")
     for half_steps in (False, True):
@@ -28,7 +28,7 @@ def test_every_stride_of_the_reference_walk_and_its_length(data, parts):
     for group, limit in (("neura_ankle", 1.5), ("neura_shank", 3.5)):
         of = [leg for leg in found if leg.group == group]
         s = lengths.stacked([lengths.signals(leg) for leg in of])
-        told, fits = real.held_out(s, real.keys("neura", of), "3-D")
+        told, fits = methods.held_out(s, groups.keys("neura", of), "3-D")
         assert lengths.errors(told, s).mae_cm < limit
         assert all(0.0 < fit.height < 0.3 for fit in fits)
         bare = lengths.errors(lengths.lengths("3-D", lengths.with_lever(0.0), lengths.CUTOFF_HZ, s), s)
@@ -48,7 +48,7 @@ def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
 
 
 def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):
-    ours = load_experiment("_ankle_filter")
+    ours = load_experiment("silva2017.lever")
     rng = np.random.default_rng(0)
     slope, true = rng.uniform(0.4, 0.6, (3, 40)), rng.uniform(1.0, 1.4, (3, 40))
     told = [true + slope * (lever - 0.13) for lever in ours.BOTH_LEVERS]
@@ -58,7 +58,7 @@ def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):
 
 
 def test_the_papers_tables_from_known_counts_and_distances(load_experiment, capsys):
-    ours = load_experiment("_ankle_sim")
+    ours = load_experiment("silva2017.routes")
     true, far = np.array([30, 40, 50]), np.full(3, 42.05)
     counts = {way.title: true.copy() for way in ours.COUNTS}
     counts["Jiménez"] = true + [3, -2, 10]
@@ -81,7 +81,7 @@ def test_the_papers_tables_from_known_counts_and_distances(load_experiment, caps
 
 
 def test_the_two_subjects_are_those_with_the_papers_legs(load_experiment, parts):
-    ours, legs = load_experiment("_ankle_sim"), parts[0]
+    ours, legs = load_experiment("silva2017.routes"), parts[0]
     cohort = [legs.Leg(*(None,) * 7, tall, None, ()) for tall in (0.70, 0.855, 0.83, 0.95)]
     assert ours.alike(cohort) == [2, 1]
     assert ours.alike(cohort[:2]) == [1, 0]  # never the same one twice

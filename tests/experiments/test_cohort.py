@@ -11,19 +11,24 @@ from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.simulate import FOUR
 
-EXPERIMENTS = Path(__file__).parents[2] / "experiments"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):
-    return load_experiment("cohort")
+    return load_experiment("cohort.timed")
+
+
+@pytest.fixture(scope="module")
+def report(load_experiment):
+    return load_experiment("cohort.report")
 
 
 @pytest.fixture(scope="module")
 def walks(experiment):
-    import _cohort_walks
+    from experiments.cohort import walks
 
-    return _cohort_walks
+    return walks
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +80,8 @@ def test_everyone_is_somebody_else_and_ways_differ(walks):
     assert alone.person == found[2].person and bool(alone.key == found[2].key)
 
 
-def test_what_is_told_of_quality(experiment, tables):
-    rows = {row.metric: row.value for row in experiment.quality(tables, "here")}
+def test_what_is_told_of_quality(report, tables):
+    rows = {row.metric: row.value for row in report.quality(tables, "here")}
     distance = tables.quantities.query("quantity == 'distance_m'")["rel_error"].abs()
     assert rows["distance_error_worst_pct"] == pytest.approx(100.0 * distance.max())
     assert rows["failures_pct"] == 0.0
@@ -84,11 +89,11 @@ def test_what_is_told_of_quality(experiment, tables):
     steps = tables.strides.groupby("recording").size()
     assert rows["strides_not_compared_pct"] >= 100.0 * 3 * len(steps) / steps.sum() - 1e-9
     lost = tables._replace(failures=pd.DataFrame({"recording": ["a"], "subject": ["a"], "reason": ["no walking"]}))
-    assert {r.metric: r.value for r in experiment.quality(lost, "here")}["failures_pct"] == 25.0
+    assert {r.metric: r.value for r in report.quality(lost, "here")}["failures_pct"] == 25.0
 
 
-def test_the_comparison_finds_every_change(experiment, tables):
-    difference = experiment.difference
+def test_the_comparison_finds_every_change(load_experiment, tables):
+    difference = load_experiment("cohort.same").difference
     assert difference(tables, tables) == 0.0
 
     def changed(table, row, column, value):
@@ -110,35 +115,34 @@ def test_the_comparison_finds_every_change(experiment, tables):
         difference(tables._replace(strides=tables.strides.iloc[1:]), tables)
 
 
-def test_the_time_of_stages_adds_up(experiment):
-    import _cohort_run
+def test_the_time_of_stages_adds_up(report):
+    from experiments.cohort import run
 
-    watch = _cohort_run.Watch()
+    watch = run.Watch()
     seen = []
-    with watch.on({"told": (experiment, "told")}):
+    with watch.on({"kind": (report, "kind_of")}):
         with pytest.raises(AttributeError):
-            experiment.told(None)
-        seen.append(watch.stages["told"].calls)
-    assert seen == [1] and not hasattr(experiment.told, "__wrapped__")
+            report.kind_of(None)
+        seen.append(watch.stages["kind"].calls)
+    assert seen == [1] and not hasattr(report.kind_of, "__wrapped__")
     stage = {"wall": 2.0, "own": 1.0, "calls": 1}
     names = ("read", "prepared", "compiled", "started", "waited", "finished", "appended", "tables")
     held = dict.fromkeys(names, stage) | {"prepared": {**stage, "wall": 5.0}, "started": {**stage, "wall": 2.5}}
-    lines = {
-        line[0]: line for line in experiment.stages({"stages": held, "seconds": 20.0, "processor_seconds": 9.0}, 100)
-    }
+    lines = {line[0]: line for line in report.stages({"stages": held, "seconds": 20.0, "processor_seconds": 9.0}, 100)}
     assert lines["prepare, pad"][2:] == [3.0, 0.0, 30.0]
     assert lines["stack, start batches"][2] == 0.5
     main = [line[2] for line in lines.values() if line[1] == "main"]
     assert sum(main) == pytest.approx(20.0)
 
 
-def test_processes_start_without_this_one_s_settings(experiment, monkeypatch, tmp_path):
+def test_processes_start_without_this_one_s_settings(load_experiment, monkeypatch, tmp_path):
     monkeypatch.setenv("JAX_ENABLE_X64", "1")
     monkeypatch.setenv("XLA_FLAGS", "--nothing")
-    bare, shared = experiment.environment(), experiment.environment(tmp_path)
+    process = load_experiment("common.process")
+    bare, shared = process.environment(), process.environment(tmp_path)
     assert not {"JAX_ENABLE_X64", "XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"} & set(bare)
     assert shared["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path)
-    assert bare["PYTHONPATH"].split(os.pathsep)[0] == str(EXPERIMENTS)
+    assert bare["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
 
 
 def test_no_walks_without_room_for_them(experiment, tmp_path):

@@ -11,7 +11,7 @@ from jgait.types import Imu, Recording
 
 @pytest.fixture(scope="module")
 def parts(load_experiment):
-    return load_experiment("_duty_legs"), load_experiment("_duty_table")
+    return load_experiment("udaya2010.legs"), load_experiment("udaya2010.table2")
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data, pa
 
 
 def test_the_shin_sleeps_from_where_it_is_told_by_half_strides(load_experiment):
-    joint = load_experiment("_duty_joint")
+    joint = load_experiment("udaya2010.walked")
     time = np.arange(700) / 100.0
     worn = Imu(time, np.zeros((700, 3)), None, np.ones(700, bool))
     recording = Recording({"shank_right": worn}, 100.0)
@@ -117,9 +117,9 @@ def test_the_shin_sleeps_from_where_it_is_told_by_half_strides(load_experiment):
 
 def test_figures_show_what_the_rows_say(load_experiment, monkeypatch, tmp_path):
     draw, front, row = (
-        load_experiment("_duty_figures"),
-        load_experiment("_duty_tradeoff"),
-        load_experiment("common").Row,
+        load_experiment("udaya2010.figures"),
+        load_experiment("udaya2010.tradeoff"),
+        load_experiment("common.row").Row,
     )
     told = {"tripod_hold_duty50": 0.9, "tripod_hold_duty10": 1.1, "tripod_neighbours_duty50": 0.05}
     told |= {"triggered_tripod_energy_policy_pct": 40.0}
@@ -127,7 +127,9 @@ def test_figures_show_what_the_rows_say(load_experiment, monkeypatch, tmp_path):
     shown = {}
     monkeypatch.setattr(draw.plot, "save", lambda figure, path: shown.setdefault(path.stem, figure))
     rows = [row(name, value, "ratio") for name, value in told.items()]
-    draw.figures(rows, {"tripod": front.Front([point], [(0.4, 0.08), (0.8, 0.1)])}, tmp_path)
+    fronts = {"tripod": front.Front([point], [(0.4, 0.08), (0.8, 0.1)])}
+    monkeypatch.setattr(draw, "tradeoff", lambda quick: ([], fronts))
+    draw.draw(rows, tmp_path, quick=True)
     lines = {line.get_label().split("\n")[0]: line for line in shown["duty_pareto"].axes[0].get_lines()}
     assert list(lines) == [
         "paper (Table 2)",

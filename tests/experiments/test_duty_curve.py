@@ -7,7 +7,7 @@ import pytest
 @pytest.fixture(scope="module")
 def curve(load_experiment):
     """Three settings of two legs begun at two places, in no order of their energies."""
-    kind = load_experiment("_duty_triggered").Curve
+    kind = load_experiment("udaya2010.triggered").Curve
     energy = np.array([0.5, 0.9, 0.1])
     error = np.array([0.2, 0.05, 0.4])
     spread = np.array([[0.6, 1.0], [1.0, 1.4]])  # of squares: a mean of 1

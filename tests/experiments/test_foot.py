@@ -12,22 +12,22 @@ from jgait.estimators.foot_ins import FootParams
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):
-    return load_experiment("foot_ins")
+    return load_experiment("foot_ins.strides")
 
 
 @pytest.fixture(scope="module")
 def running(experiment):
-    import _foot_run
+    from experiments.foot_ins import run
 
-    return _foot_run
+    return run
 
 
 @pytest.fixture(scope="module")
 def walk(experiment):
     """A simulated foot with strides that are known."""
-    import _foot_real as real
     import jax
 
+    from experiments.foot_ins import feet as real
     from jgait import simulate
     from jgait.simulate import sensors
 
@@ -53,7 +53,7 @@ def walk(experiment):
 
 
 def matched(error, stddev=0.02, rmse=0.1, lost=0):
-    import _foot_real as real
+    from experiments.foot_ins import feet as real
 
     error = np.asarray(error)
     return real.Matched(error, np.ones_like(error), np.full_like(error, stddev), lost, rmse, np.arange(error.size))
@@ -73,8 +73,8 @@ def test_scores_pool_strides_and_average_recordings(running):
 
 
 def test_a_simulated_foot_is_found_cut_and_learned_from(running, walk, monkeypatch):
-    import _foot_pivot as pivot
-    import _foot_real as real
+    from experiments.foot_ins import feet as real
+    from experiments.foot_ins import pivot
 
     item = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     one = running.solved(FootParams(), item)
@@ -100,11 +100,11 @@ def test_a_simulated_foot_is_found_cut_and_learned_from(running, walk, monkeypat
     np.testing.assert_allclose(loss, size, rtol=1e-9)
 
 
-def test_one_bad_recording_costs_no_other(experiment, running, walk, capsys):
+def test_one_bad_recording_costs_no_other(load_experiment, running, walk, capsys):
     still = walk.recording.sensors["foot_right"]
     still = still._replace(gyr=np.full_like(still.gyr, 9.0))
     broken = walk._replace(name="broken", recording=walk.recording._replace(sensors={"foot_right": still}))
-    assert running.attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
+    assert load_experiment("common.recordings").attempt("broken", lambda: foot_ins.prepared(broken.recording)) is None
     assert "broken left out: RecordingError" in capsys.readouterr().out
     good = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     rows = running.scored(FootParams(), [good, good._replace(inputs=None)])
@@ -112,20 +112,21 @@ def test_one_bad_recording_costs_no_other(experiment, running, walk, capsys):
     assert "one right left out" in capsys.readouterr().out
 
 
-def test_sets_that_are_absent_are_named(experiment, running, monkeypatch, tmp_path, capsys):
+def test_sets_that_are_absent_are_named(load_experiment, running, monkeypatch, tmp_path, capsys):
+    closures = load_experiment("foot_ins.closures")
     monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if datasets.available("footprints"):
         pytest.skip("footprints were downloaded into the cache")
     assert running.ready("footprints", quick=True) == []
-    assert experiment.closures(quick=True) == []
+    assert closures.rows(quick=False) == []
     said = capsys.readouterr().out
     assert "left out: data set 'footprints' is not there" in said
     assert "left out: data set 'xio_gait' is not there" in said
 
 
 def test_a_detector_that_overlooks_stances_is_found_out(running, walk):
-    from _foot_ablation import overlooked
+    from experiments.foot_ins.ablation import overlooked
 
     usual = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     signals = usual.inputs.right
@@ -138,11 +139,11 @@ def test_a_detector_that_overlooks_stances_is_found_out(running, walk):
     assert overlooked(usual, always) == (0, count - 1, count)
 
 
-def test_quick_form(experiment, data, monkeypatch):
+def test_quick_form(load_experiment, data):
     """On footprints, without the learning, whose gradient compiles a program of its own."""
     data("footprints")
-    monkeypatch.setattr(experiment._foot_pivot, "calibrated", lambda *_: [])
-    rows = {row.metric: row for row in experiment.experiment(quick=True)}
+    parts = [load_experiment(f"foot_ins.{name}") for name in ("strides", "ablation", "speed", "simulated")]
+    rows = {row.metric: row for part in parts for row in part.rows(quick=True)}
     assert rows["foot_stride_mae_cm_footprints"].value < 2.2
     assert rows["foot_stride_mae_cm_footprints"].n >= 20
     assert rows["foot_strides_lost"].value == 0.0

@@ -20,17 +20,17 @@ BIAS = (0.02, -0.015, 0.01)  # [rad/s]
 def peers(load_experiment):
     if os.name != "posix":
         pytest.skip("the environments are made by a shell script")
-    return load_experiment("_peers")
+    return load_experiment("common.peers")
 
 
 @pytest.fixture
 def made_up(peers, tmp_path, monkeypatch):
     """A checkout whose peer `fake` is this Python; write its script to the folder that this gives."""
     monkeypatch.setattr(peers, "ROOT", tmp_path)
-    environment, scripts = tmp_path / ".venv-fake", tmp_path / "experiments" / "peers"
+    environment, scripts = tmp_path / ".venv-fake", tmp_path / "experiments" / "common" / "peers"
     (environment / "bin").mkdir(parents=True)
     scripts.mkdir(parents=True)
-    shutil.copy(ROOT / "experiments" / "peers" / "protocol.py", scripts)
+    shutil.copy(ROOT / "experiments" / "common" / "peers" / "protocol.py", scripts)
     (environment / "bin" / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
     (environment / "bin" / "python").chmod(0o755)
     (environment / "ready").write_text(f"{tmp_path}\n")
@@ -74,7 +74,7 @@ def test_a_peer_that_is_absent_or_half_made_is_named_with_what_makes_it(peers, m
 
 
 def test_every_peer_says_which_python_it_needs_and_is_pinned():
-    files = sorted((ROOT / "experiments" / "peers").glob("*.txt"))
+    files = sorted((ROOT / "experiments" / "common" / "peers").glob("*.txt"))
     assert files
     for file in files:
         first, *rest = file.read_text().splitlines()
@@ -88,7 +88,7 @@ def test_every_peer_says_which_python_it_needs_and_is_pinned():
 def test_a_peer_gets_the_python_of_its_series(tmp_path, version, fits):
     if os.name != "posix":
         pytest.skip("the set-up is a shell script")
-    for name in (".ci/setup", "experiments/peers/gaitmap.txt"):
+    for name in (".ci/setup", "experiments/common/peers/gaitmap.txt"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     python = tmp_path / "bin" / "python3"
@@ -181,7 +181,7 @@ def trunk_walk(seconds=12.0):
 @pytest.fixture(scope="module")
 def mobgap_found(load_experiment):
     """What mobgap says of the walk, seen whole and in two bouts."""
-    peers = load_experiment("_peers")
+    peers = load_experiment("common.peers")
     if not peers.available("mobgap"):
         pytest.skip(peers.unavailable_reason("mobgap"))
     acc, gyr = trunk_walk()

@@ -1,7 +1,6 @@
 """Figures of gait: a leg made up here whose figures are known, and what people do in the public recordings."""
 
-import sys
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,19 +8,16 @@ import pytest
 from jgait import datasets
 from jgait.datasets.foot_reference import exponential
 
-EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 RATE, PERIOD, STRIDES = 200.0, 1.2, 8
 AMPLITUDE = {"swing": 6.0, "strike": -3.0, "push": -3.5}
 SPEED, RISE, HIP, KNEE, STRIKE = 1.25, 0.04, 0.7, 1.05, 31.0
 
 
 @pytest.fixture(scope="module")
-def gait():
-    sys.path.insert(0, str(EXPERIMENTS))
-    import _real_gait
-
-    yield _real_gait
-    sys.path.remove(str(EXPERIMENTS))
+def gait(load_experiment):
+    return SimpleNamespace(**vars(load_experiment("simulator.gait")), **{
+        name: getattr(load_experiment("simulator.real"), name) for name in ("Spread", "real", "spread", "spread_of")
+    })  # fmt: skip
 
 
 def bump(time, middle, width):

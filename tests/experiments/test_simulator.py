@@ -6,17 +6,21 @@ import pytest
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):
-    return load_experiment("simulator")
+    return load_experiment("simulator.against_real")
 
 
 @pytest.fixture(scope="module")
-def long(experiment):
-    return experiment.checks.long_walk(12.0)
+def checks(load_experiment):
+    return load_experiment("simulator.checks")
 
 
-def test_the_walk_integrates_stands_and_closes(experiment, long):
+@pytest.fixture(scope="module")
+def long(checks):
+    return checks.long_walk(12.0)
+
+
+def test_the_walk_integrates_stands_and_closes(checks, long):
     person, recording, truth = long
-    checks = experiment.checks
     rows = {row.metric: row.value for row in checks.strapdown_rows(recording, truth, person)}
     assert rows["strapdown_position_error_mm_12s"] < 1.0
     assert rows["strapdown_position_error_mm_12s"] < rows["strapdown_position_error_mm_12s_100hz"]
@@ -26,9 +30,8 @@ def test_the_walk_integrates_stands_and_closes(experiment, long):
     assert checks.standing_error(recording, truth, person) < 1e-9
 
 
-def test_the_checks_find_a_fault(experiment, long):
+def test_the_checks_find_a_fault(checks, long):
     person, recording, truth = long
-    checks = experiment.checks
     heavy = person.body._replace(thigh_length=person.body.thigh_length + 0.01)
     assert checks.length_error(truth, heavy) == pytest.approx(0.01, abs=1e-12)
     segments = truth.motion.pose

@@ -5,11 +5,11 @@ import pytest
 
 @pytest.fixture(scope="module")
 def experiment(load_experiment):
-    return load_experiment("tuning")
+    return load_experiment("tuning.noise")
 
 
 def test_likelihood_finds_what_is_there_and_names_what_is_not(experiment, capsys):
-    rows = {row.metric: row for row in experiment.recovered(quick=True)}
+    rows = {row.metric: row for row in experiment.rows(quick=True)}
     assert rows["recover_noise_rel_error_max"].value < 0.2
     assert rows["recover_noise_rel_error_max"].split.endswith("angle_noise, gyro_variance")
     assert rows["recover_noise_unidentifiable_named"].value == 1.0
@@ -21,12 +21,13 @@ def test_likelihood_finds_what_is_there_and_names_what_is_not(experiment, capsys
     assert "position_noise is not determined by these data" in capsys.readouterr().out
 
 
-def test_a_person_whose_scale_is_off_is_found_by_the_read_out(experiment):
+def test_a_person_whose_scale_is_off_is_found_by_the_read_out(load_experiment):
     """Two legs that go back and forth by a metre a second: the distance is theirs, times the scale."""
-    import _tuning_real as real
     import numpy as np
 
     from jgait.types import Legs, LegTrajectory
+
+    real = load_experiment("tuning.walking5m")
 
     t = np.arange(400) / 100.0
     saw = np.abs((t % 2.0) - 1.0)

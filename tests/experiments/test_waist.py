@@ -12,16 +12,16 @@ from jgait.types import Imu, Recording, Strides
 
 @pytest.fixture(scope="module")
 def parts(load_experiment):
-    names = ("real", "contacts", "distance", "peer", "sim", "parts")
-    return SimpleNamespace(**{name: load_experiment(f"_waist_{name}") for name in names})
+    names = ("walks", "contacts", "distances", "mobgap", "tables", "ofdri")
+    return SimpleNamespace(**{name: load_experiment(f"kose2011.{name}") for name in names})
 
 
 def made(parts, contacts, subject="one", **changes):
     """A walk of which only the reference is known; right and left in turn."""
     contacts = np.asarray(contacts, float)
-    windows = parts.real.Windows(np.array([[1.0, 9.0]]), np.array([[0.0, 9.5]]))
-    pieces = parts.real.Pieces(np.array([[1.0, 5.0], [5.0, 9.0]]), np.array([4.0, 4.0]))
-    walk = parts.real.Walk(
+    windows = parts.walks.Windows(np.array([[1.0, 9.0]]), np.array([[0.0, 9.5]]))
+    pieces = parts.walks.Pieces(np.array([[1.0, 5.0], [5.0, 9.0]]), np.array([4.0, 4.0]))
+    walk = parts.walks.Walk(
         "mobgap_lab", "made", subject, None, {}, contacts, np.arange(contacts.size) % 2, windows, windows, pieces,
         np.nan,
     )  # fmt: skip
@@ -60,7 +60,7 @@ def test_strides_between_checked_contacts_only(parts):
     valid = np.ones(n, bool)
     strides = Strides(side, start, start, end, np.arange(1.0, 6.0), start, start, valid)
     contacts = np.array([1.5, 2.0, 2.6, 3.7, 4.8])
-    found = parts.real.between_contacts(strides, contacts, np.array([0, 1, 0, 0, 0]), np.array([1.0, 4.0]))
+    found = parts.walks.between_contacts(strides, contacts, np.array([0, 1, 0, 0, 0]), np.array([1.0, 4.0]))
     # the first begins as the foot leaves the ground, the fourth ends behind the part, the left one begins nowhere
     np.testing.assert_allclose(found.length, [2.0, 3.0])
     np.testing.assert_allclose(found.ends, [[1.5, 2.6], [2.6, 3.75]])
@@ -72,7 +72,7 @@ def measured_as(parts, per_constant, integrated=0.9):
     def measured(p, item, options):
         free = options.distance in ("fused", "pendulum")
         ratio = p.pendulum_constant * per_constant[item.walk.name] if free else integrated
-        return parts.distance.Measured(ratio, np.zeros(2), 0.06, np.nan, np.nan)
+        return parts.distances.Measured(ratio, np.zeros(2), 0.06, np.nan, np.nan)
 
     return measured
 
@@ -82,21 +82,21 @@ def test_the_constant_is_learned_on_others(parts, monkeypatch):
         made(parts, [1.0], "a", name="1"), made(parts, [1.0], "a", name="2"), made(parts, [1.0], "b", name="3"),
         made(parts, [1.0], "c", name="4", set="ipol_gait"),
     ]  # fmt: skip
-    items = [parts.distance.Item(walk, None) for walk in walks]
+    items = [parts.distances.Item(walk, None) for walk in walks]
     per = {"1": 1.0, "2": 0.25, "3": 0.8, "4": 0.5}
-    monkeypatch.setattr(parts.distance, "measured", measured_as(parts, per))
-    way = parts.distance.WAYS[0]
-    assert parts.distance.held_out(way, items, same_set=True) is None  # nobody else in the set of the last
-    same = parts.distance.held_out(way, items[:3], same_set=True)
+    monkeypatch.setattr(parts.distances, "measured", measured_as(parts, per))
+    way = parts.distances.WAYS[0]
+    assert parts.distances.held_out(way, items, same_set=True) is None  # nobody else in the set of the last
+    same = parts.distances.held_out(way, items[:3], same_set=True)
     # K of a is the geometric mean of 1 and 4; b's is 1.25
     np.testing.assert_allclose([one.ratio for one in same], [1.25, 0.3125, 1.6])
-    other = parts.distance.held_out(way, items, same_set=False)
+    other = parts.distances.held_out(way, items, same_set=False)
     of_lab = np.sqrt(2.0 * 1.25)
     np.testing.assert_allclose([one.ratio for one in other], [2.0, 0.5, 1.6, 0.5 * of_lab])
-    assert parts.distance.within(same, items[:3])["_straight"].tolist() == [False, False, False]
-    ofi = parts.distance.held_out(parts.distance.WAYS[-1], items, same_set=True)
-    np.testing.assert_allclose(parts.distance.errors(ofi, items)["mobgap_lab"], -10.0)
-    assert parts.distance.within(ofi, items)[""].tolist() == [True] * 4
+    assert parts.distances.within(same, items[:3])["_straight"].tolist() == [False, False, False]
+    ofi = parts.distances.held_out(parts.distances.WAYS[-1], items, same_set=True)
+    np.testing.assert_allclose(parts.distances.errors(ofi, items)["mobgap_lab"], -10.0)
+    assert parts.distances.within(ofi, items)[""].tolist() == [True] * 4
 
 
 def test_mobgap_is_given_its_axes_and_measured_between_its_contacts(parts):
@@ -104,7 +104,7 @@ def test_mobgap_is_given_its_axes_and_measured_between_its_contacts(parts):
     imu = Imu(time, np.ones((1200, 3)), np.ones((1200, 3)), np.ones(1200, bool))
     recording = Recording({"lower_back": imu}, 100.0)
     walk = made(parts, [1.0, 2.0], recording=recording, body={"height": 2.0}, set="ipol_gait")
-    job = parts.peer.job(walk)
+    job = parts.mobgap.job(walk)
     np.testing.assert_array_equal(job["bouts"], [[0, 1000]])
     np.testing.assert_array_equal(job["acc"][0], [1.0, -1.0, -1.0])
     assert job["sensor_height"] == pytest.approx(1.06)
@@ -115,29 +115,29 @@ def test_mobgap_is_given_its_axes_and_measured_between_its_contacts(parts):
         "shin_bouts": np.zeros(10, int),
         "shin_sides_ullrich": np.arange(10) % 2,
     }
-    assert parts.peer.ratio(answer, walk, "shin", "ms_all", 0.0) == pytest.approx(0.5)
-    assert parts.peer.ratio(answer, walk, "shin", "ms_all", -0.2) == pytest.approx(0.5)
-    np.testing.assert_allclose(parts.peer.found_by(answer, walk, "shin", "ullrich").time[:2], [0.5, 1.5])
+    assert parts.mobgap.ratio(answer, walk, "shin", "ms_all", 0.0) == pytest.approx(0.5)
+    assert parts.mobgap.ratio(answer, walk, "shin", "ms_all", -0.2) == pytest.approx(0.5)
+    np.testing.assert_allclose(parts.mobgap.found_by(answer, walk, "shin", "ullrich").time[:2], [0.5, 1.5])
 
 
 def test_absent_mobgap_and_absent_sets_are_named(parts, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(parts.peer._peers, "available", lambda _: False)
-    assert parts.peer.compared({"mobgap_lab": []}) == []
+    monkeypatch.setattr(parts.mobgap.peers, "available", lambda _: False)
+    assert parts.mobgap.compared({"mobgap_lab": []}) == []
     monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert parts.real.walks("ipol_gait") == []
+    assert parts.walks.of_set("ipol_gait") == []
     said = capsys.readouterr().out
     assert "left out: mobgap is absent" in said and "data set 'ipol_gait' is not there" in said
 
 
 def test_the_threshold_is_learned_on_others(parts):
     errors = np.array([[1.0, -8.0, -9.0], [-7.0, 2.0, 3.0]])
-    np.testing.assert_array_equal(parts.sim.learned_threshold(errors), [1, 0, 0])
-    table = dict(zip(parts.sim.THRESHOLDS, np.linspace(20.0, 4.0, 9), strict=True))
-    told = parts.sim.by_integration(lambda i, kind, eps: table[eps] * (1 + i), 2, quick=False)
+    np.testing.assert_array_equal(parts.tables.learned_threshold(errors), [1, 0, 0])
+    table = dict(zip(parts.tables.THRESHOLDS, np.linspace(20.0, 4.0, 9), strict=True))
+    told = parts.tables.by_integration(lambda i, kind, eps: table[eps] * (1 + i), 2, quick=False)
     np.testing.assert_allclose(told["update"], [20.0, 40.0])
     np.testing.assert_allclose(told["learned"], [4.0, 8.0])
-    np.testing.assert_array_equal(told["epsilon"], parts.sim.THRESHOLDS[-1])
+    np.testing.assert_array_equal(told["epsilon"], parts.tables.THRESHOLDS[-1])
 
 
 def test_what_the_papers_way_makes_of_a_known_walk(parts):
@@ -150,16 +150,16 @@ def test_what_the_papers_way_makes_of_a_known_walk(parts):
     speed = np.concatenate([[0.0], np.cumsum(0.5 * dt * (acc[1:] + acc[:-1]))])
     way = float(np.sum(0.5 * dt * (speed[1:] + speed[:-1])))
     walk = made(parts, rights, sides=np.zeros(20, int), total=way)
-    one = parts.sim.Simulated(walk, acc, dt)
-    assert abs(parts.sim.true_error(one, "update", 0.1)) < 1e-9
-    lost = parts.sim.true_error(one, "update", 0.3)
+    one = parts.tables.Simulated(walk, acc, dt)
+    assert abs(parts.tables.true_error(one, "update", 0.1)) < 1e-9
+    lost = parts.tables.true_error(one, "update", 0.3)
     # 0.2 m/s are missing from the rise on, up to where the last cycle ends and integration goes on
     assert lost == pytest.approx(-100.0 * 0.2 * 9.5 / way, rel=0.05)
-    np.testing.assert_allclose(parts.sim.speed_changes(one).max(), 0.2, rtol=1e-6)
+    np.testing.assert_allclose(parts.tables.speed_changes(one).max(), 0.2, rtol=1e-6)
 
 
 def test_wavelets_and_gradient(parts):
-    rows = {row.metric: row.value for row in parts.parts.wavelets(True) + parts.parts.gradient(True)}
+    rows = {row.metric: row.value for row in parts.ofdri.wavelets(True) + parts.ofdri.gradient(True)}
     assert rows["swt_parity"] < 1e-12
     assert rows["swt_three_levels_against_ten"] == 0.0
     assert rows["ofdri_gradient_error"] < 1e-6
@@ -169,21 +169,21 @@ def test_wavelets_and_gradient(parts):
 def test_a_real_bout(parts, data):
     """Contacts are those that users get, and the pendulum is proportional to its constant."""
     data("mobgap_lab")
-    walks = [walk for walk in parts.real.walks("mobgap_lab", quick=True) if walk.name in parts.real.QUICK[:1]]
+    walks = [walk for walk in parts.walks.of_set("mobgap_lab", quick=True) if walk.name in parts.walks.QUICK[:1]]
     if not walks:
         pytest.skip("the short walk of HA/001 is not here")
     (walk,) = walks
     found = parts.contacts.detected(walk)
     s = parts.contacts.score([walk], [found])
     assert s.f1 == 1.0 and s.sides == 100.0 and s.plain < 40.0
-    (item,) = parts.distance.ready([walk])
+    (item,) = parts.distances.ready([walk])
     p = waist_ofdri.WaistParams()
-    k = parts.distance.constants(p, [item])[0]
+    k = parts.distances.constants(p, [item])[0]
     assert 1.1 < k < 1.6
-    again = parts.distance.measured(p._replace(pendulum_constant=k), item, parts.distance.PENDULUM)
+    again = parts.distances.measured(p._replace(pendulum_constant=k), item, parts.distances.PENDULUM)
     assert again.ratio == pytest.approx(1.0, abs=1e-9)
     assert 0.0 < again.deviation < 0.2
-    told = parts.distance.run(waist_ofdri.with_body(p, walk.body), item.inputs, parts.distance.PENDULUM).diagnostics
+    told = parts.distances.run(waist_ofdri.with_body(p, walk.body), item.inputs, parts.distances.PENDULUM).diagnostics
     rows = np.flatnonzero(told["initial_contact_valid"])
     np.testing.assert_array_equal(np.asarray(told["initial_contact"])[rows], found.time)
     np.testing.assert_array_equal(np.asarray(told["initial_contact_side"])[rows], found.side)

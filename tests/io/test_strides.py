@@ -92,7 +92,7 @@ def test_gaitmaps_stride_list():
 
 
 def test_gaitmaps_own_checks_pass(load_experiment):
-    peers = load_experiment("_peers")
+    peers = load_experiment("common.peers")
     if not peers.available("gaitmap"):
         pytest.skip(peers.unavailable_reason("gaitmap"))
     rows = {sensor: one.reset_index().to_dict("list") for sensor, one in io.to_gaitmap(estimate(), RATE).items()}

@@ -178,7 +178,7 @@ def test_a_recording_that_tells_nothing_is_refused():
 
 
 def test_a_packed_state_is_the_state(load_experiment, calibrated):
-    timing = load_experiment("_ankle_online")
+    timing = load_experiment("silva2017.online")
     state = ankle_online.begin(P, calibrated, np.ones(3), np.array([0.0, 0.0, 9.8]))
     parts = timing.packed(state)
     assert len(parts) == len({leaf.dtype for leaf in jax.tree.leaves(state)})

@@ -77,7 +77,7 @@ def trajectories(lists):
 @pytest.fixture(scope="module")
 def gaitmap(load_experiment, tmp_path_factory):
     """The folder in which gaitmap has answered."""
-    peers = load_experiment("_peers")
+    peers = load_experiment("common.peers")
     if not peers.available("gaitmap"):
         pytest.skip(peers.unavailable_reason("gaitmap"))
     folder = tmp_path_factory.mktemp("gaitmap")
@@ -133,7 +133,7 @@ bouts.join(means.groupby("wb_id").mean()).to_csv("bouts.csv")
 @pytest.fixture(scope="module")
 def mobgap(load_experiment, tmp_path_factory):
     """The folder in which mobgap has answered."""
-    peers = load_experiment("_peers")
+    peers = load_experiment("common.peers")
     if not peers.available("mobgap"):
         pytest.skip(peers.unavailable_reason("mobgap"))
     folder = tmp_path_factory.mktemp("mobgap")

@@ -1,0 +1,1 @@
+"""jgait beside other libraries and beside hand-written C."""

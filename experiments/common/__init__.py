@@ -1,0 +1,1 @@
+"""What experiments share: the row, processes, recordings with their references, matching, and peers."""

@@ -1,0 +1,168 @@
+"""Initial contacts found at the lower back beside those of the reference, for any detector."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.common.matching import f1, nearest
+from experiments.common.row import Row, show
+from experiments.kose2011.walks import Walk, Windows, sets
+from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.waist import DEFAULT
+
+TOLERANCE = 0.2
+"""[s] Between a detection and a contact, after the set's median offset is taken off."""
+
+FAR = 0.3
+"""[s] Detections further from a contact say nothing of the offset."""
+
+DETECTORS = ("soft", "peaks", "paper", "literal")
+
+
+class Found(NamedTuple):
+    """Contacts that a detector found in one walk: times [s], in order, and sides (0 right, 1 left)."""
+
+    time: np.ndarray
+    side: np.ndarray
+
+
+class Matched(NamedTuple):
+    """Detections beside contacts.
+
+    Attributes:
+        late: (hits,) detection less contact [s], nothing taken off.
+        right: (hits,) bool, the side is right.
+        missed: contacts that were not found.
+        extra: detections that are none.
+    """
+
+    late: np.ndarray
+    right: np.ndarray
+    missed: int
+    extra: int
+
+
+def detected(walk: Walk, detector: str = DEFAULT.detector) -> Found:
+    """The contacts of the estimator: as `waist_ofdri.estimate` gives them, without measuring distances."""
+    inputs = waist_ofdri.prepared(walk.recording, DEFAULT._replace(detector=detector)).inputs
+    rows = np.flatnonzero(np.asarray(inputs.contacts)[: int(inputs.count)])
+    return Found(np.asarray(inputs.contact)[rows], np.asarray(inputs.side)[rows])
+
+
+def inside(time: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    """(n,) bool: within any window, its ends included."""
+    return np.any((time[:, None] >= windows[:, 0] - 1e-9) & (time[:, None] <= windows[:, 1] + 1e-9), axis=1)
+
+
+def lateness(walk: Walk, found: Found, windows: Windows) -> np.ndarray:
+    """(n,) [s] how late the nearest detection is for each contact that is looked for, those far from any left out."""
+    looked = walk.contacts[inside(walk.contacts, windows.looked)]
+    if not len(found.time):
+        return np.zeros(0)
+    late = found.time[None, :] - looked[:, None]
+    late = late[np.arange(len(looked)), np.abs(late).argmin(axis=1)]
+    return late[np.abs(late) < FAR]
+
+
+def matched(walk: Walk, found: Found, windows: Windows, offset: float) -> Matched:
+    """Detections beside all contacts of a walk, counted where they are looked for or judged."""
+    joined = nearest(found.time - offset, walk.contacts, TOLERANCE)
+    looked, judged = inside(walk.contacts, windows.looked), inside(found.time - offset, windows.judged)
+    hits = [(i, j) for i, j in joined if looked[j]]
+    used = {i for i, _ in joined}
+    extra = sum(bool(judged[i]) and i not in used for i in range(len(found.time)))
+    late = np.array([found.time[i] - walk.contacts[j] for i, j in hits])
+    right = np.array([found.side[i] == walk.sides[j] for i, j in hits], bool)
+    return Matched(late, right, int(looked.sum()) - len(hits), extra)
+
+
+class Score(NamedTuple):
+    """Contacts of a set.
+
+    Attributes:
+        f1: of all walks together [1].
+        mae: mean absolute error with the median offset of the other people [ms].
+        sd: of the errors about it [ms].
+        plain: mean absolute error as the detector comes [ms].
+        offset: the set's median [ms].
+        sides: contacts found whose side is right [%].
+        missed: contacts that were not found.
+        extra: detections that are none.
+        n: contacts looked for.
+    """
+
+    f1: float
+    mae: float
+    sd: float
+    plain: float
+    offset: float
+    sides: float
+    missed: int
+    extra: int
+    n: int
+
+
+def score(walks: Sequence[Walk], founds: Sequence[Found], whole: bool = False) -> Score:
+    """All walks of a set; offsets are learned on everybody but the person they are taken off."""
+    windows = [walk.whole if whole else walk.straight for walk in walks]
+    of = list(zip(walks, founds, windows, strict=True))
+    late = [lateness(*one) for one in of]
+    offset = float(np.median(np.concatenate(late)))
+    each = [matched(*one, offset) for one in of]
+    errors = []
+    for walk, one in zip(walks, each, strict=True):
+        others = [told for told, other in zip(late, walks, strict=True) if other.subject != walk.subject]
+        if others:
+            errors.append(one.late - np.median(np.concatenate(others)))
+    hits = sum(one.late.size for one in each)
+    missed, extra = (sum(getattr(one, name) for one in each) for name in ("missed", "extra"))
+    held = np.concatenate(errors) if errors else np.full(1, np.nan)
+    every, right = (np.concatenate([getattr(one, name) for one in each]) for name in ("late", "right"))
+    return Score(
+        f1(hits, missed, extra), 1000.0 * float(np.mean(np.abs(held))),
+        1000.0 * float(np.std(held)), 1000.0 * float(np.mean(np.abs(every))), 1000.0 * offset,
+        100.0 * float(np.mean(right)), missed, extra, hits + missed,
+    )  # fmt: skip
+
+
+def line(title: str, s: Score) -> list[Any]:
+    """Of a table."""
+    return [title, f"{s.f1:.3f}", s.missed, s.extra, s.n, f"{s.mae:.0f}", f"{s.sd:.0f}", f"{s.plain:.0f}",
+            f"{s.offset:+.0f}", f"{s.sides:.0f}"]  # fmt: skip
+
+
+COLUMNS = ["", "F1", "missed", "extra", "n", "MAE [ms]", "SD", "as it comes", "offset [ms]", "sides right [%]"]
+
+
+def rows_of(name: str, s: Score) -> list[Row]:
+    """The rows of a detector on a set; `name` is the set's, with whatever tells them apart behind it."""
+    split = "offset of the other people"
+    return [
+        Row(f"ic_f1_{name}", s.f1, "F1", n=s.n, split="0.2 s about the set's median offset"),
+        Row(f"ic_mae_ms_{name}", s.mae, "ms", n=s.n - s.missed, split=split),
+        Row(f"ic_sd_ms_{name}", s.sd, "ms", n=s.n - s.missed, split=split),
+        Row(f"ic_mae_no_offset_ms_{name}", s.plain, "ms", n=s.n - s.missed, split="as the detector comes"),
+        Row(f"ic_side_pct_{name}", s.sides, "%", n=s.n - s.missed),
+    ]
+
+
+def rows(quick: bool) -> list[Row]:
+    """On the sets that are here."""
+    chosen = sets(quick)
+    return of_sets(chosen, quick) if chosen else []
+
+
+def of_sets(sets: dict[str, list[Walk]], quick: bool) -> list[Row]:
+    """Every detector on every set: straight walking, and where there are turns the whole walks."""
+    found, lines = [], []
+    for name, walks in sets.items():
+        for detector in DETECTORS[:1] if quick else DETECTORS:
+            founds = [detected(walk, detector) for walk in walks]
+            suffix = "" if detector == DEFAULT.detector else f"_{detector}"
+            for whole in (False, True) if name == "ipol_gait" else (False,):
+                told = score(walks, founds, whole)
+                lines.append(line(f"{name}{', with the U-turn' if whole else ''}: {detector}", told))
+                found += rows_of(f"{name}{'_whole' if whole else ''}{suffix}", told)
+    show("Initial contacts at the lower back", COLUMNS, lines)
+    return found

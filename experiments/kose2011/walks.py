@@ -1,0 +1,157 @@
+"""Walks of `mobgap_lab` and `ipol_gait` with one sensor at the lower back, and what is known of them from elsewhere.
+
+`mobgap_lab`: the straight walks (Test5) and what motion capture says of their bouts: contacts, and the distance from
+the first to the last. People walk on before and behind what the cameras see.
+
+`ipol_gait`: contacts of both feet, checked by hand. Distances are those of the sensors on the feet, by `foot_ins`: on
+the straight way there, the strides that begin and end with a checked contact (a first stride begins with the foot
+leaving the ground, and is none of them); of the whole walk with its U-turn, all strides, the mean of both feet. The
+20 m that were asked for are no reference: nobody walked them.
+"""
+
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.common.recordings import attempt, available, names, walks
+from jgait.estimators import foot_ins
+from jgait.types import SIDES, Recording, Strides, as_float
+
+SETS = ("mobgap_lab", "ipol_gait")
+NEAR = 0.15
+"""[s] Between the beginning or end of a stride of a foot's sensor and a checked contact, at most."""
+
+QUICK = ("HA/001/Test5/Trial2", "HA/002/Test5/Trial2")
+"""Short walks of two people, of `mobgap_lab`."""
+
+
+class Windows(NamedTuple):
+    """Where contacts are judged.
+
+    Attributes:
+        looked: (p, 2) [s] contacts of the reference in there have to be found.
+        judged: (p, 2) [s] detections in there are false if nothing in the reference goes with them.
+    """
+
+    looked: np.ndarray
+    judged: np.ndarray
+
+
+class Pieces(NamedTuple):
+    """Parts of a walk whose length is known.
+
+    Attributes:
+        ends: (n, 2) [s] when each begins and ends.
+        length: (n,) [m].
+    """
+
+    ends: np.ndarray
+    length: np.ndarray
+
+
+class Walk(NamedTuple):
+    """One walk.
+
+    Attributes:
+        set: name of the data set.
+        name: of the recording.
+        subject: who walked.
+        recording: with the sensor at the lower back only.
+        body: the person's measures that the estimator takes.
+        contacts: (n,) [s] initial contacts in order.
+        sides: (n,) 0 right, 1 left.
+        straight: where contacts of straight walking are judged.
+        whole: the same with turns.
+        pieces: strides of straight walking, or the bout.
+        total: of the whole walk [m]; NaN where it is not known.
+    """
+
+    set: str
+    name: str
+    subject: str
+    recording: Recording
+    body: dict[str, float]
+    contacts: np.ndarray
+    sides: np.ndarray
+    straight: Windows
+    whole: Windows
+    pieces: Pieces
+    total: float
+
+
+def of_set(name: str, quick: bool = False) -> list[Walk]:
+    """The walks of a set with a reference, or a few short ones; prints what is left out."""
+    if not available(name):
+        return []
+    wanted = [one for one in names(name) if name != "mobgap_lab" or "Test5" in one]
+    if quick:
+        wanted = [one for one in wanted if one in QUICK] or wanted[:2]
+    found = []
+    for walk in walks(name, wanted):
+        if walk.reference is None or not len(walk.info["initial_contacts"]):
+            print(f"{name}: {walk.recording.name} left out: {walk.info['no_reference']}")
+            continue
+        read = _lab if name == "mobgap_lab" else _there_and_back
+        one = attempt(f"{name}: {walk.recording.name}", partial(read, walk))
+        found += [] if one is None else [one]
+    return found
+
+
+@cache
+def sets(quick: bool) -> dict[str, list[Walk]]:
+    """Set → its walks, of the sets that are here; read once for all parts of the experiment."""
+    return {name: found for name in (SETS[:1] if quick else SETS) if (found := of_set(name, quick))}
+
+
+def body(info: dict[str, Any]) -> dict[str, float]:
+    """What the estimator takes of a person: how high the sensor is, or how tall the person."""
+    known = [name for name in ("sensor_height", "height") if info.get(name)]
+    return {name: float(info[name]) for name in known[:1]}
+
+
+def _alone(recording: Recording) -> Recording:
+    return recording._replace(sensors={"lower_back": recording.sensors["lower_back"]})
+
+
+def _lab(walk: Any) -> Walk:
+    info, bouts = walk.info, walk.info["bouts"]
+    known = np.isfinite(bouts["distance"])
+    ends = np.stack([bouts["start"], bouts["end"]], axis=1)
+    windows = Windows(ends, ends)
+    return Walk(
+        "mobgap_lab", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info),
+        as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"]), windows, windows,
+        Pieces(ends[known], bouts["distance"][known]), np.nan,
+    )  # fmt: skip
+
+
+def _there_and_back(walk: Any) -> Walk:
+    info = walk.info
+    contacts, sides = as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"])
+    last = float(as_float(walk.recording.sensors["lower_back"].time)[-1])
+    parts = as_float(info["straight_parts"])
+    whole = np.stack([info["bouts"]["start"], info["bouts"]["end"]], axis=1)
+    judged = parts.copy()
+    judged[0, 0], judged[-1, 1] = 0.0, last
+    feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
+    strides = foot_ins.estimate(foot_ins.FootParams(), walk.recording._replace(sensors=feet)).strides
+    assert strides is not None
+    pieces = between_contacts(strides, contacts, sides, parts[0])
+    total = sum(float(strides.length[strides.side == number].sum()) for number in range(len(SIDES))) / len(SIDES)
+    return Walk(
+        "ipol_gait", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info), contacts, sides,
+        Windows(parts, judged), Windows(whole, np.array([[0.0, last]])), pieces,
+        total,
+    )  # fmt: skip
+
+
+def between_contacts(strides: Strides, contacts: np.ndarray, sides: np.ndarray, part: np.ndarray) -> Pieces:
+    """Strides of a part of a walk that begin and end with a known contact of their foot."""
+    good = np.asarray(strides.valid, bool).copy()
+    good &= (strides.start >= part[0] - NEAR) & (strides.end <= part[1] + NEAR)
+    for number, side in enumerate(strides.side):
+        own = contacts[sides == side]
+        for when in (strides.start[number], strides.end[number]):
+            good[number] &= bool(len(own)) and np.min(np.abs(own - when)) < NEAR
+    return Pieces(np.stack([strides.start, strides.end], axis=1)[good], as_float(strides.length)[good])

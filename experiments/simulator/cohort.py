@@ -1,0 +1,69 @@
+"""A thousand people for a minute: how long the simulator takes, and how much memory."""
+
+import json
+import sys
+import time
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from experiments.common.process import answers, peak_rss, started
+from experiments.common.row import Row
+from jgait import simulate
+from jgait.simulate import SEVEN, Person
+from jgait.simulate.sensors import MPU6000
+
+# --- many people ---
+
+
+def cohort(people: int, seconds: float, rate_hz: float, batch: int) -> None:
+    """Simulate people in batches; print seconds to compile, seconds to run after a warm-up, and peak memory [GB]."""
+    samples = round(seconds * rate_hz)
+    moving = jnp.asarray(np.arange(samples) / rate_hz)
+    drawn = simulate.population(jax.random.key(3), people)
+    quiet = drawn.gait.quiet_before + drawn.gait.quiet_after
+    steps = jnp.clip(jnp.floor((seconds - quiet) / (0.5 * drawn.gait.stride_time)) - 1.0, 1.0, CAPACITY)
+    drawn = Person(drawn.body, drawn.gait._replace(steps=steps))
+    keys = jax.random.split(jax.random.key(4), people)
+    along = simulate.straight(100.0)
+
+    def one(key: Any, person: Person, errors: Any) -> Any:
+        read, truth = simulate.walk(key, person, along, moving, errors, capacity=CAPACITY, placements=SEVEN)
+        return read, truth.estimate, truth.strides
+
+    run = jax.jit(jax.vmap(one, in_axes=(0, 0, None)))
+    parts = [
+        jax.tree.map(lambda leaf, s=start: leaf[s : s + batch], (keys, drawn)) for start in range(0, people, batch)
+    ]
+    errors = jax.tree.map(float, MPU6000)
+    start = time.perf_counter()
+    compiled = run.lower(*parts[0], errors).compile()
+    compiling = time.perf_counter() - start
+    jax.block_until_ready(compiled(*parts[0], errors))
+    start = time.perf_counter()
+    for part in parts:
+        jax.block_until_ready(compiled(*part, errors))
+    print(json.dumps([compiling, time.perf_counter() - start, peak_rss()]))
+
+
+CAPACITY = 144
+"""Steps: room for a minute of the quickest."""
+
+
+def rows(quick: bool) -> list[Row]:
+    """The cohort in a process of its own, in float32 as JAX comes."""
+    people, batch, suffix = (32, 16, "_quick") if quick else (1000, 20, "")
+    ((compiling, seconds, memory),) = answers(started("experiments.simulator.cohort", [people, batch]))
+    split = f"{people} people × 60 s × 7 sensors, 100 Hz, float32, in batches of {batch}"
+    name = f"cohort_{people}x60s_seconds{suffix}"
+    return [
+        Row(name, seconds, "s", None, people, split),
+        Row(f"cohort_compile_seconds{suffix}", compiling, "s", None, 1, split),
+        Row(f"cohort_peak_rss_gb{suffix}", memory, "GB", None, people, split),
+    ]
+
+
+if __name__ == "__main__":
+    cohort(int(sys.argv[1]), 60.0, 100.0, int(sys.argv[2]))
