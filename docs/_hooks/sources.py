@@ -49,25 +49,25 @@ def readme(heading: str) -> str:
 def rows() -> tuple[list[str], list[list[str]]]:
     """The table of all experiments: its two head lines, and the cells of every row."""
     text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
-    found = re.search(r"^(\|[^\n]*\| command \|)\n(\|[ |:-]+\|)\n((?:\|.*\n)+)", text, re.MULTILINE)
+    found = re.search(r"^(\|[^\n]*\| experiment \|)\n(\|[ |:-]+\|)\n((?:\|.*\n)+)", text, re.MULTILINE)
     if found is None:
-        raise ValueError("experiments/README.md has no table whose last column is 'command'")
-    return [found[1], found[2]], [re.split(r"(?<!\\)\|", line)[1:-1] for line in found[3].splitlines()]
+        raise ValueError("experiments/README.md has no table whose last column is 'experiment'")
+    return [found[1], found[2]], [line.split("|")[1:-1] for line in found[3].splitlines()]
 
 
-def accuracy(script: str, wanted: str = "") -> str:
-    """The rows of the table that a script makes, and its name; with `wanted`, a pattern of their first cell.
+def accuracy(experiment: str, wanted: str = "") -> str:
+    """The rows of the table that an experiment makes, and its name; with `wanted`, a pattern of their first cell.
 
     Raises:
         ValueError: if there is none.
     """
     head, every = rows()
-    own = [row for row in every if f"experiments/{script}" in row[-1] and re.search(wanted, row[0])]
+    own = [row for row in every if f"`{experiment}`" in row[-1] and re.search(wanted, row[0])]
     if not own:
-        raise ValueError(f"the table of experiments/README.md has no row of {script} with {wanted!r}")
-    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in head] + own
+        raise ValueError(f"the table of experiments/README.md has no row of {experiment} with {wanted!r}")
+    cells = [line.split("|")[1:-1] for line in head] + own
     table = "\n".join("|" + "|".join(row[:-1]) + "|" for row in cells)
-    return f"{table}\n\nMade by `experiments/{script}`."
+    return f"{table}\n\nMeasured by the experiment `{experiment}`."
 
 
 def experiments() -> str:

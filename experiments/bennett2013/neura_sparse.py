@@ -26,6 +26,16 @@ IMPROVEMENTS: dict[str, dict[str, Any]] = {
 """What the default does beyond the paper, one argument each; the axis and the distance are measured apart."""
 
 
+TITLES = {
+    "paper": "paper's pipeline",
+    "default": "default",
+    "known_pose": "default, standing pose known",
+}
+SECTIONS = {"straight": "straight part", "whole": "with the U-turn"}
+WHAT = {"hip": "hip", "knee": "knee", "x": "foot forward", "y": "foot up"}
+"""Words of the table of all experiments."""
+
+
 def errors_of(judged: Judged) -> list[float]:
     """Hip, knee, x and y of the right leg, then of the left."""
     return [judged.rmse[side][column] for side in SIDES for column in FIELDS]
@@ -60,13 +70,13 @@ def rows(quick: bool) -> list[Row]:
 
     rows: list[Row] = []
 
-    def record(prefix: str, result: Judged, columns: tuple[str, ...], split: str) -> None:
-        for column in columns:
+    def record(prefix: str, line: str, result: Judged, split: str) -> None:
+        for column in FIELDS:
             for side in SIDES:
                 name, unit = column.rsplit("_", 1)
-                rows.append(Row(f"{prefix}_{name}_{unit}_{side}", result.rmse[side][column], unit, n=1, split=split))
+                row = Row(f"{prefix}_{name}_{unit}_{side}", result.rmse[side][column], unit, n=1, split=split)
+                rows.append(row.on(f"{line}: {WHAT[name]}", side, "walk"))
 
-    everything = tuple(FIELDS)
     untuned = "neura_sparse, untuned"
     cases = [("paper", PAPER, p), ("default", DEFAULT, p)]
     if not quick:
@@ -74,7 +84,7 @@ def rows(quick: bool) -> list[Row]:
     for name, options, q in cases:
         for part, window in (("straight", "straight_1"), ("whole", "whole")):
             result = judged(q, options, window)
-            record(f"{name}_{part}", result, everything, f"{untuned}, {part}")
+            record(f"{name}_{part}", f"{TITLES[name]}, {SECTIONS[part]}", result, f"{untuned}, {part}")
             rows.append(Row(f"{name}_{part}_distance_error_pct", result.distance_error_pct or 0.0, "%", split=untuned))
             if result.within_two_sigma is not None:
                 share = 100.0 * result.within_two_sigma
@@ -142,6 +152,8 @@ def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     )
     split = "tuned on S1, judged on S2"
     return [
-        Row("heldout_distance_error_pct", distance[1], "%", split=split),
+        Row("heldout_distance_error_pct", distance[1], "%", split=split).on(
+            "default, tuned on the walk out, judged on the walk back: distance error", of="walk"
+        ),
         Row("heldout_worst_metric_ratio", max(b / a for a, b in pairs), "ratio", n=len(pairs), split=split),
     ]

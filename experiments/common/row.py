@@ -40,6 +40,10 @@ class Row(NamedTuple):
     data: Literal["simulation", "recordings"] = "recordings"
     of: str = ""
 
+    def on(self, line: str, part: str = "", of: str = "", *, simulated: bool = False) -> "Row":
+        """The row in a line of the table of all experiments."""
+        return self._replace(line=line, part=part, of=of, data="simulation" if simulated else "recordings")
+
 
 def show(title: str, columns: Sequence[str], lines: Sequence[Sequence[Any]]) -> None:
     """Print a table; floats with three digits."""

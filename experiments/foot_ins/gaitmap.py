@@ -10,12 +10,13 @@ from experiments.common.recordings import attempt
 from experiments.common.row import Row, show
 from experiments.foot_ins import feet as real
 from experiments.foot_ins.feet import Foot, Matched
-from experiments.foot_ins.run import Ready, Score, score
+from experiments.foot_ins.run import Ready, Score, line_of, score
 from jgait.events.rest import rest
 from jgait.types import as_float
 
 SCRIPT = "gaitmap_rts"
 KINDS = ("raw", "unbiased")
+TITLES = {"gaitmap": "gaitmap's MAE", "gaitmap_unbiased": "gaitmap's MAE, gyroscope bias taken off"}
 
 
 def job(foot: Foot, unbiased: bool) -> dict[str, Any]:
@@ -103,7 +104,9 @@ def _set(
     rows = [Row(f"foot_at_times_stride_mae_cm_{name}", same.mae, "cm", n=same.n, split=split)]
     for prefix, one in (("gaitmap", raw), ("gaitmap_unbiased", unbiased)):
         rows += [
-            Row(f"{prefix}_stride_mae_cm_{name}", one.mae, "cm", n=one.n, split=split),
+            Row(f"{prefix}_stride_mae_cm_{name}", one.mae, "cm", n=one.n, split=split).on(
+                line_of(name), TITLES[prefix], "strides"
+            ),
             Row(f"{prefix}_stride_bias_cm_{name}", one.bias, "cm", n=one.n, split=split),
             Row(f"{prefix}_position_rmse_m_{name}", one.rmse, "m", n=len(items), split=split),
             Row(f"ratio_{prefix}_stride_mae_{name}", ours.mae / one.mae, "ratio", n=one.n, split=over),

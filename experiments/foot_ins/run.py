@@ -135,4 +135,13 @@ def rows_of(name: str, found: Score, split: str) -> list[Row]:
         ("within_two_sigma_pct", found.within, "%"), ("position_rmse_m", found.rmse, "m"),
         ("strides_lost", float(found.lost), "strides"),
     ]  # fmt: skip
-    return [Row(f"foot_{metric}_{name}", value, unit, n=found.n, split=split) for metric, value, unit in each]
+    rows = [Row(f"foot_{metric}_{name}", value, unit, n=found.n, split=split) for metric, value, unit in each]
+    shown = {"stride_mae_cm": "MAE", "stride_worst_cm": "worst", "stride_bias_cm": "bias"}
+    named = zip(rows, each, strict=True)
+    return [row.on(line_of(name), shown[key], "strides") if key in shown else row for row, (key, *_) in named]
+
+
+def line_of(name: str) -> str:
+    """The line of a set in the table of all experiments."""
+    way = "pivot learned on other walks" if name.endswith("_calibrated") else "defaults"
+    return f"stride length, {way}, `{name.removesuffix('_calibrated')}`: error"

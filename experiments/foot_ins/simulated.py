@@ -148,4 +148,10 @@ def told(metric: str, label: str, found: Compared) -> tuple[list[Row], list[Any]
         ("initial_contact_ms", float(initial.mean()), "ms"), ("initial_contact_sd_ms", float(initial.std()), "ms"),
         ("final_contact_ms", float(final.mean()), "ms"), ("final_contact_sd_ms", float(final.std()), "ms"),
     ]  # fmt: skip
-    return [Row(f"sim_{metric}_{name}", value, unit, n=n, split=split) for name, value, unit in each], line, event
+    rows = [Row(f"sim_{metric}_{name}", value, unit, n=n, split=split) for name, value, unit in each]
+    if metric == "straight":
+        shown = {"stride_mae_cm": "MAE", "stride_worst_cm": "worst", "stride_bias_cm": "bias"}
+        where = "stride length, defaults, 30 m straight ahead: error"
+        named = zip(rows, each, strict=True)
+        rows = [r.on(where, shown[key], "strides", simulated=True) if key in shown else r for r, (key, *_) in named]
+    return rows, line, event

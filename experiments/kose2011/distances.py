@@ -53,6 +53,21 @@ WAYS = (
 )
 
 
+SHOWN = ("", "_update", "_frozen", "_integrated")
+WHERE = {
+    "ipol_straight": "straight walks of `ipol_gait`",
+    "ipol_whole": "`ipol_gait` with the U-turn",
+    "mobgap_lab": "`mobgap_lab`",
+    "simulation": "75 m at three speeds",
+}
+
+
+def line_of(way: Way, name: str) -> str:
+    """The line of a way of measuring in the table of all experiments."""
+    learned = ", constant learned on other people" if way.options.distance in ("fused", "pendulum") else ""
+    return f"distance, {way.title}{learned}, {WHERE[name]}: error"
+
+
 class Item(NamedTuple):
     """A walk with the estimator's inputs, padded."""
 
@@ -165,7 +180,11 @@ def _rows(way: Way, found: Sequence[Measured], items: Sequence[Item], suffix: st
         size = np.abs(off)
         figures = {"mae": np.mean(size), "median": np.median(size), "worst": np.max(size), "bias": np.mean(off)}
         end = f"{name}{way.key}{suffix}"
-        rows += [Row(f"distance_{k}_pct_{end}", float(v), "%", n=off.size, split=split) for k, v in figures.items()]
+        some = {k: Row(f"distance_{k}_pct_{end}", float(v), "%", n=off.size, split=split) for k, v in figures.items()}
+        if way.key in SHOWN and not suffix:
+            words = {"mae": "mean", "median": "median", "worst": "worst"}
+            some |= {k: some[k].on(line_of(way, name), part, "walks") for k, part in words.items()}
+        rows += some.values()
     if way.options.distance in ("fused", "pendulum"):
         for name, good in within(found, items).items():
             share = 100.0 * float(np.mean(good))

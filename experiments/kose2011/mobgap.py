@@ -14,6 +14,7 @@ from experiments.common import peers
 from experiments.common.row import Row, show
 from experiments.kose2011 import contacts
 from experiments.kose2011.contacts import Found
+from experiments.kose2011.distances import WAYS, line_of
 from experiments.kose2011.walks import Walk, Windows, sets
 from jgait.types import as_float
 
@@ -88,9 +89,13 @@ def _contact_rows(
                 Row(f"ic_side_pct_{name}_mobgap_{source}_mccamley", of["mccamley"].sides, "%", n=s.n - s.missed)
             )
         split, n = "best of mobgap's detectors", scores[0].n
-        rows.append(Row(f"ic_f1_{name}_mobgap", max(s.f1 for s in scores), "F1", n=n, split=split))
-        rows.append(Row(f"ic_mae_ms_{name}_mobgap", min(s.mae for s in scores), "ms", n=n, split=split))
-        rows.append(Row(f"ic_side_pct_{name}_mobgap", max(s.sides for s in scores), "%", n=n, split=split))
+        best = [
+            Row(f"ic_f1_{name}_mobgap", max(s.f1 for s in scores), "F1", n=n, split=split),
+            Row(f"ic_mae_ms_{name}_mobgap", min(s.mae for s in scores), "ms", n=n, split=split),
+            Row(f"ic_side_pct_{name}_mobgap", max(s.sides for s in scores), "%", n=n, split=split),
+        ]
+        line = contacts.of_set(name)
+        rows += [row.on(line[row.metric.removesuffix("_mobgap")], "mobgap's best", "contacts") for row in best]
     show("mobgap's contacts on the same walks, sides by ullrich and mccamley", contacts.COLUMNS, lines)
     return rows, offsets
 
@@ -118,7 +123,8 @@ def _distance_rows(
                 rows.append(Row(f"distance_bias_pct_{end}", float(off.mean()), "%", n=off.size, split=split))
                 best = min(best, float(size.mean())) if source != "given" else best
             split = "best of mobgap's detectors"
-            rows.append(Row(f"distance_mae_pct_{label}_mobgap_{lengths}", best, "%", n=len(known), split=split))
+            row = Row(f"distance_mae_pct_{label}_mobgap_{lengths}", best, "%", n=len(known), split=split)
+            rows.append(row.on(line_of(WAYS[0], label), f"mobgap's best, {lengths}", "walks"))
     show("mobgap's distances, |error| [%]: mean / median / worst, and mean error", ["", "straight parts"], lines)
     return rows
 

@@ -40,6 +40,8 @@ TITLES = {
 }  # fmt: skip
 
 
+TITLES_OF = {"learned": "ε learned on other people"}
+
 SUFFIX = {"update": "_printed", "learned": "", "frozen": "_frozen", "integrated": "_integrated"}
 """In names of rows; "printed" is the update with ε as the paper prints it."""
 
@@ -113,7 +115,7 @@ def table_one(persons: Sequence[Simulated], quick: bool) -> list[Row]:
 def _contact_rows(suffix: str, s: contacts.Score, both: contacts.Score, share: float) -> list[Row]:
     split, own = "right foot, offset of the other simulated people", "right foot, as the detector comes"
     hits = s.n - s.missed
-    return [
+    rows = [
         Row(f"sim_hs_detected_pct{suffix}", share, "%", 96.0, s.n, "right foot"),
         Row(f"sim_hs_error_mean_s{suffix}", s.mae / 1e3, "s", 0.03, hits, split),
         Row(f"sim_hs_error_sd_s{suffix}", s.sd / 1e3, "s", 0.04, hits, split),
@@ -121,6 +123,14 @@ def _contact_rows(suffix: str, s: contacts.Score, both: contacts.Score, share: f
         Row(f"sim_ic_f1{suffix}", both.f1, "F1", n=both.n, split="both feet"),
         Row(f"sim_ic_side_pct{suffix}", both.sides, "%", n=both.n - both.missed, split="both feet"),
     ]
+    timing = "time of right heel strikes, offset learned on other people: error"
+    lines = {
+        "sim_hs_detected_pct": ("right heel strikes: detected", "", "contacts"),
+        "sim_hs_error_mean_s": (timing, "mean", "contacts"),
+        "sim_hs_error_sd_s": (timing, "SD", "contacts"),
+        "sim_ic_f1": ("initial contacts on 75 m at three speeds: F1", "", "contacts"),
+    }
+    return [row.on(*lines[row.metric], simulated=True) if row.metric in lines else row for row in rows]
 
 
 @partial(jax.jit, static_argnames="kind")
@@ -192,13 +202,23 @@ def table_two(persons: Sequence[Simulated], quick: bool) -> list[Row]:
             name = f"sim_distance{source}{SUFFIX[kind]}_error_pct"
             split = f"{people_}{', ε of the others' if kind == 'learned' else ''}"
             size = float(np.mean(np.abs(found[kind])))
-            rows.append(Row(name, size, "%", paper, count, split + (", true acceleration" if source else "")))
+            row = Row(name, size, "%", paper, count, split + (", true acceleration" if source else ""))
+            words = ("from true accelerations" if source else "", TITLES_OF.get(kind, ""))
+            part = ", ".join(filter(None, words)) or "mean"
+            key = "_update" if kind == "learned" else f"_{kind}"
+            rows.append(row.on(distances.line_of(ways[key], "simulation"), part, "people", simulated=True))
         epsilon = float(np.median(found["epsilon"]))
         rows.append(Row(f"sim_threshold{source}_learned", epsilon, "m/s", 0.3, count, "median over people"))
     for key, errors in off.items():
         name, split = key or "_fused", f"{people_}, K of the others"
-        rows.append(Row(f"sim{name}_distance_error_pct", float(np.mean(np.abs(errors))), "%", 0.8, count, split))
-        rows.append(Row(f"sim{name}_distance_error_pct_max", float(np.max(np.abs(errors))), "%", 1.12, count, split))
+        line = distances.line_of(ways[key], "simulation")
+        figures = {"": (np.mean, 0.8, "mean"), "_max": (np.max, 1.12, "worst")}
+        rows += [
+            Row(f"sim{name}_distance_error_pct{end}", float(of(np.abs(errors))), "%", paper, count, split).on(
+                line, part, "people", simulated=True
+            )
+            for end, (of, paper, part) in figures.items()
+        ]
     good = distances.within(modelled[""], items)["_straight"]
     share = 100.0 * float(np.mean(good))
     return [*rows, Row("sim_distance_two_sigma_pct", share, "%", n=good.size, split=f"{people_}, K of the others")]

@@ -48,15 +48,21 @@ def _measured_rows(name: str, errors: list[real.Errors]) -> list[Row]:
     width = np.concatenate([e.width for e in errors])
     stddev = np.concatenate([e.stddev for e in errors])
     late = np.concatenate([e.width[e.end > np.median(e.end)] for e in errors])
-    split = "untuned; range made from markers"
+    split, line = "untuned; range made from markers", f"stride width, {TITLES[name]}: error"
     inside = float(np.mean(np.abs(width) < 2.0 * stddev))
     paper = 15.0 if name == "ekf" else None
     true = np.concatenate([e.true for e in errors]).mean()
     return [
-        Row(f"width_mae_cm_{name}", 100.0 * float(np.abs(width).mean()), "cm", None, width.size, split),
-        Row(f"width_mae_pct_{name}", 100.0 * float(np.abs(width).mean() / true), "%", paper, width.size, split),
+        Row(f"width_mae_cm_{name}", 100.0 * float(np.abs(width).mean()), "cm", None, width.size, split).on(
+            line, "MAE", "strides"
+        ),
+        Row(f"width_mae_pct_{name}", 100.0 * float(np.abs(width).mean() / true), "%", paper, width.size, split).on(
+            f"{line} over the width", "MAE", "strides"
+        ),
         Row(f"width_bias_cm_{name}", 100.0 * float(width.mean()), "cm", None, width.size, split),
-        Row(f"width_worst_cm_{name}", 100.0 * float(np.abs(width).max()), "cm", None, width.size, split),
+        Row(f"width_worst_cm_{name}", 100.0 * float(np.abs(width).max()), "cm", None, width.size, split).on(
+            line, "worst", "strides"
+        ),
         Row(f"width_late_mean_cm_{name}", 100.0 * float(late.mean()), "cm", None, late.size, split),
         Row(f"width_late_sd_cm_{name}", 100.0 * float(late.std()), "cm", None, late.size, split),
         Row(f"width_inside_two_sigma_{name}", inside, "1", None, width.size, split),

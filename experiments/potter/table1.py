@@ -48,13 +48,26 @@ def _sections(found: list[protocol.Apart]) -> dict[str, list[float]]:
     return table
 
 
+WHAT = {
+    "z1_mean": "size of the mean error of z₁",
+    "z1_sd": "SD of z₁",
+    "z2_mean": "size of the mean error of z₂",
+    "z2_sd": "SD of z₂",
+}
+
+
 def _simulated_rows(
     name: str, table: dict[str, list[float]], width: np.ndarray, stddev: np.ndarray, people: int
 ) -> list[Row]:
     prefix = "sim_" if name == "rts" else f"sim_{name}_"
     unit = {"z1_mean": "z1_mean_m", "z1_sd": "z1_sd_m", "z2_mean": "z2_mean_m", "z2_sd": "z2_sd_m"}
     rows = [
-        Row(f"{prefix}{unit[q]}_{section}", table[q][i], "m", protocol.PAPER[q][i], people, "simulated people")
+        Row(f"{prefix}{unit[q]}_{section}", table[q][i], "m", protocol.PAPER[q][i], people, "simulated people").on(
+            f"the paper's walk, {TITLES[name]}: {WHAT[q]}",
+            section.replace("section", "section "),
+            "people",
+            simulated=True,
+        )
         for q in table
         for i, section in enumerate(protocol.SECTIONS)
         if math.isfinite(table[q][i])
@@ -62,7 +75,9 @@ def _simulated_rows(
     inside = float(np.mean(np.abs(width) < 2.0 * stddev))
     return [
         *rows,
-        Row(f"{prefix}width_mae_cm", 100.0 * float(np.abs(width).mean()), "cm", None, width.size, "simulated people"),
+        Row(
+            f"{prefix}width_mae_cm", 100.0 * float(np.abs(width).mean()), "cm", None, width.size, "simulated people"
+        ).on(f"stride width, {TITLES[name]}: error", "MAE", "strides", simulated=True),
         Row(f"{prefix}width_nees", float(np.mean((width / stddev) ** 2)), "1", None, width.size, "simulated people"),
         Row(f"{prefix}width_inside_two_sigma", inside, "1", None, width.size, "simulated people"),
     ]

@@ -36,7 +36,8 @@ def detection(groups: dict[str, list[Leg]]) -> list[Row]:
     show("Detection: whole strides, then half-steps included", [*columns, *columns[1:]], lines)
     if strict:
         count = sum(s.hit + s.missed for s in strict)
-        rows.append(Row("f1_strict_pooled", f1(strict), "F1", n=count, split="half-steps included, all sets"))
+        row = Row("f1_strict_pooled", f1(strict), "F1", n=count, split="half-steps included, all sets")
+        rows.append(row.on("strides detected, half-steps included, all sets: F1", of="strides"))
     return rows
 
 

@@ -12,6 +12,25 @@ from experiments.silva2017.lengths import (
     stacked,
 )
 
+WHERE = {
+    "tripod": "`tripod`",
+    "neura_ankle": "`neura_sparse`, ankle",
+    "neura_shank": "`neura_sparse`, mid shank",
+    "walking5m": "`walking5m`",
+}
+"""Words of the table of all experiments."""
+
+
+def length_line(name: str) -> str:
+    """Line of the table of all experiments: stride length on a set."""
+    return f"stride length, lever learned on others, {WHERE[name]}: MAE"
+
+
+def turn_line(name: str) -> str:
+    """Line of the table of all experiments: what turning the sensor changes."""
+    return f"change of a stride as the sensor turns by 25° on the leg, {WHERE[name]}"
+
+
 SETS = ("tripod", "neura_sparse", "walking5m")
 
 

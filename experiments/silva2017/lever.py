@@ -14,7 +14,7 @@ import numpy as np
 from experiments.common.row import Row, show
 from experiments.common.shanks import Leg
 from experiments.silva2017.detect import pairs
-from experiments.silva2017.groups import measured_groups
+from experiments.silva2017.groups import WHERE, length_line, measured_groups, turn_line
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
@@ -135,11 +135,11 @@ def lengths_rows(
     inside = 100.0 * float(np.mean(np.abs(each) < 2.0 * spread))
     mean, half = 100.0 * float(np.mean(np.abs(off))), 100.0 * float(np.mean(np.abs(error[true > 0.0])))
     worst_name = "tripod_distance_error_pct_max" if name == "tripod" else f"{name}_distance_error_pct_max"
-    split = SPLITS[name]
+    split, line = SPLITS[name], f"distance, filter, lever learned on others, {WHERE[name]}: error"
     rows = [
-        Row(f"{name}_stride_mae_cm", mae, "cm", n=each.size, split=split),
-        Row(f"{name}_distance_error_pct", mean, "%", n=len(legs), split=split),
-        Row(worst_name, worst, "%", n=len(legs), split=split),
+        Row(f"{name}_stride_mae_cm", mae, "cm", n=each.size, split=split).on(length_line(name), "filter", "strides"),
+        Row(f"{name}_distance_error_pct", mean, "%", n=len(legs), split=split).on(line, "mean", "legs"),
+        Row(worst_name, worst, "%", n=len(legs), split=split).on(line, "worst", "legs"),
         Row(f"{name}_coverage_2sd_pct", inside, "%", n=each.size, split="stated deviation and the reference's"),
         Row(f"{name}_stated_sd_cm", 100.0 * float(np.mean(told["sd"][full])), "cm", n=each.size),
     ]
@@ -177,7 +177,8 @@ def rotation_row(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarra
     matrices = [np.asarray(turn(jnp.asarray(axis), np.deg2rad(ANGLE))) for axis in axes]
     inputs = together([prepared(leg, np.zeros(3), m) for leg, m in zip(legs, matrices, strict=True)])
     change = 100.0 * float(np.mean(np.abs(run(name, levers, inputs)["length"] - plain)[full]))
-    return Row(f"rotation25_{name}_filter_change_cm", change, "cm", n=int(full.sum()), split="filter, random axes")
+    row = Row(f"rotation25_{name}_filter_change_cm", change, "cm", n=int(full.sum()), split="filter, random axes")
+    return row.on(turn_line(name), "filter", "strides")
 
 
 def filtered(found: dict[str, tuple[list[Leg], np.ndarray, Any]], quick: bool) -> list[Row]:

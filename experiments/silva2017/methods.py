@@ -4,7 +4,7 @@ import numpy as np
 
 from experiments.common.row import Row, show
 from experiments.common.shanks import Leg
-from experiments.silva2017.groups import measured_groups
+from experiments.silva2017.groups import length_line, measured_groups
 from experiments.silva2017.lengths import (
     CUTOFF_HZ,
     Errors,
@@ -65,7 +65,8 @@ def stride_lengths(found: dict[str, tuple[list[Leg], np.ndarray, Signals]]) -> l
                 rows += _by_group(name, of, told, s)
             elif method == "Li 2-D":
                 rows.append(Row(f"{name}_li_no_lever_mae_cm", plain.mae_cm, "cm", n=plain.each.size))
-                rows.append(Row(f"{name}_li_mae_cm", best.mae_cm, "cm", n=best.each.size, split=_SPLITS[name]))
+                row = Row(f"{name}_li_mae_cm", best.mae_cm, "cm", n=best.each.size, split=_SPLITS[name])
+                rows.append(row.on(length_line(name), "Li's planar method", "strides"))
     columns = ["", "MAE cm", "total %", "MAE cm, lever", "total %", "with half-steps", "lever [m]"]
     show("Stride lengths, whole strides: without a lever, and with one learned on others", columns, lines)
     return rows

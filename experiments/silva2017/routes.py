@@ -209,8 +209,10 @@ def cohort_table(found: list[Measured]) -> list[Row]:
     for way in errors[0]:
         every = np.concatenate([of[way] for of in errors])
         name = f"sim_{'count' if way in COUNTS else 'distance'}{way.key}_error_pct"
-        rows.append(Row(name, float(np.mean(every)), "%", way.paper, n, split))
-        rows.append(Row(f"{name}_max", float(np.max(every)), "%", n=n, split=split))
+        line = f"{'strides counted' if way in COUNTS else 'distance'}, {way.title}: error"
+        some = [Row(name, float(np.mean(every)), "%", way.paper, n, split),
+                Row(f"{name}_max", float(np.max(every)), "%", n=n, split=split)]  # fmt: skip
+        rows += [row.on(line, part, "walks", simulated=True) for row, part in zip(some, ("mean", "worst"), strict=True)]
     return rows
 
 

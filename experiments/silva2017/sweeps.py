@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.common.row import Row, show
 from experiments.common.shanks import Leg
-from experiments.silva2017.groups import measured_groups
+from experiments.silva2017.groups import measured_groups, turn_line
 from experiments.silva2017.lengths import (
     Signals,
     errors,
@@ -46,7 +46,8 @@ def rotation_sweep(found: dict[str, tuple[list[Leg], np.ndarray, Signals]], quic
                 line += [float(np.mean(change)), float(np.max(change)), wrong]
             lines.append(line)
         rows.append(Row(f"rotation25_{name}_3d_change_cm", line[1], "cm", n=len(of), split="random axes"))
-        rows.append(Row(f"rotation25_{name}_li_change_cm", line[4], "cm", n=len(of), split="random axes"))
+        row = Row(f"rotation25_{name}_li_change_cm", line[4], "cm", n=len(of), split="random axes")
+        rows.append(row.on(turn_line(name), "Li's planar method", "legs"))
         gain = 100.0 * (1.0 - line[3] / line[6])
         rows.append(Row(f"rotation25_{name}_gain_over_li_pct", gain, "%", 78.0 if name == "tripod" else None, len(of)))
     columns = ["", "3-D: change cm", "most", "MAE", "Li: change cm", "most", "MAE"]

@@ -69,7 +69,14 @@ def strapdown_rows(recording: Recording, truth: Truth, person: Person) -> list[R
     split = f"{seconds} s, worst of {len(recording.sensors)} ideal sensors, float64"
     names = {1: "", 2: "_100hz", 4: "_50hz"}
     rows = [
-        Row(f"strapdown_position_error_mm_{seconds}s{names[every]}", error, "mm", None, len(recording.sensors), split)
+        Row(
+            f"strapdown_position_error_mm_{seconds}s{names[every]}", error, "mm", None, len(recording.sensors), split
+        ).on(
+            f"a perfect sensor integrated for {seconds} s, worst placement: error of the position",
+            f"{RATE_HZ / every:g} Hz",
+            "sensors",
+            simulated=True,
+        )
         for every, error in errors.items()
     ]
     return [*rows, Row("strapdown_order_of_convergence", float(order), "", None, 3, "fitted over 50, 100 and 200 Hz")]
@@ -255,10 +262,15 @@ def fit_errors(people: int, steps: int, samples: int = 384) -> np.ndarray:
 def fit_rows(people: int, steps: int) -> list[Row]:
     """Rows of the fit."""
     error = 100.0 * np.abs(fit_errors(people, steps))
+    line = "the simulator fitted to its own noisy signals: error of the stride length"
     split = f"shanks and feet, {len(FREE)} parameters 5 % off at the start, {steps} steps of Adam"
     return [
-        Row("fit_stride_length_error_cm", float(error.mean()), "cm", None, people, split),
-        Row("fit_stride_length_error_cm_worst", float(error.max()), "cm", None, people, split),
+        Row("fit_stride_length_error_cm", float(error.mean()), "cm", None, people, split).on(
+            line, "mean", "people", simulated=True
+        ),
+        Row("fit_stride_length_error_cm_worst", float(error.max()), "cm", None, people, split).on(
+            line, "worst", "people", simulated=True
+        ),
     ]
 
 

@@ -50,9 +50,14 @@ def rows(quick: bool) -> list[Row]:
          ["shank", float(np.median(errors[1])), float(errors[1].max())],
          ["both together", float(np.median(total)), float(total.max())]],
     )  # fmt: skip
+    line = "thigh and shank length of each person from the path of the foot: error"
     split = "walks of the leg protocol, own lengths of each person in one fit"
     return [
-        Row("recover_leg_length_cm_median", float(np.median(errors)), "cm", n=2 * people, split=split),
-        Row("recover_leg_length_cm_worst", float(errors.max()), "cm", n=2 * people, split=split),
+        Row("recover_leg_length_cm_median", float(np.median(errors)), "cm", n=2 * people, split=split).on(
+            line, "median", "lengths", simulated=True
+        ),
+        Row("recover_leg_length_cm_worst", float(errors.max()), "cm", n=2 * people, split=split).on(
+            line, "worst", "lengths", simulated=True
+        ),
         Row("recover_leg_length_whole_cm_median", float(np.median(total)), "cm", n=people, split=split),
     ]

@@ -38,7 +38,11 @@ def rows(quick: bool) -> list[Row]:
     split = "drawn from the leg model"
     named = float(set(said.undetermined) == {"position_noise", "bias_noise"})
     return [
-        Row("recover_noise_rel_error_max", max(errors), "ratio", n=people, split=f"{split}: {', '.join(known)}"),
+        Row("recover_noise_rel_error_max", max(errors), "ratio", n=people, split=f"{split}: {', '.join(known)}").on(
+            "noise scales by likelihood, from data drawn from the model: largest relative error",
+            of="legs",
+            simulated=True,
+        ),
         Row("recover_noise_unidentifiable_named", named, "bool", n=people, split=f"{split}: σ_xy and σ_β, no others"),
         *consistent(other, START, fit.params, people),
     ]

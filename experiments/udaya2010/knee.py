@@ -63,7 +63,12 @@ def rows(quick: bool) -> list[Row]:
             lost, what = mean.truth - before.truth, f"{split}; {filler} with the thigh, causal"
             name = f"{end}{'' if filler == 'blend' else '_' + filler}_duty{duty}"
             count = len(phases)
-            rows.append(Row(f"joint_knee_deg_lost{name}", float(lost.mean()), "°", None, count, what))
+            row = Row(f"joint_knee_deg_lost{name}", float(lost.mean()), "°", None, count, what)
+            rows.append(
+                row.on(
+                    f"knee of `leg_ekf`, `neura_sparse`, {words}: added error", f"gyroscope on for {duty} %", "starts"
+                )
+            )
             rows += [
                 Row(f"joint_knee_deg_lost{name}_{side}", float(value), "°", None, count, what)
                 for side, value in zip(SIDES, lost, strict=True)

@@ -37,6 +37,9 @@ HEADLINES = {
     "tripod_warm": ("neighbours", (40, 10)),
     "walking5m": ("blend", (50, 10)),
 }
+SHOWN = {("simulation", "neighbours"): (40, 10), ("neura_sparse", "blend"): (50, 10)}
+"""Further numbers of the table of all experiments: (protocol, filler) → duty cycles [%]."""
+
 TITLES = {
     "tripod": "tripod, first 14 s in units of 1.4 s",
     "tripod_warm": "tripod, 84 s (quick: 28 s) in units of a stride, 5 s of warm-up",
@@ -53,13 +56,22 @@ def rows(quick: bool) -> list[Row]:
     return energy() + fillings(quick)
 
 
+def line_of(protocol: str, duty: int) -> str:
+    """The line of a protocol in the table of all experiments."""
+    return f"filled rate, {TITLES[protocol]}, gyroscope on for {duty} %: error over the signal"
+
+
 def energy() -> list[Row]:
     """The energy column, from the power model."""
     told = {duty: 100.0 * power.saving(power.schedule_of_duty(duty / 100)) for duty in SAVINGS}
     split = "power model, nothing measured"
     rows = [Row(f"energy_saving_duty{d}", told[d], "%", SAVINGS[d], 1, split) for d in SAVINGS]
     worst = max(abs(told[d] - SAVINGS[d]) for d in SAVINGS)
-    return [*rows, Row("energy_column_max_error", worst, "%", None, len(SAVINGS), split)]
+    row = Row("energy_column_max_error", worst, "%", None, len(SAVINGS), split)
+    return [
+        *rows,
+        row.on("energy saved at the schedules of Table 2: largest difference", of="schedules", simulated=True),
+    ]
 
 
 @functools.cache
@@ -146,8 +158,11 @@ def _headlines(protocol: str, filler: str, duty: int, cases: list[Case], errors:
         if some:
             at = f"duty{duty}{end}"
             of = f"{filler}, {words}"
-            rows.append(Row(f"{protocol}_{middle}_{at}", float(np.median(some)), "ratio", paper, len(some), of))
-            rows.append(Row(f"{protocol}_worst_err_{at}", max(some), "ratio", None, len(some), of))
+            row = Row(f"{protocol}_{middle}_{at}", float(np.median(some)), "ratio", paper, len(some), of)
+            worst = Row(f"{protocol}_worst_err_{at}", max(some), "ratio", None, len(some), of)
+            unseen_only = "not tuned on, " if end else ""
+            rows += [row.on(line_of(protocol, duty), f"{unseen_only}median", "legs"),
+                     worst.on(line_of(protocol, duty), f"{unseen_only}worst", "legs")]  # fmt: skip
     return rows
 
 
@@ -183,7 +198,10 @@ def fillings(quick: bool) -> list[Row]:
                 value = float(np.median(errors))
                 line.append(value)
                 spread.append(float(np.std(errors)))
-                rows.append(Row(f"{protocol}_{name}_duty{duty}", value, "ratio", paper, len(errors), split))
+                row = Row(f"{protocol}_{name}_duty{duty}", value, "ratio", paper, len(errors), split)
+                if (protocol, name) in SHOWN and duty in SHOWN[protocol, name]:
+                    row = row.on(line_of(protocol, duty), "median", "legs", simulated=protocol == "simulation")
+                rows.append(row)
                 first += _headlines(protocol, name, duty, of[duty], errors, split)
             lines += [line, spread]
         show(f"{TITLES[protocol]}: error, median ± SD over {len(here)} legs", ["", *(f"{d} %" for d in duties)], lines)

@@ -106,6 +106,10 @@ def tradeoff(quick: bool) -> tuple[list[Row], dict[str, Front]]:
             rows += [
                 Row(f"{at}_saving_pct", 100.0 * p.saving, "%", None, len(other), split),
                 Row(f"{at}_power_mw", 1e3 * p.power, "mW", None, len(other), split),
-                Row(f"{at}_error", p.error, "ratio", None, len(other), split),
+                Row(f"{at}_error", p.error, "ratio", None, len(other), split).on(
+                    f"schedules found by gradient, `{name}`, {where}: error of the filled rate",
+                    f"{100.0 * p.saving:.0f} % of the energy saved",
+                    "legs",
+                ),
             ]
     return rows, fronts

@@ -164,10 +164,14 @@ def _saved(names: tuple[str, str], best: float, own: float, count: int, split: s
         return []
     values = {"saving": 1.0 - own / best, "fixed": best, "policy": own}
     before, after = names
-    return [
-        Row(f"{before}_energy_{what}_pct{after}", 100.0 * value, "%", None, count, split)
+    rows = {
+        what: Row(f"{before}_energy_{what}_pct{after}", 100.0 * value, "%", None, count, split)
         for what, value in values.items()
-    ]
+    }
+    if not after:
+        line = f"gyroscope woken where the filler is in doubt, {split}: energy saved against the best schedule"
+        rows["saving"] = rows["saving"].on(line, of="legs")
+    return list(rows.values())
 
 
 def _by_leg(name: str, policy: Curve, fixed: list[Curve], level: float, split: str) -> list[Row]:

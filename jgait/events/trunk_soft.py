@@ -8,7 +8,7 @@ score of an instant u after a coarse one is
 
 over |u| <= 0.2 s. It has no branch: given the coarse instants it is differentiable in the signals and in each setting.
 
-Either acceleration alone errs more; what both reach on real walks is in `experiments/waist_ofdri.py`.
+Either acceleration alone errs more; what both reach on real walks is in `experiments/kose2011`.
 """
 
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""The table of all experiments: as versioned in both places, complete, and made of full runs only."""
+"""The table of all experiments: what the versioned rows give, made of full runs only; and how experiments are named."""
 
 import json
 import math
@@ -6,174 +6,140 @@ import shutil
 
 import pytest
 
+from jgait import __version__
+
 
 @pytest.fixture(scope="module")
 def summary(load_experiment):
-    return load_experiment("_summary")
+    return load_experiment("common.summary")
+
+
+@pytest.fixture(scope="module")
+def made(load_experiment):
+    """A row of a table, as JSON holds it."""
+    kind = load_experiment("common.row").Row
+
+    def make(metric, value, line="distance: error", part="", **others):
+        return kind(metric, value, "%", **others).on(line, part, "people")._asdict()
+
+    return make
 
 
 @pytest.fixture
 def copied(summary, tmp_path, monkeypatch):
     """The files that the command reads and writes, where it does no harm."""
-    for name in ("NUMBERS", "SUMMARY", "README"):
+    for name in ("NUMBERS", "PAGE", "README"):
         copy = tmp_path / name
         shutil.copy(getattr(summary, name), copy)
         monkeypatch.setattr(summary, name, copy)
-    monkeypatch.setattr(summary, "HERE", tmp_path / "here")
-    (tmp_path / "here").mkdir()
-    for name in summary.wanted():
-        (tmp_path / "here" / f"{name}.py").write_text(f'"""What {name} is for."""\n')
     return tmp_path
 
 
-def run_of(name, metrics, quick=False, n=3):
-    rows = [{"metric": m, "value": v, "unit": "", "paper": None, "n": n, "split": ""} for m, v in metrics.items()]
+def run_of(name, rows, quick=False):
     return json.dumps({"experiment": name, "version": "9.9.9", "quick": quick, "rows": rows})
 
 
 # --- what is versioned ---
 
 
-def test_both_tables_are_what_the_versioned_numbers_give(summary):
-    assert summary.stale(summary.load()) == [], "make summary writes them"
-    table = summary.table(summary.load())
-    for path in (summary.SUMMARY, summary.README):
-        assert path.read_text(encoding="utf-8").count(table) == 1
+def test_the_tables_are_what_the_versioned_rows_give(summary):
+    for path, text in summary.texts(summary.load()).items():
+        assert path.read_text(encoding="utf-8") == text, "make summary writes it"
 
 
-def test_every_experiment_is_in_the_table_and_every_line_has_one(summary):
-    assert set(summary.wanted()) == set(summary.experiments())
-    assert "leg_ekf" in summary.experiments()
-    assert all(f"- `{name}.py`: " in summary.page(summary.load()) for name in summary.experiments())
-
-
-def test_the_versioned_numbers_are_those_of_the_table_and_no_others(summary):
+def test_every_versioned_row_has_a_line_a_number_and_a_count(summary):
     known = summary.load()
-    assert {name: set(one["metrics"]) for name, one in known.items()} == summary.wanted()
+    assert set(known) <= set(summary.EXPERIMENTS)
+    assert len(known) > 8
     for name, one in known.items():
         assert one["version"], name
-        for metric, row in one["metrics"].items():
-            assert math.isfinite(row["value"]), f"{name}.{metric}"
-            assert row["n"] >= 1, f"{name}.{metric}"
-            assert summary.rounded(row["value"]) == row["value"], f"{name}.{metric}"
+        metrics = [row["metric"] for row in one["rows"]]
+        assert len(metrics) == len(set(metrics)), name
+        for row in one["rows"]:
+            assert row["line"] and row["of"] and row["n"] >= 1, row
+            assert math.isfinite(row["value"]) and summary.rounded(row) == row, row
+            assert "|" not in row["line"] + row["part"], row
+    metrics = {row["metric"] for one in known.values() for row in one["rows"]}
+    assert set(summary.HEADLINES) <= metrics
 
 
-def test_every_line_shows_a_number_of_ours(summary):
-    for line in summary.LINES:
-        ours = [summary.metrics(line._replace(paper="", n="", **{other: ""})) for other in ("real", "simulated")]
-        assert any(ours), line.label
-        shown = summary.cells(line, summary.load())
-        assert len(shown) == len(summary.HEAD)
-        assert not any("{" in cell or "nan" in cell or "|" in cell or not cell for cell in shown), line.label
-
-
-def test_a_number_that_changed_makes_both_tables_stale(summary):
+def test_a_number_that_changed_changes_the_table(summary):
     known = summary.load()
-    known["leg_ekf"]["metrics"]["heldout_distance_error_pct"]["value"] += 1.0
-    assert summary.stale(known) == ["experiments/README.md", "README.md"]
+    before = summary.table(known)
+    known["leg_ekf"]["rows"][0]["value"] += 1.0
+    assert summary.table(known) != before
 
 
-# --- cells ---
+# --- lines ---
 
 
-def test_numbers_are_spelled_as_in_text(summary):
-    cell = summary.Cell(-0.01234, summary.Count(10000), 0.3)
-    assert f"{cell:.2f}" == "−0.01"
-    assert f"{cell.n:,} {cell.n}" == "10 000 10000"
-    assert (f"{cell.cm:.1f}", f"{cell.pct:.1f}", f"{cell.ms:.1f}") == ("−1.2", "−1.2", "−12.3")
-    assert (f"{cell.paper:g}", f"{cell.paper.ms:.0f}") == ("0.3", "300")
+@pytest.mark.parametrize("value, text", [(-0.01234, "−0.0123"), (529.0, "529"), (18.502, "18.5"), (12345.6, "12 346")])
+def test_numbers_are_spelled_as_in_text(summary, value, text):
+    assert summary.number(value) == text
 
 
-def line_of(summary, **cells):
-    return summary.Line("what", "made", **{"n": "1 walk"} | cells)
-
-
-KNOWN = {
-    "made": {
-        "version": "1",
-        "metrics": {
-            "a": {"value": 1.0, "n": 2, "paper": None},
-            "b": {"value": 3.0, "n": 5, "paper": 4.0},
-        },
-    }
-}
-
-
-def test_cells_choose_among_metrics(summary):
-    line = line_of(summary, simulated="{least[a,b]:.0f} to {most[a,b]:.0f}", real="{b.paper:g}", n="{total[a,b]}")
-    assert summary.cells(line, KNOWN) == ["what", "–", "1 to 3", "4", "7", "`experiments/made.py`"]
-    assert summary.metrics(line) == {"a", "b"}
-
-
-@pytest.mark.parametrize(
-    "cell, said",
-    [("{c:.1f}", "'c'"), ("{least[a,c]:.1f}", "'c'"), ("{a.paper:g}", "gives no figure"), ("{a.km}", "km")],
-)
-def test_a_cell_that_cannot_be_filled_is_named(summary, cell, said):
-    with pytest.raises(ValueError, match="made, 'what'") as raised:
-        summary.cells(line_of(summary, real=cell), KNOWN)
-    assert said in str(raised.value)
+def test_rows_of_one_line_stand_together(summary, made, load_experiment):
+    kind = load_experiment("common.row").Row
+    rows = [kind(**row) for row in (made("a", 1.0, part="mean", n=2, paper=4.0), made("b", 3.0, part="worst", n=2))]
+    rows.append(kind("c", 2.0, "%", 4.0, 5).on("distance: error", of="walks", simulated=True))
+    rows.append(kind("d", 0.5, "ratio").on("share", of="figures"))
+    assert summary.lines("leg_ekf", rows) == [
+        ["distance: error [%]", "4.00", "2.00", "mean 1.00; worst 3.00", "5 walks; 2 people", "`leg_ekf`"],
+        ["share", "–", "–", "0.500", "1 figures", "`leg_ekf`"],
+    ]
 
 
 # --- the command ---
 
 
-def test_full_runs_replace_numbers_and_others_leave_them(summary, tmp_path):
-    known = summary.load()
-    (tmp_path / "cohort.json").write_text(
-        run_of("cohort", {"distance_error_median_pct": 0.123456789, "distance_error_worst_pct": 2.0, "other": 1.0})
-    )
-    (tmp_path / "leg_ekf.json").write_text(run_of("leg_ekf", {"heldout_distance_error_pct": 99.0}, quick=True))
-    partly = {"energy_column_max_error": 0.5, "tripod_err_duty40": math.nan}
-    (tmp_path / "duty_cycled_gyro.json").write_text(run_of("duty_cycled_gyro", partly))
-    new, remarks = summary.refreshed(known, tmp_path)
-    assert new["cohort"] == {
-        "version": "9.9.9",
-        "metrics": {
-            "distance_error_median_pct": {"value": 0.123457, "n": 3, "paper": None},
-            "distance_error_worst_pct": {"value": 2.0, "n": 3, "paper": None},
-        },
+def test_full_runs_replace_rows_and_others_leave_them(summary, made, tmp_path):
+    known = {
+        "cohort": {"version": "1", "rows": [made("a", 1.0), made("gone", 5.0)]},
+        "tuning": {"version": "1", "rows": [made("b", 1.0)]},
+        "leg_ekf": {"version": "1", "rows": [made("c", 1.0)]},
     }
-    assert new["leg_ekf"] == known["leg_ekf"]
-    assert new["tuning"] == known["tuning"]
-    duty = new["duty_cycled_gyro"]["metrics"]
-    assert duty["energy_column_max_error"]["value"] == 0.5
-    assert duty["tripod_err_duty40"] == known["duty_cycled_gyro"]["metrics"]["tripod_err_duty40"]
-    said = "\n".join(remarks)
-    assert "leg_ekf: as before" in said and "is a quick run" in said
-    assert "tuning: as before" in said and "is not there" in said
-    assert "duty_cycled_gyro: as before, for the run has none of them: " in said and "tripod_err_duty40" in said
-    assert "cohort" not in said
+    rows = [made("a", 0.123456789), made("new", math.nan), {**made("other", 1.0), "line": ""}]
+    (tmp_path / "cohort.json").write_text(run_of("cohort", rows))
+    (tmp_path / "leg_ekf.json").write_text(run_of("leg_ekf", [made("c", 99.0)], quick=True))
+    new, remarks = summary.refreshed(known, tmp_path)
+    assert new["cohort"] == {"version": "9.9.9", "rows": [made("a", 0.123457), made("gone", 5.0)]}
+    assert new["leg_ekf"] == known["leg_ekf"] and new["tuning"] == known["tuning"]
+    told = "\n".join(remarks)
+    assert "leg_ekf: as before" in told and "is a quick run" in told
+    assert "tuning: as before" in told and "is not there" in told
+    assert "cohort: as before, for the run has none of them: gone" in told
 
 
-def test_the_command_writes_both_tables_and_says_when_they_are_old(summary, copied, capsys):
+def test_the_command_writes_the_tables_and_says_when_they_are_old(summary, made, copied, capsys):
     results = copied / "results"
     results.mkdir()
-    (results / "cohort.json").write_text(
-        run_of("cohort", {"distance_error_median_pct": 0.5, "distance_error_worst_pct": 77.7}, n=1234)
-    )
+    (results / "cohort.json").write_text(run_of("cohort", [made("distance_error_worst_pct", 77.7, n=1234)]))
     assert summary.main(["--results", str(results)]) == 0
-    for path in (summary.README, summary.SUMMARY):
-        assert "| 0.50 (77.7) | – | 1 234 people |" in path.read_text(encoding="utf-8")
-    assert "jgait 0.1.0, 9.9.9" in summary.SUMMARY.read_text(encoding="utf-8")
-    first = [path.read_bytes() for path in (summary.NUMBERS, summary.SUMMARY, summary.README)]
+    text = summary.PAGE.read_text(encoding="utf-8")
+    assert "77.7 | 1 234 people |" in text and f"jgait {__version__}, 9.9.9" in text
+    first = [path.read_bytes() for path in (summary.NUMBERS, summary.PAGE, summary.README)]
     assert summary.main(["--results", str(copied / "empty")]) == 0
-    assert [path.read_bytes() for path in (summary.NUMBERS, summary.SUMMARY, summary.README)] == first
+    assert [path.read_bytes() for path in (summary.NUMBERS, summary.PAGE, summary.README)] == first
     assert summary.main(["--check"]) == 0
-    summary.SUMMARY.write_text(summary.SUMMARY.read_text(encoding="utf-8").replace("77.7", "0.1"), encoding="utf-8")
+    summary.PAGE.write_text(text.replace("77.7", "0.1"), encoding="utf-8")
     capsys.readouterr()
     assert summary.main(["--check"]) == 1
-    assert capsys.readouterr().out.startswith("out of date: SUMMARY;")
-
-
-def test_nothing_is_written_where_a_number_or_a_mark_is_missing(summary, copied, capsys):
-    before, readme = summary.SUMMARY.read_bytes(), summary.README.read_text(encoding="utf-8")
-    summary.README.write_text(readme.replace(summary.BEGIN, ""), encoding="utf-8")
-    assert summary.main(["--results", str(copied)]) == 1
+    assert capsys.readouterr().out.startswith("out of date: PAGE;")
+    summary.README.write_text("no marks", encoding="utf-8")
+    assert summary.main(["--results", str(results)]) == 1
     assert "README.md has no <!-- table" in capsys.readouterr().err
-    summary.README.write_text(readme, encoding="utf-8")
-    summary.NUMBERS.unlink()
-    assert summary.main(["--results", str(copied)]) == 1
-    assert "leg_ekf, \"paper's pipeline, straight" in capsys.readouterr().err
-    assert summary.SUMMARY.read_bytes() == before
-    assert not summary.NUMBERS.exists()
+
+
+# --- how experiments are named ---
+
+
+def test_every_experiment_has_parts_that_make_rows(load_experiment, capsys):
+    runner = load_experiment("__main__")
+    for name in runner.ALL:
+        assert all(callable(part.rows) for part in runner.parts(name)), name
+    (one,) = runner.parts("leg_ekf.table2")
+    assert one.__name__ == "experiments.bennett2013.table2"
+    with pytest.raises(ValueError, match="leg_ekf has no part 'table3'; it has table2"):
+        runner.parts("leg_ekf.table3")
+    runner.main(["--list", "experiments"])
+    assert capsys.readouterr().out.split() == list(runner.EXPERIMENTS)

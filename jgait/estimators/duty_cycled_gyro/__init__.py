@@ -23,7 +23,7 @@ Deviations from the paper:
     1. to 12. Those of the filters, see `duty_literal`; `DutyCycledOptions.filters` brings the printed ones back.
     13. The paper replicates the cycle 1.4 s before; here neighbours on the accelerometer's history fill the gaps, and
         "replicate" looks a stride period back. On `tripod` after the paper's protocol their errors at duty 40 and 10 %
-        are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/duty_cycled_gyro.py`).
+        are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/udaya2010`).
     14. The paper judges the gyroscope's rate; here angles come out as well. One axis of the gyroscope knows no turns,
         see `duty_model`; for angles on walks with turns fill the recording (`gap_recording`) and take `leg_ekf`.
 """

@@ -76,7 +76,7 @@ TRANSFORMS = LegParams(
 
 
 class LegOptions(NamedTuple):
-    """Which improvements are on; each is measured alone by `experiments/leg_ekf.py`.
+    """Which improvements are on; each is measured alone by `experiments/bennett2013`.
 
     Attributes:
         perpendicular_axis: make the functional sagittal axis perpendicular to gravity.

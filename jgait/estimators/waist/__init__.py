@@ -18,7 +18,7 @@ Outputs:
     pendulum's constant, and for every stride whether it is one of a turn, and whether integration can be relied on. No
     walking is an empty table.
 
-Deviations from the paper; effects by `experiments/waist_ofdri.py`:
+Deviations from the paper; effects by `experiments/kose2011`:
     1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias, so a tilt
        known to hundredths of a degree. `distance="update"` is the paper.
     2. Contacts by a soft argmax; `detector="paper"` is the paper's midpoint rule, "literal" by the letter.
