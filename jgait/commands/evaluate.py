@@ -15,12 +15,8 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, write_json
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
-
-DRAWN = {"distance_m": "m", "stride_length_m": "m", "stride_width_m": "m", "walking_speed_mps": "m/s"}
-"""Quantities that figures are drawn of, and their units."""
-
-SHAPES = {"x": "foot forward", "y": "foot up", "foot": "foot, seen from above", "foot_height": "foot, height"}
-"""First part of a quantity's name → what the table calls it."""
+from jgait.report.cohort import DRAWN
+from jgait.report.recording import CURVES, readable
 
 
 def evaluate(
@@ -125,12 +121,12 @@ def _write(out: Path, found: Any, agreement: Any, failures: list[tuple[str, str]
         files.append(out / f"{name}.csv")
         rows.to_csv(files[-1], index=False)
     paired = found.paired()
-    for name, unit in DRAWN.items():
+    for name in DRAWN:
         rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
         if rows["subject"].nunique() < 2:
             continue
-        what = name.rsplit("_", 1)[0]
-        words = what.replace("_", " ")
+        what = name.rpartition("_")[0]
+        words, unit = readable(name)
         rows = rows.assign(quantity=words)
         files.append(plot.save(plot_cohort.bland_altman(rows, words, unit=unit), out / f"{what}_agreement.png"))
         files.append(plot.save(plot_cohort.per_subject(rows, words, unit=unit), out / f"{what}_per_subject.png"))
@@ -214,7 +210,7 @@ def _show_shapes(rows: Any, names: list[str]) -> None:
     for name in names:
         part, _, unit, side = name.rsplit("_", 3)
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
-        word = SHAPES.get(part, part)
+        word = CURVES.get(part, part)
         numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
         shown.add_row(escape(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
     console.print(shown)

@@ -151,12 +151,14 @@ class EstimateFigure(NamedTuple):
         file: the end of the file's name.
         when: which estimates have the figure.
         arguments: positional and keyword arguments of the function; the title is added to them.
+        caption: below the figure in a report, which draws a figure with a caption besides those of any estimate.
     """
 
     plot: str
     file: str
     when: Callable[[Estimate], bool] = always
     arguments: Callable[[EstimatedRecording], tuple[tuple[Any, ...], dict[str, Any]]] = of_estimate
+    caption: str = ""
 
 
 class StrideFlag(NamedTuple):

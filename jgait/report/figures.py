@@ -1,9 +1,11 @@
 """The figures of one recording's page, each with words for those who do not see it and for those who do not read it."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, as_float
 
@@ -13,23 +15,37 @@ CLOSE = 8.0
 BAND = "The band is ± two standard deviations, as the estimator states them."
 
 
-def pictures(estimate: Estimate, reference: Estimate | None = None) -> list[Picture]:
-    """All figures that an estimate has something for.
+def pictures(
+    estimate: Estimate, reference: Estimate | None = None, special: Sequence[EstimateFigure] = (),
+    made: EstimatedRecording | None = None,
+) -> list[Picture]:  # fmt: skip
+    """The figures for everything that an estimate contains.
 
     Args:
         estimate: of one recording.
         reference: drawn dashed, or None.
+        special: figures that the estimator states; those with a caption are drawn too.
+        made: the estimate with its recording, for `special`.
     """
-    made: list[Picture] = []
+    drawn: list[Picture] = []
     if any(leg is not None for leg in estimate.legs):
-        made += _legs(estimate, reference)
+        drawn += _legs(estimate, reference)
     if estimate.feet is not None and any(foot is not None for foot in estimate.feet):
-        made += _feet(estimate, reference)
+        drawn += _feet(estimate, reference)
     elif estimate.strides is not None and np.any(estimate.strides.valid):
-        made += _of_strides(estimate)
+        drawn += _of_strides(estimate)
     if estimate.distance is not None and np.any(estimate.valid):
-        made += _distance(estimate, reference)
-    return made
+        drawn += _distance(estimate, reference)
+    if made is not None:
+        drawn += [_special(figure, made) for figure in special if figure.caption and figure.when(estimate)]
+    return drawn
+
+
+def _special(figure: EstimateFigure, made: EstimatedRecording) -> Picture:
+    from jgait import plot
+
+    arguments, words = figure.arguments(made)
+    return picture(getattr(plot, figure.plot)(*arguments, **words), figure.caption, figure.caption)
 
 
 def middle(estimate: Estimate) -> tuple[float, float] | None:

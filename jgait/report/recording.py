@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jgait.estimators import about_of
+from jgait.estimators.about import EstimatedRecording
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -49,15 +50,18 @@ def of_estimate(
     ]  # fmt: skip
     raised = flags.ordered(raised)
     total = distance_of(estimate)
-    drawn = pictures(estimate, reference)
+    about = about_of(made.estimator)
+    params = made.params if made.params is not None else made.default
+    settings = {"options": about.paper if made.pipeline else about.default}
+    sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
+    drawn = pictures(estimate, reference, about.figures, sources)
     sections = [*_strides(of, rows), *([Section("Figures", "", drawn)] if drawn else []), *_all_strides(of)]
     if reference is not None:
         sections.insert(1, _against(estimate, recording, reference))
     sections.append(_details(estimate, recording, made))
     title = Path(recording.name).name
-    about = about_of(made.estimator).title
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
-    lead = f"{about}{who}."
+    lead = f"{about.title}{who}."
     return Report(Content(
         title, "Gait report", lead, _facts(estimate, recording, of, rows, total), flags.verdict(raised), raised,
         sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, total, raised, made),

@@ -76,7 +76,7 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
     assert code == 1, said
     for words in (
         "nowhere.csv: there is no such file", "line 7: walk0.csv is listed twice", "line 8: it names no file",
-        "empty.csv is empty", "thigh_length_m must be a length in metres", "5 of 9 recordings could not be used",
+        "empty.csv is empty", "thigh_length_m must be between 0.2 and 0.7 m", "5 of 9 recordings could not be used",
         "4 recordings of 2 people",
     ):  # fmt: skip
         assert words in said, said

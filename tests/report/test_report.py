@@ -21,8 +21,9 @@ from jgait.commands import report as command
 from jgait.commands.cohort import Source
 from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride, leg_ekf
+from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.io.atomic import write_text
-from jgait.report import flags, strides
+from jgait.report import figures, flags, strides
 from jgait.report.page import number, without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
 
@@ -176,6 +177,14 @@ def test_feet_say_which_widths_and_half_strides_do_not_count(feet):
     assert means["stride_width_m"]["all"] == {"mean": pytest.approx(0.2), "sd": pytest.approx(0.0), "n": 4}
     assert means["stride_length_m"]["all"]["n"] == 5
     assert "width unsure" in page.html and "Bars are" in page.html
+
+
+def test_figures_that_only_an_estimator_states_are_drawn_with_their_caption():
+    estimate = walking_ankles()
+    known = EstimatedRecording(recording("ankle_right"), estimate, ankle_stride.AnkleParams(), {})
+    stated = [EstimateFigure("distance", "distance", caption="The way."), EstimateFigure("distance", "again")]
+    captions = [one.caption for one in figures.pictures(estimate, None, stated, known)]
+    assert captions == [*(one.caption for one in figures.pictures(estimate)), "The way."]
 
 
 def test_a_reference_is_compared_and_drawn():

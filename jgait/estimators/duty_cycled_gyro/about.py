@@ -152,6 +152,11 @@ ABOUT = About(
         "largest flexion"
     ),
     tables=(EstimateTable("segments", segments), EstimateTable("legs", "samples", when=has_legs)),
-    figures=(EstimateFigure("sleeping_gyroscopes", "gyroscopes", arguments=_drawn),),
+    figures=(
+        EstimateFigure(
+            "sleeping_gyroscopes", "gyroscopes", arguments=_drawn,
+            caption="Angles, and the rate of each gyroscope as measured and as filled; grey where it sleeps.",
+        ),
+    ),
     numbers=numbers,
 )  # fmt: skip

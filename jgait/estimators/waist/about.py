@@ -83,7 +83,8 @@ ABOUT = About(
         LEG_STRIDES,
         WAY._replace(when=has_strides),
         EstimateFigure(
-            "trunk_contacts", "contacts", lambda made: bool(np.size(made.diagnostics["initial_contact"])), _drawn
+            "trunk_contacts", "contacts", lambda made: bool(np.size(made.diagnostics["initial_contact"])), _drawn,
+            "Accelerations of the trunk and the initial contacts of both feet, about the middle contact.",
         ),
     ),
     flags=(TURNING, UNSURE),
