@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
+from jgait.notes import Note
+
 AnyArray = Array | np.ndarray
 """An array of JAX, or of NumPy on the host: `Float[AnyArray, "time 3"]`."""
 
@@ -81,7 +83,7 @@ class Recording(NamedTuple):
         sampling_rate_hz: nominal rate of the sensors [Hz].
         name: the name of the recording in tables and figures.
         subject: identifier of the person; all recordings of a subject are in the same part of a split.
-        notes: what a reader noticed or changed (unit conversions, dropped samples), in plain words.
+        notes: what a reader noticed or changed (unit conversions, dropped samples).
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
     """
 
@@ -89,7 +91,7 @@ class Recording(NamedTuple):
     sampling_rate_hz: float
     name: str = "recording"
     subject: str = "subject"
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     feet_range: RangeReadings | None = None
 
 
@@ -225,7 +227,27 @@ class Walk(NamedTuple):
 
 
 class RecordingError(ValueError):
-    """A recording cannot be used; the message names the expected and the actual content."""
+    """A recording cannot be used; the message names the expected and the actual content.
+
+    Attributes:
+        template: the message, with `{argument}` where it names the argument of a reader that would help.
+        argument: the argument, such as "gyr_unit"; empty: none would help.
+        value: what the argument should be; empty: that is for the caller to know.
+    """
+
+    def __init__(self, template: str, *, argument: str = "", value: str | dict[str, str] = "") -> None:
+        self.template, self.argument, self.value = template, argument, value
+        super().__init__(self.with_argument(f"{argument}={value!r}" if value else argument))
+
+    def with_argument(self, name: str) -> str:
+        """The message with another name of the argument, such as an option of a command."""
+        return self.template.replace("{argument}", name) if self.argument else self.template
+
+
+def reason_of(error: BaseException) -> str:
+    """Why something failed, in one line: the message of an error of data or files, else its class as well."""
+    text = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
+    return " ".join(text.split())
 
 
 def leg_of(legs: Legs, side: str) -> LegTrajectory:

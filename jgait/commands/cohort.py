@@ -15,7 +15,7 @@ from jgait import estimators
 from jgait.commands.console import stop
 from jgait.commands.recordings import recording_of
 from jgait.estimators.about import BodyMeasure
-from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
+from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
 
 
 def _measures() -> dict[str, BodyMeasure]:
@@ -89,7 +89,7 @@ class Source(NamedTuple):
             except ImportError:
                 raise
             except Exception as error:  # whatever is wrong with one file, the others are still wanted
-                failures.append((str(item), " ".join(f"{type(error).__name__}: {error}".split())))
+                failures.append((str(item), reason_of(error)))
             else:
                 yield walk
 

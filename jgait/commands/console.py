@@ -1,7 +1,6 @@
 """Where the commands write, how they stop, and how they show that they are at work."""
 
 import json
-import re
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -57,41 +56,17 @@ def progress() -> Progress:
     )
 
 
-WORDS = (
-    (r"sampling_rate_hz", "--rate"),
-    (r"(gyr|acc|range)_unit=", r"--\1-unit "),
-    (r"(gyr|acc|range)_unit\b", r"--\1-unit"),
-    (r"placements=\{'([^']*)': '([^']*)'(?:, …)?\}", r"--place '\1=\2'"),
-    (r"placements=\{…\}|\bin placements\b", "--place SENSOR=PLACE"),
-    (r"placement='…'", "--place PLACE"),
-    (r"Pass columns=\{…\} to rename", "Rename them in the file"),
-    (r"say which in format", "say which by --format"),
-    (r"trial='([^']*)'", r"--trial \1"),
-    (r" \(or check_sizes=False if nobody walks\)", ""),
-)
-"""Python's arguments → the options of the same meaning."""
-
-
-def in_options(message: str) -> str:
-    """What an error says, with options of the command in the place of arguments of Python."""
-    for argument, option in WORDS:
-        message = re.sub(argument, option, message)
-    return message
-
-
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
     """Every recording that could not be used, with its reason."""
     for name, reason in failures[:most]:
-        for kind in ("RecordingError", "ValueError", "FileNotFoundError"):
-            reason = reason.removeprefix(f"{kind}: ")
-        errors.print(f"[bold red]{escape(name)}:[/] {escape(in_options(reason))}", highlight=False, soft_wrap=True)
+        errors.print(f"[bold red]{escape(name)}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
     if len(failures) > most:
         errors.print(f"… and {len(failures) - most} more", highlight=False)
 
 
-def note(message: str) -> None:
+def note(message: object) -> None:
     """Something worth knowing that is no error."""
-    errors.print(escape(message), highlight=False, style="yellow", soft_wrap=True)
+    errors.print(escape(str(message)), highlight=False, style="yellow", soft_wrap=True)
 
 
 def count(number: int, one: str, many: str) -> str:

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings, results
-from jgait.commands.console import Bar, console, errors, in_options, note, progress, stop, write_json
+from jgait.commands.console import Bar, console, errors, note, progress, stop, write_json
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import EstimatedRecording
@@ -81,7 +81,7 @@ def _each(
                 result = choice.estimate(p, recording)
             result = _with_notes(result, recording)
         except (ValueError, OSError) as error:
-            reason = in_options(str(error))
+            reason = str(error)
             errors.print(f"[bold red]{escape(str(file))}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
             failures[str(file)] = reason
             continue

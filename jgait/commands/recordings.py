@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from jgait.commands.console import stop
-from jgait.types import Recording
+from jgait.types import Recording, RecordingError
 
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
@@ -32,6 +32,32 @@ Place = Annotated[
 Trial = Annotated[
     str | None, typer.Option(help="Of a Mobilise-D file with several trials, such as TimeMeasure1/Test5/Trial1.")
 ]
+
+
+OPTIONS = {
+    "sampling_rate_hz": "--rate",
+    "gyr_unit": "--gyr-unit",
+    "acc_unit": "--acc-unit",
+    "range_unit": "--range-unit",
+    "format": "--format",
+    "placement": "--place",
+    "placements": "--place",
+    "trial": "--trial",
+    "columns": "other names in the file",
+}
+"""Argument of a reader → the option of the same meaning."""
+
+
+def in_options(error: RecordingError) -> RecordingError:
+    """The error with an option of the command in the place of the reader's argument."""
+    option = OPTIONS.get(error.argument, error.argument)
+    if isinstance(error.value, dict):
+        option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
+    elif error.value:
+        option += f" {error.value}"
+    elif error.argument == "placements":
+        option += " SENSOR=PLACE"
+    return RecordingError(error.with_argument(option))
 
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
@@ -86,6 +112,20 @@ def recording_of(
         OSError: if there is no such file, or it may not be read.
         ValueError: for unknown units or formats, and, as `RecordingError`, for what is no usable recording.
     """
+    try:
+        return _read(
+            file, rate, gyr_unit, acc_unit, range_unit, format, placement, placements=placements or None, trial=trial,
+            **called,
+        )  # fmt: skip
+    except RecordingError as error:
+        raise in_options(error) from error
+
+
+def _read(
+    file: Path, rate: float | None, gyr_unit: str | None, acc_unit: str | None, range_unit: str, format: str | None,
+    placement: str | None, placements: Mapping[str, str] | None, trial: str | None, **called: Any,
+) -> Recording:  # fmt: skip
+    """What `recording_of` says, in the words of the readers."""
     from jgait import io
     from jgait.io.formats import columns
 
@@ -101,6 +141,6 @@ def recording_of(
             range_unit=range_unit, placement=placement, **called,
         )  # fmt: skip
     return io.read(
-        file, format=told, placement=placement, placements=placements or None, sampling_rate_hz=rate,
+        file, format=told, placement=placement, placements=placements, sampling_rate_hz=rate,
         gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
     )  # fmt: skip

@@ -10,7 +10,7 @@ import typer
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import Bar, console, count, in_options, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
 from jgait.types import Estimate, Recording
@@ -130,7 +130,7 @@ def _of_one(
         else:
             walked = recordings.recording_of(Path(str(file)), **files)
     except (datasets.DatasetUnavailable, ValueError, OSError) as error:
-        stop(f"{file or dataset}: {in_options(str(error))}")
+        stop(f"{file or dataset}: {error}")
     p, missing = choice.personal(known)
     for line in missing:
         note(line)

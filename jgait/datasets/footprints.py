@@ -33,7 +33,9 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import FILE_ABSENT, SIDE_UNKNOWN
 from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 ROOT = "data/LLIO_training_data"
@@ -42,9 +44,11 @@ ENDING = "_LLIO.mat"
 COLUMNS = ("strideIndex", "timestamp", "gcpX", "gcpY")
 CLOCKS = 1e-3  # [s] most that the time of a footprint may differ from that of its sample
 ABOVE = np.array([1.0, -1.0])  # a plan seen from below, seen from above
-NOTES = (
-    "which foot it was is not known; called foot_right",
+AXES_FROM_BELOW = Kind(
+    "axes_from_below",
+    "info",
     "z down upstream: sensor axes turned half a turn about x, positions seen from above (y changed sign)",
+    ORIGIN,
 )
 
 
@@ -63,7 +67,7 @@ def load_one(name: str) -> Walk:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
     time = np.asarray(raw["timestamps"], np.float64)
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
-    notes, flags = list(NOTES), [known]
+    notes, flags = [SIDE_UNKNOWN(), AXES_FROM_BELOW()], [known]
     details: dict[str, Any] = {"footprints": None, "publisher_trajectory": _trajectory(path), "ruler": None}
     why = _add_ruler(details, name, notes, flags)
     if why is None:
@@ -89,12 +93,12 @@ def _trajectory(path: Path) -> np.ndarray | None:
     return np.asarray(found, np.float64)[:, :2] * ABOVE
 
 
-def _add_ruler(details: dict[str, Any], name: str, notes: list[str], flags: list[bool]) -> str | None:
+def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: list[bool]) -> str | None:
     """What the ruler said, into `details`; why the footprints cannot be used, None where they can."""
     try:
         path, known = registry.file("footprints", f"{RULER}/{name}.mat")
     except registry.DatasetUnavailable as error:
-        notes.append(str(error))
+        notes.append(FILE_ABSENT(reason=error))
         return None
     flags.append(known)
     found = read_mat(path, ("GCP_exist_and_correct",))

@@ -33,6 +33,8 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import FILE_ABSENT
+from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import (
     SIDES,
     Estimate,
@@ -60,6 +62,9 @@ STRAIGHT = np.deg2rad(15.0)  # a stride that turns more from the walkway is part
 SHORT = 0.8  # of the median length; a shorter stride starts, stops or turns
 
 
+FOOT_ABSENT = Kind("foot_absent", "info", "no sensor on the {side} foot", LEFT_OUT)
+
+
 def names() -> list[str]:
     """Recordings that are there: files `imu_sample*.csv`, without the extension."""
     return [Path(file).stem for file in registry.listing("gaitmap_example", ROOT, "imu_sample*.csv")]
@@ -73,7 +78,7 @@ def load_one(name: str) -> Walk:
     # Stairs, the cut strides and the person with multiple sclerosis are other people than the main walk's.
     subject = name.removeprefix("imu_sample").strip("_") if name not in CAPTURED else "healthy"
     subject = subject.removesuffix("_left").removesuffix("_right")
-    notes = [f"no sensor on the {side} foot" for side in SIDES if f"foot_{side}" not in sensors]
+    notes = [FOOT_ABSENT(side=side) for side in SIDES if f"foot_{side}" not in sensors]
     details: dict[str, Any] = {"mocap": {}, "mocap_time": None, "stride_borders": {}, "events": {}, "strides": {}}
     reference: Estimate | None = None
     why: str | None = "no motion capture was recorded"
@@ -115,7 +120,7 @@ def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
 
 
 def _add_reference(
-    details: dict[str, Any], time: np.ndarray, rate_hz: float, notes: list[str]
+    details: dict[str, Any], time: np.ndarray, rate_hz: float, notes: list[Note]
 ) -> tuple[Estimate | None, str | None, bool]:
     """The motion capture, and the strides on it, into `details`; the reference, why there is none, files known."""
     known = [_add_borders(details, "stride_borders_sample.csv", notes)]
@@ -133,7 +138,7 @@ def _add_reference(
         details["strides"] = _strides(details["events"], details["mocap"], mocap_time, rate_hz)
         known.append(verified)
     except registry.DatasetUnavailable as error:
-        notes.append(str(error))
+        notes.append(FILE_ABSENT(reason=error))
     walked = _path({side: markers["heel"] for side, markers in details["mocap"].items()})
     estimate = Estimate(
         time=time,
@@ -148,11 +153,11 @@ def _add_reference(
     return estimate, None, all(known)
 
 
-def _add_borders(details: dict[str, Any], file: str, notes: list[str]) -> bool:
+def _add_borders(details: dict[str, Any], file: str, notes: list[Note]) -> bool:
     try:
         path, known = registry.file("gaitmap_example", f"{ROOT}/{file}")
     except registry.DatasetUnavailable as error:
-        notes.append(str(error))
+        notes.append(FILE_ABSENT(reason=error))
         return True
     borders = _read_by_foot(path, ("start", "end"))
     details["stride_borders"] = {

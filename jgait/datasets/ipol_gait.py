@@ -52,7 +52,9 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED
 from jgait.datasets.one_foot import foot_imu
+from jgait.notes import CORRECTED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
@@ -64,7 +66,31 @@ LOST = 0.5  # part of the packets that may be lost; with more the counter counts
 REPEATED = 0.01  # part of the rows that may repeat the packet before them; with more the counter counts something else
 EXCHANGED = -1.0  # [rad/s] roll late in swing, the right foot's less the left foot's: below it they are exchanged
 NOMINAL_DISTANCE = 20.0  # [m]
-NOTES = ("accelerometers as they came: at rest the left foot's reads up to 7 % more than gravity",)
+ACC_AS_UPSTREAM = Kind(
+    "acc_as_upstream",
+    "info",
+    "accelerometers as upstream: at rest the left foot's reads up to 7 % more than gravity",
+    "Lengths by integration of the left foot's accelerometer are too large without a correction of its scale.",
+)
+FEET_EXCHANGED = Kind(
+    "feet_exchanged",
+    "corrected",
+    "the foot sensors were worn on the other foot: both raise the outer edge late in swing; sensors and events of "
+    "right and left are exchanged",
+    CORRECTED,
+)
+COUNTER_REPEATS = Kind(
+    "counter_repeats", "check", "{placement}: PacketCounter repeats {numbers}; the packet is masked", LOSSES
+)
+SWINGS_LEFT_OUT = Kind(
+    "swings_left_out",
+    "info",
+    "{events}: {left_out} of {swings} left out, outside the recording or not in order",
+    LEFT_OUT,
+)
+INTERVAL_OUTSIDE = Kind(
+    "interval_outside", "info", "{interval} is no part of the recording's {samples} samples", LEFT_OUT
+)
 
 
 def names() -> list[str]:
@@ -78,13 +104,13 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One walk with its contacts."""
-    notes, flags = list(NOTES), []
+    notes, flags = [ACC_AS_UPSTREAM()], []
     tables = {}
     for code, placement in SENSORS.items():
         try:
             path, known = registry.file("ipol_gait", f"{ROOT}/{name}_{code}.txt")
         except registry.DatasetUnavailable as error:
-            notes.append(str(error))
+            notes.append(FILE_ABSENT(reason=error))
             continue
         tables[placement] = _read_sensor(path)
         flags.append(known)
@@ -99,7 +125,7 @@ def load_one(name: str) -> Walk:
         flags.append(known)
     except registry.DatasetUnavailable as error:
         why = str(error)
-        notes.append(why)
+        notes.append(FILE_ABSENT(reason=why))
     swings = {
         side: _swings(f"{name}.json: {key}", about.get(key, []), first, len(time), notes)
         for side, key in EVENTS.items()
@@ -111,10 +137,7 @@ def load_one(name: str) -> Walk:
         right, left = (sensors[f"foot_{side}"] for side in SIDES)
         sensors |= {"foot_right": left, "foot_left": right}
         swings = {"right": swings["left"], "left": swings["right"]}
-        notes.append(
-            "the foot sensors were worn on the other foot: both raise the outer edge late in swing; sensors and events "
-            "of right and left are exchanged"
-        )
+        notes.append(FEET_EXCHANGED())
     details = _contacts(swings) | _intervals(name, about, swings, first, len(time), notes) | _person(about)
     reference = None
     if why is None:
@@ -161,7 +184,7 @@ def _read_sensor(path: Path) -> np.ndarray:
     return values
 
 
-def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[str]) -> tuple[dict[str, Imu], int]:
+def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -> tuple[dict[str, Imu], int]:
     """Sensors on the packets that any of them has, what one lacks masked; and the first packet."""
     first = min(int(table[0, 0]) for table in tables.values())
     length = max(int(table[-1, 0]) for table in tables.values()) + 1 - first
@@ -177,12 +200,12 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[str]) ->
         if len(twice):
             # which of the two rows was measured at that time is not known
             signals[twice - first] = np.nan
-            notes.append(f"{placement}: PacketCounter repeats {', '.join(map(str, twice))}; the packet is masked")
+            notes.append(COUNTER_REPEATS(placement=placement, numbers=list(twice)))
         time = np.arange(length) / RATE_HZ
         sensors[placement], _ = foot_imu(f"{name}, {placement}", time, signals[:, 3:], signals[:, :3])
         lost = int((~sensors[placement].mask).sum())
         if lost:
-            notes.append(f"{placement}: {lost} of {length} samples are masked")
+            notes.append(SAMPLES_MASKED(placement=placement, masked=lost, samples=length))
     return sensors, first
 
 
@@ -197,7 +220,7 @@ def _read_about(path: Path) -> dict[str, Any]:
     return about
 
 
-def _swings(what: str, events: Any, first: int, length: int, notes: list[str]) -> np.ndarray:
+def _swings(what: str, events: Any, first: int, length: int, notes: list[Note]) -> np.ndarray:
     """(n, 3) int: samples of foot off and foot strike, and which of upstream's events it is; bad ones are left out."""
     try:
         found = np.asarray(events, np.float64).reshape(len(events), 2) - first
@@ -207,7 +230,7 @@ def _swings(what: str, events: Any, first: int, length: int, notes: list[str]) -
     latest = np.maximum.accumulate(np.where(keep, found[:, 1], -1.0))
     keep[1:] &= found[1:, 0] > latest[:-1]
     if not keep.all():
-        notes.append(f"{what}: {(~keep).sum()} of {len(keep)} left out, outside the recording or not in order")
+        notes.append(SWINGS_LEFT_OUT(events=what, left_out=(~keep).sum(), swings=len(keep)))
     return np.concatenate([found[keep], np.flatnonzero(keep)[:, None]], axis=1).astype(np.int64)
 
 
@@ -256,7 +279,7 @@ def _strides(swings: dict[str, np.ndarray]) -> Strides:
 
 
 def _intervals(
-    name: str, about: dict[str, Any], swings: dict[str, np.ndarray], first: int, length: int, notes: list[str]
+    name: str, about: dict[str, Any], swings: dict[str, np.ndarray], first: int, length: int, notes: list[Note]
 ) -> dict[str, Any]:
     """The walk, the trial, the turn and what is straight."""
 
@@ -266,7 +289,7 @@ def _intervals(
             return None
         if len(given) == 2 and first <= given[0] < given[1] < first + length:
             return (given[0] - first) / RATE_HZ, (given[1] - first) / RATE_HZ
-        notes.append(f"{name}.json: {key} {given} is no part of the recording's {length} samples")
+        notes.append(INTERVAL_OUTSIDE(interval=f"{name}.json: {key} {given}", samples=length))
         return None
 
     trial, turn = interval("TrialBoundaries"), interval("UTurnBoundaries")

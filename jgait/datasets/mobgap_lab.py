@@ -41,7 +41,9 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED, UNITS_CONVERTED
 from jgait.datasets.one_foot import foot_imu
+from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data/data/lab"
@@ -60,7 +62,30 @@ BOUT = {
     "cadence": "Cadence",
 }
 PERSON = {"height": ("Height", 0.01), "sensor_height": ("SensorHeight", 0.01), "mass": ("Weight", 1.0)}
-NOTES = ("g and deg/s upstream", "times of the reference are one sample earlier than upstream's, which counts from 1")
+COUNTED_FROM_ONE = Kind(
+    "counted_from_one",
+    "info",
+    "times of the reference are one sample earlier than upstream's, which counts from 1",
+    ORIGIN,
+)
+STAMPS_UNEVEN = Kind(
+    "stamps_uneven",
+    "info",
+    "upstream's time stamps differ from sample / {rate_hz:.0f} Hz by more than half a sample",
+    ORIGIN,
+)
+BOUTS_LEFT_OUT = Kind(
+    "bouts_left_out", "info", "{system}: {left_out} of {bouts} bouts left out, outside the recording", LEFT_OUT
+)
+CONTACTS_LEFT_OUT = Kind(
+    "contacts_left_out",
+    "info",
+    "{bout}: {left_out} of {contacts} {kind} contacts left out: no time, twice the same, or outside",
+    LEFT_OUT,
+)
+STRIDES_LEFT_OUT = Kind(
+    "strides_left_out", "info", "{bout}: strides left out, as they do not begin with the contacts", LEFT_OUT
+)
 
 
 def names() -> list[str]:
@@ -77,7 +102,7 @@ def load_one(name: str) -> Walk:
     """One trial with its references."""
     participant, key = "/".join(name.split("/")[:2]), name.split("/")[2:]
     path, known = registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")
-    flags, notes = [known], list(NOTES)
+    flags, notes = [known], [UNITS_CONVERTED(), COUNTED_FROM_ONE()]
     tree = _read(path)
     if len(key) not in (2, 3):
         raise RecordingError(f"{participant}/data.mat holds no trial")
@@ -143,7 +168,7 @@ def _as_list(bouts: Any) -> list[dict[str, Any]]:
     return [bouts] if isinstance(bouts, dict) else [bout for bout in bouts if isinstance(bout, dict)]
 
 
-def _sensor(found: dict[str, Any], name: str, notes: list[str]) -> tuple[Imu, float]:
+def _sensor(found: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu, float]:
     sensor = _descend(found, name, "SU", "LowerBack")
     rates = _descend(sensor, name, "Fs")
     acc, gyr = (np.asarray(_descend(sensor, name, signal), np.float64) for signal in ("Acc", "Gyr"))
@@ -152,19 +177,19 @@ def _sensor(found: dict[str, Any], name: str, notes: list[str]) -> tuple[Imu, fl
         raise RecordingError(f"{name}: accelerometer and gyroscope must share a rate; {rate} and {rates.get('Gyr')} Hz")
     imu, _ = foot_imu(name, np.arange(len(acc)) / rate, np.deg2rad(gyr), acc * STANDARD_GRAVITY)
     if not imu.mask.all():
-        notes.append(f"lower_back: {int((~imu.mask).sum())} of {len(acc)} samples are masked")
+        notes.append(SAMPLES_MASKED(placement="lower_back", masked=(~imu.mask).sum(), samples=len(acc)))
     stamps = np.atleast_1d(sensor.get("Timestamp", np.zeros(0)))
     if len(stamps) == len(acc) and np.abs(stamps - stamps[0] - imu.time).max() > 0.5 / rate:
-        notes.append(f"upstream's time stamps differ from sample / {rate:.0f} Hz by more than half a sample")
+        notes.append(STAMPS_UNEVEN(rate_hz=rate))
     return imu, rate
 
 
-def _system(bouts: list[dict[str, Any]], system: str, rate: float, last: float, notes: list[str]) -> dict[str, Any]:
+def _system(bouts: list[dict[str, Any]], system: str, rate: float, last: float, notes: list[Note]) -> dict[str, Any]:
     """What one system says: the keys of `Walk.info` up to `straight_parts`, and the strides; times less one sample."""
     shift = 1.0 / rate
     whole = [bout for bout in bouts if 0.0 < _number(bout, "Start") < _number(bout, "End") < last + 1.5 * shift]
     if len(whole) < len(bouts):
-        notes.append(f"{system}: {len(bouts) - len(whole)} of {len(bouts)} bouts left out, outside the recording")
+        notes.append(BOUTS_LEFT_OUT(system=system, left_out=len(bouts) - len(whole), bouts=len(bouts)))
     parts: dict[str, list[np.ndarray]] = {
         "ic": [np.zeros((0, 3))],
         "fc": [np.zeros((0, 3))],
@@ -181,10 +206,8 @@ def _system(bouts: list[dict[str, Any]], system: str, rate: float, last: float, 
             kept = np.unique(events[keep], axis=0) - [shift, 0.0]
             if len(kept) < len(events):
                 kind = "initial" if key == "ic" else "final"
-                notes.append(
-                    f"{where}: {len(events) - len(kept)} of {len(events)} {kind} contacts left out: no time, twice the "
-                    "same, or outside"
-                )
+                left_out = len(events) - len(kept)
+                notes.append(CONTACTS_LEFT_OUT(bout=where, left_out=left_out, contacts=len(events), kind=kind))
             parts[key].append(np.concatenate([kept, np.full((len(kept), 1), number)], axis=1))
         turns = [_numbers(bout, f"Turn_{key}", where) for key in ("Start", "End", "Angle")]
         parts["turn"].append(np.stack([turns[0] - shift, turns[1] - shift, np.deg2rad(turns[2])], axis=1))
@@ -232,7 +255,7 @@ def _events(bout: dict[str, Any], event: str, where: str) -> np.ndarray:
 
 
 def _strides(
-    bout: dict[str, Any], contacts: np.ndarray, final: np.ndarray, rate: float, where: str, notes: list[str]
+    bout: dict[str, Any], contacts: np.ndarray, final: np.ndarray, rate: float, where: str, notes: list[Note]
 ) -> np.ndarray:
     """(n, 7): side, start, final contact, end [s], length, step length [m], valid; row k begins with contact k."""
     borders = _numbers(bout, "Stride_InitialContacts", where).reshape(-1, 2)
@@ -241,7 +264,7 @@ def _strides(
     count = len(borders)
     late = borders[:, 0] - contacts[:count, 0] if count <= len(contacts) else np.full(1, np.inf)
     if np.any(np.abs(late) > 0.5 / rate):
-        notes.append(f"{where}: strides left out, as they do not begin with the contacts")
+        notes.append(STRIDES_LEFT_OUT(bout=where))
         return np.zeros((0, 7))
     length = _numbers(bout, "Stride_Length", where)
     step = _numbers(bout, "Step_Length", where)
@@ -270,7 +293,7 @@ def _reference(time: AnyArray, seen: dict[str, Any], system: str) -> Estimate:
     return Estimate(time, Legs(None, None), None, distance, valid, source, seen["strides"])
 
 
-def _person(participant: str, measure: str, notes: list[str]) -> tuple[dict[str, float | None], bool]:
+def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str, float | None], bool]:
     """Body measures, and whether the file is known."""
     about: dict[str, Any] = {}
     known = True
@@ -278,6 +301,6 @@ def _person(participant: str, measure: str, notes: list[str]) -> tuple[dict[str,
         path, known = registry.file("mobgap_lab", f"{ROOT}/{participant}/infoForAlgo.mat")
         about = _descend(_read(path), f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
     except (registry.DatasetUnavailable, RecordingError) as error:
-        notes.append(str(error))
+        notes.append(FILE_ABSENT(reason=error))
     found = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}
     return {ours: value if np.isfinite(value) else None for ours, value in found.items()}, known

@@ -26,8 +26,18 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import SENSOR_FILE_ABSENT
 from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
+from jgait.notes import LOSSES, Kind
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
+
+IMU_LATE = Kind(
+    "imu_late",
+    "corrected",
+    "the IMU lags Vicon by {samples} samples: first {samples} IMU samples, last {samples} Vicon frames dropped",
+    "Two measuring systems began at different moments; they were put on one clock.",
+)
+PACKETS_MASKED = Kind("packets_masked", "check", "{lost} packets of {placement} were lost and are masked", LOSSES)
 
 RATE_HZ = 100.0
 LAG = 2  # samples by which the IMU follows Vicon
@@ -87,11 +97,11 @@ def load_one(name: str) -> Walk:
     vicon = {key: values[:samples] for key, values in vicon.items()}
     contact = {side: flags[:samples] for side, flags in contact.items()}
 
-    notes = [f"the IMU lags Vicon by {LAG} samples: first {LAG} IMU samples, last {LAG} Vicon frames dropped"]
-    notes += [f"{count} packets of {placement} were lost and are masked" for placement, count in lost.items() if count]
+    notes = [IMU_LATE(samples=LAG)]
+    notes += [PACKETS_MASKED(placement=placement, lost=count) for placement, count in lost.items() if count]
     lacking = [placement for placement in SERIALS if placement not in sensors]
     if lacking:
-        notes.append(f"no file for {', '.join(lacking)}")
+        notes.append(SENSOR_FILE_ABSENT(placements=lacking))
     recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(notes))
     reference, details = _reference(name, frames, sensors, vicon, contact)
     verified = all([list_known, vicon_known, contact_known, *(known for _, known in found.values())])

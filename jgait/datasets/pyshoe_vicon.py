@@ -38,7 +38,9 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import AXES_TURNED
 from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
+from jgait.notes import LOSSES, ORIGIN, Kind
 from jgait.signal.windows import true_runs
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float
 
@@ -53,10 +55,8 @@ FLICKER = 0.1  # [s] a shorter movement is none
 SHORTEST = 0.05  # [s] a shorter stance is none
 REACH = 0.3  # [s] a stride is timed from at most so long before the foot leaves, to so long after it arrives
 SEEN = 0.8  # share of the samples between two footprints in which Vicon must have seen the foot
-NOTES = (
-    "z down upstream: sensor axes turned half a turn about x",
-    "Vicon's axes are left-handed upstream: y changed sign",
-)
+VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
+VICON_MASKED = Kind("vicon_masked", "info", "{masked} samples of Vicon masked", LOSSES)
 
 
 def names() -> list[str]:
@@ -96,7 +96,8 @@ def load_one(name: str) -> Walk:
         strides=_strides(prints, valid, time),
         feet=Feet(FootTrajectory(position, None, None), None),
     )
-    notes = (*NOTES, *((f"{(~valid).sum()} samples of Vicon masked",) if not valid.all() else ()))
+    lost = () if valid.all() else (VICON_MASKED(masked=(~valid).sum()),)
+    notes = (AXES_TURNED(), VICON_MIRRORED(), *lost)
     recording = Recording({"foot_right": imu}, rate_hz, name, "pyshoe_vicon", notes)
     details: dict[str, Any] = {
         "footprints": prints,

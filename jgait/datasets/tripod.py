@@ -31,7 +31,11 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import SAMPLES_MASKED, SENSOR_FILE_ABSENT
+from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
+
+TABLE_ABSENT = Kind("table_absent", "info", "no {file}", LEFT_OUT)
 
 RATE_HZ = 128.0
 GRAVITY = 9.80665
@@ -76,12 +80,13 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One trial: up to five sensors, and the belt's distance as an `Estimate`."""
     folder = _folders()[name]
-    tables, flags, notes = {}, [], []
+    tables, flags = {}, []
+    notes: list[Note] = []
     for code, placement in SENSORS.items():
         try:
             path, known = registry.file("tripod", f"{folder}/IMU/{code}.csv")
         except registry.DatasetUnavailable:
-            notes.append(f"no file for {placement}")
+            notes.append(SENSOR_FILE_ABSENT(placements=placement))
             continue
         tables[placement] = _read_sensor(path)
         flags.append(known)
@@ -123,12 +128,12 @@ def _folders() -> dict[str, str]:
     return found
 
 
-def _optional(path: str, read: Any, notes: list[str]) -> tuple[dict[str, Any], bool]:
+def _optional(path: str, read: Any, notes: list[Note]) -> tuple[dict[str, Any], bool]:
     """What a file says and whether it is known; {} and a note where it is not there."""
     try:
         local, known = registry.file("tripod", path)
     except registry.DatasetUnavailable:
-        notes.append(f"no {Path(path).name}")
+        notes.append(TABLE_ABSENT(file=Path(path).name))
         return {}, True
     return read(local), known
 
@@ -146,7 +151,7 @@ def _read_sensor(path: Path) -> np.ndarray:
     return values
 
 
-def _on_one_clock(tables: dict[str, np.ndarray], notes: list[str]) -> dict[str, Imu]:
+def _on_one_clock(tables: dict[str, np.ndarray], notes: list[Note]) -> dict[str, Imu]:
     """Sensors on the samples that all span; what a sensor lacks is masked."""
     rows = {placement: np.rint(table[:, 0] * RATE_HZ).astype(np.int64) for placement, table in tables.items()}
     first = max(int(row[0]) for row in rows.values())
@@ -163,7 +168,7 @@ def _on_one_clock(tables: dict[str, np.ndarray], notes: list[str]) -> dict[str, 
         signals[row[keep]] = table[keep, 1:]
         sensors[placement] = Imu(np.arange(length) / RATE_HZ, signals[:, :3], signals[:, 3:], mask)
         if not mask.all():
-            notes.append(f"{placement}: {int((~mask).sum())} of {length} samples are masked")
+            notes.append(SAMPLES_MASKED(placement=placement, masked=(~mask).sum(), samples=length))
     return sensors
 
 

@@ -35,6 +35,8 @@ import numpy as np
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
+from jgait.datasets.notes import SAMPLES_MASKED
+from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
@@ -44,6 +46,21 @@ SENSORS = {1: "foot_right", 2: "shank_right", 3: "thigh_right", 4: "thigh_left",
 ACC_SCALE = 9.80665 / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
+
+
+SENSORS_SWAPPED = Kind("sensors_swapped", "check", "{placement} and {other} seem to have changed places", WRONG_PLACE)
+COLUMN_ABSENT = Kind("column_absent", "info", "{placement} left out: no column {column}", LEFT_OUT)
+TIME_STOPPED = Kind("time_stopped", "info", "{placement} left out: its time does not run", LEFT_OUT)
+BACK_LEFT_OUT = Kind("back_left_out", "info", "back sensor left out: it is not synchronised with the others", LEFT_OUT)
+ROWS_EMPTY = Kind("rows_empty", "check", "{placement}: {rows} rows without a number dropped", LOSSES)
+VALUES_HELD = Kind(
+    "values_held",
+    "info",
+    "{placement}: a new value only every {step_ms:.0f} ms; interpolated between",
+    "The sensor was slower than its file; fast movements are smoothed.",
+)
+TIMES_REPEATED = Kind("times_repeated", "check", "{placement}: {rows} repeated times dropped", LOSSES)
+TIMES_BACKWARD = Kind("times_backward", "check", "{placement}: {rows} times that run backwards dropped", LOSSES)
 
 
 def names() -> list[str]:
@@ -61,7 +78,7 @@ def load_one(name: str) -> Walk:
     # One file a person in the two groups; the additional walks of a folder are all of one person.
     subject = name if group in LENGTHS else f"Additional/{group}"
     swapped = _swapped(sensors)
-    notes += [f"{one} and {other} seem to have changed places" for one, other in swapped]
+    notes += [SENSORS_SWAPPED(placement=one, other=other) for one, other in swapped]
     recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
     reference, feet, why = distance_reference(sensors)
     lengths = LENGTHS.get(group)
@@ -168,27 +185,27 @@ def _columns(number: int) -> list[str]:
 
 def _sensors(
     table: dict[str, np.ndarray], file: str
-) -> tuple[dict[str, Imu], dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
+) -> tuple[dict[str, Imu], dict[str, tuple[np.ndarray, np.ndarray]], list[Note]]:
     """Every sensor on one clock, the insoles, and what was noticed on the way."""
-    notes: list[str] = []
+    notes: list[Note] = []
     raw = {}
     for number, placement in SENSORS.items():
         lacking = [column for column in [f"Time_{number}", *_columns(number)] if column not in table]
         if lacking:
-            notes.append(f"{placement} left out: no column {lacking[0]}")
+            notes.append(COLUMN_ABSENT(placement=placement, column=lacking[0]))
             continue
         extra = [column for column in (f"Ext1_{number}", f"Ext2_{number}") if column in table]
         time = table[f"Time_{number}"] / 1000.0
         values = np.stack([table[column] for column in [*_columns(number), *extra]], axis=1)
         kept = _increasing(time, values, placement, notes)
         if len(kept[0]) < 2:
-            notes.append(f"{placement} left out: its time does not run")
+            notes.append(TIME_STOPPED(placement=placement))
             continue
         raw[placement] = kept
     if not raw:
         raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
     if "Time_7" in table:
-        notes.append("back sensor left out: it is not synchronised with the others")
+        notes.append(BACK_LEFT_OUT())
     # The part that all sensors have; they start and stop within a few samples of each other.
     first = max(time[0] for time, _ in raw.values())
     last = min(time[-1] for time, _ in raw.values())
@@ -199,7 +216,7 @@ def _sensors(
     for placement, (time, values) in raw.items():
         signals, mask = _on_clock(time - first, values, clock)
         if not mask.all():
-            notes.append(f"{placement}: {int((~mask).sum())} of {len(mask)} samples are masked")
+            notes.append(SAMPLES_MASKED(placement=placement, masked=(~mask).sum(), samples=len(mask)))
         sensors[placement] = Imu(clock, signals[:, :3] * GYR_SCALE, signals[:, 3:6] * ACC_SCALE, mask)
         if signals.shape[1] == 8:
             insoles[placement.split("_")[1]] = (signals[:, 6], signals[:, 7])
@@ -207,12 +224,12 @@ def _sensors(
 
 
 def _increasing(
-    time: np.ndarray, values: np.ndarray, placement: str, notes: list[str]
+    time: np.ndarray, values: np.ndarray, placement: str, notes: list[Note]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples with a number in every column and a time later than all before; the others are dropped and noted."""
     finite = np.isfinite(time) & np.isfinite(values).all(axis=1)
     if not finite.all():
-        notes.append(f"{placement}: {int((~finite).sum())} rows without a number dropped")
+        notes.append(ROWS_EMPTY(placement=placement, rows=(~finite).sum()))
     time, values = time[finite], values[finite]
     if not len(time):
         return time, values
@@ -221,11 +238,11 @@ def _increasing(
     backward = int((~later).sum()) - repeated
     if repeated > len(time) // 4:
         step = np.median(np.diff(time[later])) * 1000
-        notes.append(f"{placement}: a new value only every {step:.0f} ms; interpolated between")
+        notes.append(VALUES_HELD(placement=placement, step_ms=step))
     elif repeated > 1:  # the last row of sensor 1 always repeats its time
-        notes.append(f"{placement}: {repeated} repeated times dropped")
+        notes.append(TIMES_REPEATED(placement=placement, rows=repeated))
     if backward > 0:
-        notes.append(f"{placement}: {backward} times that run backwards dropped")
+        notes.append(TIMES_BACKWARD(placement=placement, rows=backward))
     return time[later], values[later]
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from jgait.types import SIDES, Walk
+from jgait.types import SIDES, Walk, reason_of
 
 
 class Failure(NamedTuple):
@@ -37,7 +37,7 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
         except ImportError:
             raise
         except Exception as error:  # whatever is wrong with one file, the others are still wanted
-            failures.append(Failure(name, f"{type(error).__name__}: {error}"))
+            failures.append(Failure(name, reason_of(error)))
     return Walks(walks, failures)
 
 

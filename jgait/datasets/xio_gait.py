@@ -23,7 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from jgait.datasets import registry
+from jgait.datasets.notes import SIDE_UNKNOWN, UNITS_CONVERTED
 from jgait.datasets.one_foot import foot_imu
+from jgait.notes import LOSSES, ORIGIN, Kind
 from jgait.types import Recording, RecordingError, Walk
 
 STANDARD_GRAVITY = 9.80665  # [m/s²] what a g is
@@ -31,6 +33,10 @@ TIME = "Time (s)"
 GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
 ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
 CLOSED = {"short_walk": (0.082, 25.0), "long_walk": (0.421, 60.0)}  # publisher's closure and path [m]
+
+
+REPEATS_DROPPED = Kind("repeats_dropped", "check", "{rows} rows that repeat the row before dropped", LOSSES)
+TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.1f} ms", ORIGIN)
 
 
 def names() -> list[str]:
@@ -52,10 +58,11 @@ def load_one(name: str) -> Walk:
     values = values[fresh]
     gyr, acc = np.deg2rad(values[:, 1:4]), values[:, 4:] * STANDARD_GRAVITY
     imu, rate_hz = foot_imu(path.name, values[:, 0], gyr, acc)
-    notes = ["which foot it was is not known; called foot_right", "g and deg/s upstream"]
+    notes = [SIDE_UNKNOWN(), UNITS_CONVERTED()]
     if not fresh.all():
-        notes.append(f"{(~fresh).sum()} rows that repeat the row before dropped")
-    notes.append(f"time steps {np.diff(imu.time).min() * 1e3:.1f} to {np.diff(imu.time).max() * 1e3:.1f} ms")
+        notes.append(REPEATS_DROPPED(rows=(~fresh).sum()))
+    steps = 1e3 * np.diff(imu.time)
+    notes.append(TIME_STEPS(least_ms=steps.min(), most_ms=steps.max()))
     recording = Recording({"foot_right": imu}, rate_hz, name, "xio_gait", tuple(notes))
     closure, length = CLOSED.get(name, (None, None))
     details = {

@@ -15,10 +15,20 @@ import numpy as np
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filler, Thigh, fillers
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
+from jgait.notes import Kind
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SEGMENTS = ("thigh", "shank")
 """What is filled: where the fillers know a sagittal rate."""
+
+
+SLEEP_FILLED = Kind(
+    "sleep_filled",
+    "info",
+    "{placement}: of the gyroscope's samples {filled:.0%} are filled ({filler}), {held:.0%} masked, since too little "
+    "was measured before them",
+    "Filled samples were computed by the filler and not measured; results there are less certain.",
+)
 
 
 def schedule_of(given: Schedule | float | None, sensor: Sensor = GYROSCOPE) -> Schedule | None:
@@ -219,10 +229,8 @@ def fill_recording(
                 )
             told = above.get(side) if thigh and name.startswith("shank") else None
             gyr, how = _filled(one, told, way, params, recording.sampling_rate_hz)
-            notes.append(
-                f"{name}: of the gyroscope's samples {100 * np.mean(how == FILLED):.0f} % are filled ({filler}), "
-                f"{100 * np.mean(how == HELD):.0f} % masked, since too little was measured before them"
-            )
+            filled, held = np.mean(how == FILLED), np.mean(how == HELD)
+            notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=filler, held=held))
         if name.startswith("thigh") and one.acc is not None:
             above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(one.acc))
         there = np.asarray(imu.mask, bool) | (np.zeros(len(how), bool) if slept is None else ~np.asarray(slept))

@@ -15,8 +15,9 @@ from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
+from jgait.notes import Note
 from jgait.params import check_params
-from jgait.types import Estimate, RecordingError, Walk
+from jgait.types import Estimate, RecordingError, Walk, reason_of
 
 SHORTEST = 512
 """Samples that the shortest bucket holds."""
@@ -66,7 +67,7 @@ class Ready(NamedTuple):
     inputs: Any
     params: Any
     options: Any
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     bucket: Any
 
 
@@ -76,11 +77,6 @@ def padded_length(samples: int) -> int:
         return SHORTEST
     quarter = 1 << (samples - 1).bit_length() - 3
     return -(-samples // quarter) * quarter
-
-
-def reason_of(error: BaseException) -> str:
-    """An error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def prepared(job: Job, name: str, item: Any) -> Ready | Failed:
@@ -103,7 +99,7 @@ def prepared(job: Job, name: str, item: Any) -> Ready | Failed:
         inputs, params = jax.tree.map(_lowered, (job.estimator.pad(made.inputs, padded_length(time.size)), params))
         leaves, structure = jax.tree.flatten((inputs, params))
         bucket = (made.options, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-        notes = (*recording.notes, *made.notes)
+        notes: tuple[Note, ...] = (*recording.notes, *made.notes)
         kept = walk._replace(recording=recording._replace(sensors={}))
         return Ready(name, kept, time, inputs, params, made.options, notes, bucket)
     except ImportError:
@@ -280,7 +276,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
 
     recordings = [
         (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
-         np.mean(estimate.valid), "; ".join(ready.notes))
+         np.mean(estimate.valid), "; ".join(map(str, ready.notes)))
         for ready, estimate, _ in good
     ]  # fmt: skip
     quantities = [

@@ -8,9 +8,13 @@ import numpy as np
 
 from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
 from jgait.io.clock import Clock, make_clock
+from jgait.notes import NO_RANGE, Kind
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
+
+
+RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
@@ -20,7 +24,9 @@ def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
         ValueError: if the unit is not among those known; the message lists them.
     """
     if unit not in units:
-        raise ValueError(f"{argument} must be one of {', '.join(map(repr, units))}; got {unit!r}")
+        raise RecordingError(
+            f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=argument
+        )
     return units[unit]
 
 
@@ -86,7 +92,7 @@ def recording_from_arrays(
     if check_sizes:
         check_range(read.distance[read.mask], range_unit, name)
     if not read.mask.any():
-        notes = (*notes, "feet_range holds no reading")
+        notes = (*notes, RANGE_EMPTY())
     return recording._replace(notes=notes, feet_range=read)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from jgait.notes import CLIPPING, LOSSES, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, Imu, Recording, RecordingError
 
@@ -18,6 +19,19 @@ CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values 
 LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is heard
+
+
+SAMPLES_MISSING = Kind("samples_missing", "check", "{placement}: {missing} of {samples} samples are missing", LOSSES)
+STRETCH_MISSING = Kind("stretch_missing", "check", "{placement}: {seconds:.2f} s missing from {begin_s:.2f} s", LOSSES)
+CHANNEL_CONSTANT = Kind(
+    "channel_constant",
+    "check",
+    "{channel} is constant at {value:.4g} {unit}",
+    "One axis of a sensor gives the same value all the time: it is broken, or was not recorded.",
+)
+CHANNEL_CLIPPED = Kind(
+    "channel_clipped", "check", "{channel} is clipped at {value:.4g} {unit} in {samples} samples", CLIPPING
+)  # fmt: skip
 
 
 def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
@@ -36,10 +50,13 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
     rates = {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
     if rates[fastest] > FASTEST:
-        hint = ": it seems to be in deg/s; pass gyr_unit='deg/s'" if gyr_unit == "rad/s" else ""
+        degrees = gyr_unit == "rad/s"
+        hint = ": it seems to be in deg/s; pass {argument}" if degrees else ""
         raise RecordingError(
             f"{name}: the gyroscope of {fastest} reaches {rates[fastest]:.4g} rad/s (99th percentile, given as "
-            f"{gyr_unit}), but nothing worn while walking exceeds {FASTEST:g} rad/s{hint}"
+            f"{gyr_unit}), but nothing worn while walking exceeds {FASTEST:g} rad/s{hint}",
+            argument="gyr_unit" if degrees else "",
+            value="deg/s",
         )
     for placement, imu in sensors.items():
         if imu.acc is not None:
@@ -47,8 +64,10 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
     if gyr_unit == "deg/s" and rates[fastest] < SLOWEST_WALK and _moves(sensors):
         raise RecordingError(
             f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
-            f"percentile, {fastest}), too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s' "
-            "(or check_sizes=False if nobody walks)"
+            f"percentile, {fastest}), too slow for walking: the gyroscopes seem to be in rad/s; pass {{argument}}, or "
+            "nobody walks",
+            argument="gyr_unit",
+            value="rad/s",
         )
 
 
@@ -64,18 +83,24 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
     if low <= force <= high:
         return
     if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
-        hint = "it seems to be in g; pass acc_unit='g'"
+        unit = "g"
     elif acc_unit == "g" and low <= force / GRAVITY <= high:
-        hint = "it seems to be in m/s²; pass acc_unit='m/s^2'"
+        unit = "m/s^2"
     elif acc_unit != "mg" and low <= force / ACC_UNITS[acc_unit] * ACC_UNITS["mg"] <= high:
-        hint = "it seems to be in mg; pass acc_unit='mg'"
+        unit = "mg"
+    else:
+        unit = ""
+    if unit:
+        hint = f"it seems to be in {unit.replace('^2', '²')}; pass {{argument}}"
     elif force < 0.3 * GRAVITY:
         hint = "gravity seems to have been taken off; the raw specific force is needed"
     else:
         hint = "check the unit"
     raise RecordingError(
         f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² in the median (given as {acc_unit}), "
-        f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}"
+        f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}",
+        argument="acc_unit" if unit else "",
+        value=unit,
     )
 
 
@@ -104,23 +129,25 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
     raw = middle / RANGE_UNITS[unit]
     meant = min(RANGE_UNITS, key=lambda one: abs(np.log(raw * RANGE_UNITS[one] / np.sqrt(low * high))))
     fits = low <= raw * RANGE_UNITS[meant] <= high
-    hint = f"it seems to be in {meant}; pass range_unit='{meant}'" if fits else "check the unit"
+    hint = f"it seems to be in {meant}; pass {{argument}}" if fits else "check the unit"
     raise RecordingError(
         f"{name}: feet_range is {middle:.4g} m in the median (given as {unit}), but feet that pass each other are "
-        f"{low:g} to {high:g} m apart: {hint}"
+        f"{low:g} to {high:g} m apart: {hint}",
+        argument="range_unit" if fits else "",
+        value=meant,
     )
 
 
-def quality_notes(recording: Recording) -> tuple[str, ...]:
+def quality_notes(recording: Recording) -> tuple[Note, ...]:
     """What is doubtful about the signals: missing stretches, clipped channels, channels that never change.
 
     Args:
         recording: a structurally sound recording.
 
     Returns:
-        One sentence each; empty where nothing was noticed.
+        One note a fact; empty where nothing was noticed.
     """
-    notes: list[str] = []
+    notes: list[Note] = []
     for placement, imu in recording.sensors.items():
         notes += _missing_notes(placement, imu, recording.sampling_rate_hz)
         for kind, signal, unit in (("gyr", imu.gyr, "rad/s"), ("acc", imu.acc, "m/s²")):
@@ -133,24 +160,24 @@ def quality_notes(recording: Recording) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _missing_notes(placement: str, imu: Imu, rate_hz: float) -> list[str]:
+def _missing_notes(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
     mask = np.asarray(imu.mask)
     if mask.all():
         return []
-    notes = [f"{placement}: {int((~mask).sum())} of {len(mask)} samples are missing"]
+    notes = [SAMPLES_MISSING(placement=placement, missing=(~mask).sum(), samples=len(mask))]
     for start, end in true_runs(~mask):
         if end - start > LONG_GAP_S * rate_hz:
             begin = float(imu.time[start] - imu.time[0])
-            notes.append(f"{placement}: {(end - start) / rate_hz:.2f} s missing from {begin:.2f} s")
+            notes.append(STRETCH_MISSING(placement=placement, seconds=(end - start) / rate_hz, begin_s=begin))
     return notes
 
 
-def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float, unit: str) -> list[str]:
+def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float, unit: str) -> list[Note]:
     there = values[mask]
     if not len(there):
         return []
     if np.ptp(there) == 0.0:
-        return [f"{name} is constant at {there[0]:.4g} {unit}"]
+        return [CHANNEL_CONSTANT(channel=name, value=there[0], unit=unit)]
     notes = []
     for extreme in (there.max(), there.min()):
         if abs(extreme) < floor:
@@ -158,7 +185,7 @@ def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float
         at_extreme = mask & (np.abs(values - extreme) <= 1e-6 * abs(extreme))
         clipped = sum(end - start for start, end in true_runs(at_extreme) if end - start >= CLIP_RUN)
         if clipped:
-            notes.append(f"{name} is clipped at {extreme:.4g} {unit} in {clipped} samples")
+            notes.append(CHANNEL_CLIPPED(channel=name, value=extreme, unit=unit, samples=clipped))
     return notes
 
 

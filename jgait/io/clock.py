@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
 MIN_SAMPLES = 10
@@ -12,6 +13,17 @@ LONGEST_STEP_S = 0.5  # a longer time between samples, or a shorter one in ms, m
 SHORTEST_STEP_S = 1e-4  # and a shorter one too
 LONGEST_GAP_S = 10.0
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+
+
+RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
+TIME_UNIT_DEDUCED = Kind(
+    "time_unit_deduced", "info", "time taken to be in {unit}, because its steps are {step:.4g}", DEDUCED
+)
+GAPS_FILLED = Kind(
+    "gaps_filled", "check",
+    "{gaps} gaps in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} samples inserted and masked",
+    LOSSES,
+)  # fmt: skip
 
 
 class Clock(NamedTuple):
@@ -27,7 +39,7 @@ class Clock(NamedTuple):
     time: np.ndarray
     rows: np.ndarray
     sampling_rate_hz: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def make_clock(
@@ -54,10 +66,15 @@ def make_clock(
     if samples < MIN_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {MIN_SAMPLES} are needed")
     if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
-        raise RecordingError(f"{name}: sampling_rate_hz must be positive; got {sampling_rate_hz}")
+        raise RecordingError(
+            f"{name}: {{argument}} must be positive; got {sampling_rate_hz}", argument="sampling_rate_hz"
+        )
     if time is None:
         if sampling_rate_hz is None:
-            raise RecordingError(f"{name} has no column called 'time', so sampling_rate_hz is needed; got neither")
+            raise RecordingError(
+                f"{name} has no column called 'time', so {{argument}} is needed; got neither",
+                argument="sampling_rate_hz",
+            )
         return Clock(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
     stamps = as_float(time)
     if stamps.shape != (samples,):
@@ -70,11 +87,12 @@ def make_clock(
     steps = np.diff(seconds)
     rate = 1.0 / float(steps[steps < 1.5 * step].mean())
     if sampling_rate_hz is None:
-        notes.append(f"sampling rate {rate:.4g} Hz, from the time stamps")
+        notes.append(RATE_DEDUCED(rate_hz=rate))
     elif abs(rate / sampling_rate_hz - 1.0) > 0.05:
         raise RecordingError(
-            f"{name}: the time stamps run at {rate:.4g} Hz, but sampling_rate_hz is {sampling_rate_hz:.4g}; "
-            "give one of the two, or correct time_unit"
+            f"{name}: the time stamps run at {rate:.4g} Hz, but {{argument}} is {sampling_rate_hz:.4g}; "
+            "give one of the two, or correct time_unit",
+            argument="sampling_rate_hz",
         )
     filled, rows = _fill_gaps(seconds, 1.0 / rate, name, notes)
     return Clock(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
@@ -102,13 +120,13 @@ def check_order(stamps: np.ndarray, name: str) -> None:
         )
 
 
-def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float, list[str]]:
+def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float, list[Note]]:
     """Seconds per unit of the time stamps."""
     step = float(np.median(np.diff(stamps)))
-    notes = []
+    notes: list[Note] = []
     if time_unit is None:
         time_unit = "ms" if step > LONGEST_STEP_S else "s"
-        notes.append(f"time taken to be in {time_unit}, because its steps are {step:.4g}")
+        notes.append(TIME_UNIT_DEDUCED(unit=time_unit, step=step))
     elif time_unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be 's' or 'ms'; got {time_unit!r}")
     scale = TIME_UNITS[time_unit]
@@ -126,7 +144,7 @@ def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float,
     return scale, notes
 
 
-def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[Note]) -> tuple[np.ndarray, np.ndarray]:
     """Time with evenly spaced samples inserted into the gaps, and the row of each sample (-1 where inserted)."""
     gaps = np.diff(seconds)
     counts = np.where(gaps > 1.5 * step, np.rint(gaps / step).astype(int), 1)
@@ -142,7 +160,8 @@ def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[str]) ->
     rows = np.full(position[-1] + 1, -1)
     rows[position] = np.arange(len(seconds))
     notes.append(
-        f"{int((counts > 1).sum())} gaps in time, the longest {gaps[longest]:.3g} s after {seconds[longest]:.2f} s; "
-        f"{int((rows < 0).sum())} samples inserted and masked"
+        GAPS_FILLED(
+            gaps=(counts > 1).sum(), longest_s=gaps[longest], begin_s=seconds[longest], inserted=(rows < 0).sum()
+        )
     )
     return np.interp(np.arange(len(rows)), position, seconds), rows

@@ -12,12 +12,21 @@ import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.names import column_of
+from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
+
+
+COLUMNS_MATCHED = Kind("columns_matched", "info", "columns recognised by their names: {columns}", DEDUCED)
+COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
+CELLS_WITHOUT_NUMBER = Kind(
+    "cells_without_number", "check",
+    "{column}: {cells} cells are no numbers and count as missing, the first {value} in data row {row}", LOSSES,
+)  # fmt: skip
 
 
 class Columns(NamedTuple):
@@ -29,7 +38,7 @@ class Columns(NamedTuple):
         feet_range: (T,) or None.
         others: names of columns that say nothing here.
         told: the table's own name and ours, of columns in a lab's words.
-        odd: about cells that hold something that is no number, in words.
+        odd: about cells that hold something that is no number.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
@@ -37,7 +46,7 @@ class Columns(NamedTuple):
     feet_range: np.ndarray | None
     others: tuple[str, ...]
     told: tuple[tuple[str, str], ...] = ()
-    odd: tuple[str, ...] = ()
+    odd: tuple[Note, ...] = ()
 
 
 def recording_from_dataframe(
@@ -138,7 +147,7 @@ def columns_of(
             indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
             used.update(indices)
             sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
-    odd = tuple(said for i in sorted(used) if (said := _no_number(table.iloc[:, i], given[i])))
+    odd = tuple(note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i])))
     time = _numbers(table.iloc[:, position["time"]], "time", name) if "time" in position else None
     apart = None
     if "feet_range" in position:
@@ -149,13 +158,13 @@ def columns_of(
     return Columns(sensors, time, apart, others, told, odd)
 
 
-def about(found: Columns) -> tuple[str, ...]:
+def about(found: Columns) -> tuple[Note, ...]:
     """Notes about columns whose names were told, and about those that say nothing here."""
-    notes = list(found.odd)
+    notes = [*found.odd]
     if found.told:
-        notes.append("columns told by their names: " + ", ".join(f"{ours!r} as {name}" for ours, name in found.told))
+        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in found.told]))
     if found.others:
-        notes.append(f"columns left out: {', '.join(found.others)}")
+        notes.append(COLUMNS_LEFT_OUT(columns=found.others))
     return tuple(notes)
 
 
@@ -197,7 +206,7 @@ def _placements(
             if len(lacking) == 3 and (kind == "acc" or placement not in needs):
                 continue
             if lacking:
-                raise RecordingError(_lacking_message(lacking, expected, given, name))
+                raise _lacking(lacking, expected, given, name)
             if kind == "acc" and placement not in found:
                 raise RecordingError(
                     f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
@@ -206,35 +215,40 @@ def _placements(
             found.setdefault(placement, []).append(kind)
     if not found:
         expected = [f"thigh_right_gyr_{axis}" for axis in "xyz"]
-        raise RecordingError(_lacking_message(expected, expected, given, name, "such as "))
+        raise _lacking(expected, expected, given, name, "such as ")
     return found
 
 
-def _lacking_message(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> str:
+def _lacking(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> RecordingError:
     every = [f"{placement}_{channel}" for placement in PLACEMENTS for channel in CHANNELS]
     clean = {column: column.strip().lower() for column in given}
-    hint = ""
+    hint, argument, value = "", "", ""
     if any(column in CHANNELS for column in clean.values()):
-        hint = "; for one sensor with bare names pass placement='…'"
+        hint, argument, value = (
+            "; for one sensor with bare names give its place, such as {argument}",
+            "placement",
+            "waist",
+        )
     else:
         among = every if such_as else lacking
         near = {c: difflib.get_close_matches(c, among, 1, 0.6) for c in clean.values() if c not in (*every, "time")}
         meant = [f"{column!r} for {near[c][0]!r}" for column, c in clean.items() if near.get(c)]
         if meant:
-            hint = f"; did you mean {', '.join(meant[:3])}? Pass columns={{…}} to rename"
-    return f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
+            hint = f"; did you mean {', '.join(meant[:3])}? Rename them by {{argument}}"
+            argument = "columns"
+    message = f"{name} lacks {', '.join(lacking)}: expected columns {such_as}{expected}, found {given}{hint}"
+    return RecordingError(message, argument=argument, value=value)
 
 
-def _no_number(column: "pd.Series", label: str) -> str:
-    """What a column holds besides numbers, in words; empty where it holds nothing else."""
+def _no_number(column: "pd.Series", label: str) -> Note | None:
+    """The note that a column holds cells that are no numbers; None where it holds numbers only."""
     import pandas as pd
 
     odd = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
     if not len(odd) or len(odd) == len(column):
-        return ""
+        return None
     row = int(np.flatnonzero(column.index == odd.index[0])[0])
-    first = f"the first {odd.iloc[0]!r} in data row {row + 1}"
-    return f"{label}: {len(odd)} cells are no numbers and count as missing, {first}"
+    return CELLS_WITHOUT_NUMBER(column=label, cells=len(odd), value=repr(odd.iloc[0]), row=row + 1)
 
 
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:

@@ -287,16 +287,9 @@ def _recordings(found: "Cohort") -> Section:
 def _failures(failures: Sequence[tuple[str, str]]) -> Section | None:
     if not failures:
         return None
-    rows = [[Cell(name), Cell(_reason(reason))] for name, reason in failures]
+    rows = [[Cell(name), Cell(reason)] for name, reason in failures]
     table = Table("Recordings that could not be used, and why.", ("recording", "reason"), rows, words=1)
     return Section("What could not be used", "", [table])
-
-
-def _reason(text: str) -> str:
-    """A reason without the name of the exception."""
-    for kind in ("RecordingError", "ValueError", "FileNotFoundError"):
-        text = text.removeprefix(f"{kind}: ")
-    return text
 
 
 def _parameters(made: Made) -> Section | None:

@@ -8,7 +8,18 @@ import jax
 import numpy as np
 
 from jgait.estimators.interface import Estimator, Prepared
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, RecordingError, Strides, Walk, as_float
+from jgait.types import (
+    Estimate,
+    Feet,
+    FootTrajectory,
+    Legs,
+    LegTrajectory,
+    RecordingError,
+    Strides,
+    Walk,
+    as_float,
+    reason_of,
+)
 
 
 class Windows(NamedTuple):
@@ -293,7 +304,7 @@ def lessons(
         except ImportError:
             raise
         except Exception as error:  # whatever is wrong with one walk, the others are still wanted
-            failures.append((walk.recording.name, " ".join(f"{type(error).__name__}: {error}".split())))
+            failures.append((walk.recording.name, reason_of(error)))
     if not items:
         told = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"
         raise ValueError(f"no walk to learn from: {told}")

@@ -89,7 +89,7 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
         (("--estimator", "foot_ins", "--paper"), "--paper is an option of leg_ekf and stride_width_ekf"),
         (("--estimator", "foot_ins", "--level", "perhaps"), "--level is auto, yes, no; got 'perhaps'"),
         (("--estimator", "gaze"), "estimator must be one of leg_ekf, foot_ins, stride_width_ekf"),
-        (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit 'm/s^2'"),
+        (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit m/s^2"),
         (("--estimator", "foot_ins", "--range-unit", "mm"), "feet_range is 0.00012 m in the median (given as mm)"),
         ((), "leg_ekf needs 'thigh_left' and 'shank_left'; the recording has ['foot_left', 'foot_right']"),
     ],

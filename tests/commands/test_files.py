@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from jgait import io
 from jgait.cli import app
-from jgait.commands.console import in_options
-from jgait.commands.recordings import recording_of
+from jgait.commands.recordings import in_options, recording_of
 from jgait.io import atomic
 from jgait.simulate import protocols
+from jgait.types import RecordingError
 
 RUNNER = CliRunner(env={"COLUMNS": "300"})
 
@@ -95,7 +95,7 @@ def gone(path):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (in_g, "it seems to be in g; pass --acc-unit 'g'"),
+        (in_g, "it seems to be in g; pass --acc-unit g"),
         (misspelt, "did you mean 'tigh_right_gyr_x' for 'thigh_right_gyr_x'"),
         (no_shank, "leg_ekf needs 'shank_right'; the recording has"),
         (empty, "walk.csv is empty"),
@@ -200,7 +200,7 @@ def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
     table.rename(columns=lambda name: name.replace("shank_right_", "")).to_csv(bare, index=False)
     code, said = run("estimate", bare, "--estimator", "ankle_stride", "--out", tmp_path / "results")
     assert code == 2
-    assert "for one sensor with bare names pass --place" in said
+    assert "for one sensor with bare names give its place, such as --place" in said
     code, said = run(
         "estimate", bare, "--estimator", "foot_ins", "--place", "shank_right", "--out", tmp_path / "results"
     )
@@ -223,16 +223,21 @@ def test_places_that_cannot_be_are_refused(walk, places, words):
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("error", "python", "command"),
     [
-        ("pass gyr_unit='rad/s'", "pass --gyr-unit 'rad/s'"),
-        ("so sampling_rate_hz is needed", "so --rate is needed"),
-        ("pass placements={'MT_1': 'shank_right', …}; its", "pass --place 'MT_1=shank_right'; its"),
-        ("say gyr_unit, one of", "say --gyr-unit, one of"),
+        (RecordingError("pass {argument}", argument="gyr_unit", value="rad/s"), "gyr_unit='rad/s'", "--gyr-unit rad/s"),
+        (RecordingError("pass {argument}", argument="sampling_rate_hz"), "sampling_rate_hz", "--rate"),
+        (
+            RecordingError("pass {argument}", argument="placements", value={"MT_1": "shank_right"}),
+            "placements={'MT_1': 'shank_right'}",
+            "--place 'MT_1=shank_right'",
+        ),
+        (RecordingError("pass {argument}", argument="placements"), "placements", "--place SENSOR=PLACE"),
     ],
 )
-def test_messages_name_options(said, told):
-    assert in_options(said) == told
+def test_messages_name_options(error, python, command):
+    assert str(error) == f"pass {python}"
+    assert str(in_options(error)) == f"pass {command}"
 
 
 def test_the_shell_completes_commands():

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from foot_heading import agreement, heading
+from made.notes import texts
 from scipy.io import savemat
 
 from jgait import datasets
@@ -55,7 +56,7 @@ def test_axes_footprints_and_distance(folder):
     np.testing.assert_allclose(imu.acc[5], [1, -2, 9.5])
     np.testing.assert_allclose(imu.gyr[5], [0.1, -0.2, -0.3])
     assert imu.time[0] == 0 and walk.recording.sampling_rate_hz == pytest.approx(200)
-    assert any("which foot" in note for note in walk.recording.notes)
+    assert any("which foot" in note for note in texts(walk.recording.notes))
     prints = walk.info["footprints"]
     assert prints["samples"].tolist() == SAMPLES.tolist()
     np.testing.assert_allclose(prints["time"], SAMPLES * 0.005)
@@ -82,7 +83,7 @@ def test_what_is_missing_is_said(folder):
     walks = {walk.recording.name: walk for walk in datasets.load("footprints")}
     one = walks[NAME]
     assert one.info["ruler"] is None and one.info["footprints"] is not None
-    assert any("own/SensorConnectData_77.mat" in note for note in one.recording.notes)
+    assert any("own/SensorConnectData_77.mat" in note for note in texts(one.recording.notes))
     other = walks["SensorConnectData_78"]
     assert other.reference is None and other.info["footprints"] is None and other.info["speed"] is None
     assert "SensorConnectData_78_strideIndex" in other.info["no_reference"]

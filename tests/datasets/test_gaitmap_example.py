@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import texts
 
 from jgait import datasets, io
 
@@ -109,7 +110,7 @@ def test_what_is_missing_is_said(folder, monkeypatch):
     (folder / "stride_events_sample.csv").unlink()
     walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
     assert walk.reference is not None and walk.info["strides"] == {}
-    assert any("stride_events_sample.csv" in note for note in walk.recording.notes)
+    assert any("stride_events_sample.csv" in note for note in texts(walk.recording.notes))
     (folder / "mocap_sample.csv").unlink()
     walk = datasets.load("gaitmap_example", ["imu_sample"])[0]
     assert walk.reference is None and "mocap_sample.csv" in walk.info["no_reference"]
@@ -130,7 +131,7 @@ def test_one_foot_with_lost_samples(folder):
     table.loc[3, "gyr_x"] = np.nan
     table.to_csv(folder / "imu_sample_ms_new_right.csv")
     recording = datasets.load("gaitmap_example", ["imu_sample_ms_new_right"])[0].recording
-    assert list(recording.sensors) == ["foot_right"] and recording.notes == ("no sensor on the left foot",)
+    assert list(recording.sensors) == ["foot_right"] and texts(recording.notes) == ["no sensor on the left foot"]
     assert recording.sampling_rate_hz == 102.4 and recording.subject == "ms_new"
     imu = recording.sensors["foot_right"]
     assert np.flatnonzero(~imu.mask).tolist() == [3] and np.all(imu.acc[3] == 0)

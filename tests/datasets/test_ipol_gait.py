@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from made.notes import texts
 from scipy.signal import butter, sosfiltfilt
 
 from jgait import datasets
@@ -96,7 +97,7 @@ def test_events_are_packets_and_lost_packets_are_masked(folder):
     masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
     assert masks == {"lower_back": [30, 31], "foot_right": [], "foot_left": [0, 51]}
     assert np.all(walk.recording.sensors["foot_left"].gyr[51] == 0)
-    assert "lower_back: 2 of 300 samples are masked" in walk.recording.notes
+    assert "lower_back: 2 of 300 samples are masked" in texts(walk.recording.notes)
     assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
     write(folder, **{code: table(295, first=5) for code in ipol_gait.SENSORS})
     walk = load()
@@ -114,7 +115,7 @@ def test_feet_whose_sensors_were_exchanged_are_put_right(folder):
         write(folder, about=about, **feet)
         walk = load()
         assert walk.info["feet_exchanged"] is exchanged
-        assert any("worn on the other foot" in note for note in walk.recording.notes) is exchanged
+        assert any(note.code == "feet_exchanged" for note in walk.recording.notes) is exchanged
         sides = [0, 1, 0, 1, 0, 1, 1]
         np.testing.assert_array_equal(walk.info["initial_contact_sides"], np.array(sides) ^ exchanged)
         first = walk.recording.sensors["foot_left" if exchanged else "foot_right"]
@@ -141,7 +142,7 @@ def test_a_packet_that_the_counter_repeats_is_masked(folder):
     walk = load()
     masks = {name: np.flatnonzero(~imu.mask).tolist() for name, imu in walk.recording.sensors.items()}
     assert masks == {"lower_back": [29, 30], "foot_right": [], "foot_left": []}
-    assert "lower_back: PacketCounter repeats 29; the packet is masked" in walk.recording.notes
+    assert "lower_back: PacketCounter repeats 29; the packet is masked" in texts(walk.recording.notes)
     assert walk.info["initial_contacts"][0] == pytest.approx(0.6)
 
 
@@ -168,8 +169,9 @@ def test_events_that_cannot_be_are_left_out_and_named(folder):
     strides = walk.reference.strides
     np.testing.assert_array_equal(strides.side, [0, 1, 1, 1])
     np.testing.assert_array_equal(strides.valid, [False, True, True, True])
-    assert "3-1.json: RightFootEvents: 3 of 5 left out, outside the recording or not in order" in walk.recording.notes
-    assert "3-1.json: UTurnBoundaries [170, 140] is no part of the recording's 300 samples" in walk.recording.notes
+    notes = texts(walk.recording.notes)
+    assert "3-1.json: RightFootEvents: 3 of 5 left out, outside the recording or not in order" in notes
+    assert "3-1.json: UTurnBoundaries [170, 140] is no part of the recording's 300 samples" in notes
     assert walk.info["straight_parts"].shape == (0, 2) and len(walk.info["turns"]["start"]) == 0
 
 
@@ -178,7 +180,7 @@ def test_what_is_missing_is_named(folder):
     walk = load()
     assert set(walk.recording.sensors) == {"lower_back", "foot_right"} and walk.recording.subject == "3"
     assert walk.reference is None and "lacks GaitData/3-1.json" in walk.info["no_reference"]
-    assert any("lacks GaitData/3-1_lf.txt" in note for note in walk.recording.notes)
+    assert any("lacks GaitData/3-1_lf.txt" in note for note in texts(walk.recording.notes))
     assert len(walk.info["initial_contacts"]) == 0 and walk.info["trial"] is None and walk.info["height"] is None
     assert len(walk.info["bouts"]["start"]) == 0 and walk.info["straight_parts"].shape == (0, 2)
     write(folder, about={**ABOUT, "RightFootEvents": [], "LeftFootEvents": [], "Height": None})

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from made.notes import texts
 
 from jgait import datasets
 from jgait.datasets import mobgap_lab
@@ -133,7 +134,7 @@ def test_turns_unseen_contacts_and_bouts_without_a_length(root):
     assert np.isnan(strides.final_contact).sum() == 0, "its stride has no start and is left out"
     assert walk.reference.valid.sum() == 301 and walk.reference.distance[-1] == pytest.approx(3.6)
     assert any(
-        note.startswith("Stereophoto, bout 0: 1 of 7 initial contacts left out") for note in walk.recording.notes
+        note.startswith("Stereophoto, bout 0: 1 of 7 initial contacts left out") for note in texts(walk.recording.notes)
     )
 
 
@@ -155,7 +156,7 @@ def test_without_a_reference(root):
     assert walk.info["no_reference"] == "Stereophoto saw no walking bout; INDIP saw no walking bout"
     assert len(walk.info["initial_contacts"]) == 0 and walk.info["straight_parts"].shape == (0, 2)
     assert walk.info["systems"] == {} and walk.info["height"] is None
-    assert any("infoForAlgo.mat" in note for note in walk.recording.notes)
+    assert any("infoForAlgo.mat" in note for note in texts(walk.recording.notes))
 
 
 def test_what_lies_outside_the_recording_is_left_out(root):
@@ -163,7 +164,7 @@ def test_what_lies_outside_the_recording_is_left_out(root):
     late["InitialContact_Event"][1] = -1.0
     write(root, {"Test5": {"Trial1": trial(optical=several(late, bout(6.0)))}})
     walk = load()
-    notes = " / ".join(walk.recording.notes)
+    notes = " / ".join(texts(walk.recording.notes))
     assert "Stereophoto: 1 of 2 bouts left out, outside the recording" in notes
     assert "bout 0: 1 of 7 initial contacts left out" in notes and "bout 0: 1 of 5 final contacts left out" in notes
     assert "bout 0: strides left out, as they do not begin with the contacts" in notes
@@ -177,8 +178,8 @@ def test_lost_samples_and_a_clock_that_drifts(root):
     walk = load()
     imu = walk.recording.sensors["lower_back"]
     assert np.flatnonzero(~imu.mask).tolist() == [7] and np.all(imu.acc[7] == 0)
-    assert "lower_back: 1 of 800 samples are masked" in walk.recording.notes
-    assert any("time stamps differ" in note for note in walk.recording.notes)
+    assert "lower_back: 1 of 800 samples are masked" in texts(walk.recording.notes)
+    assert any("time stamps differ" in note for note in texts(walk.recording.notes))
 
 
 def test_trials_are_known_without_the_list_and_bad_files_are_named(root):

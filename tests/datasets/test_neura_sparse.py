@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import texts
 from scipy.io import savemat
 
 from jgait import datasets
@@ -99,7 +100,7 @@ def test_a_trial_that_this_version_does_not_know(written):
     assert walk.info["verified"] is False
     assert walk.recording.name == NAME and walk.recording.subject == "S09"
     assert list(walk.recording.sensors) == ["pelvis", "thigh_right", "shank_right"]
-    assert any("no file for thigh_left, shank_left" in note for note in walk.recording.notes)
+    assert any("no file for thigh_left, shank_left" in note for note in texts(walk.recording.notes))
 
 
 def test_the_lag_is_taken_off_and_lost_packets_are_masked(written):
@@ -112,7 +113,7 @@ def test_the_lag_is_taken_off_and_lost_packets_are_masked(written):
     np.testing.assert_array_equal(thigh.gyr[~thigh.mask], 0.0)
     np.testing.assert_array_equal(thigh.gyr[thigh.mask], shank.gyr[thigh.mask])
     assert shank.mask.all()
-    assert "3 packets of thigh_right were lost and are masked" in recording.notes
+    assert "3 packets of thigh_right were lost and are masked" in texts(recording.notes)
 
 
 def test_angles_position_distance_and_windows(written):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from foot_heading import agreement, heading
+from made.notes import texts
 from scipy.io import savemat
 
 from jgait import datasets
@@ -88,7 +89,7 @@ def test_what_vicon_lost_is_masked(folder):
     lost = [699, 700, 701, *range(910, 931), 1990]
     assert np.flatnonzero(~walk.reference.valid).tolist() == lost
     assert np.isfinite(walk.reference.feet.right.position).all()
-    assert f"{len(lost)} samples of Vicon masked" in walk.recording.notes
+    assert f"{len(lost)} samples of Vicon masked" in texts(walk.recording.notes)
     np.testing.assert_allclose(walk.info["footprints"]["position"][:, 1], LENGTH * np.arange(STRIDES + 1), atol=1e-9)
     assert walk.reference.valid[walk.info["footprints"]["samples"]].all()
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import texts
 
 from jgait import datasets
 from jgait.datasets import tripod
@@ -140,9 +141,9 @@ def test_what_is_missing_is_said(folder):
     (folder / "Zebris" / "gait_report" / "parameters.csv").unlink()
     (folder / "IMU" / "SA.csv").unlink()
     walk = load()
-    assert walk.recording.notes == (
+    assert texts(walk.recording.notes) == [
         "no file for pelvis", "no parameters.csv", "no optogait.csv", "no MetaInfo.csv"
-    )  # fmt: skip
+    ]  # fmt: skip
     assert walk.reference is None
     assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris tells the belt's speed"
     assert walk.info["optogait"] == {} and walk.info["zebris"] == {}
@@ -162,7 +163,7 @@ def test_lost_samples_and_sensors_that_start_apart(folder):
     foot, shank = walk.recording.sensors["foot_left"], walk.recording.sensors["shank_right"]
     assert len(foot.time) == len(shank.time) == round(SECONDS * RATE) - 3
     assert np.flatnonzero(~foot.mask).tolist() == [100, 101]
-    assert f"foot_left: 2 of {len(foot.mask)} samples are masked" in walk.recording.notes
+    assert f"foot_left: 2 of {len(foot.mask)} samples are masked" in texts(walk.recording.notes)
     assert np.argmax(shank.gyr[:1100, 2]) == pytest.approx(swings("right")[0] * RATE - 3, abs=1)
 
 

@@ -5,6 +5,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
+from made.notes import texts
 
 from jgait import datasets
 from jgait.datasets import walking5m
@@ -112,7 +113,7 @@ def test_scales_placements_and_insoles(folder):
     assert walk.info["verified"] is False
     assert walk.info["group"] == "young"
     assert walk.info["lengths"] == {"right": (0.485, 0.446), "left": (0.485, 0.446)}
-    assert "back sensor left out: it is not synchronised with the others" in recording.notes
+    assert "back sensor left out: it is not synchronised with the others" in texts(recording.notes)
 
 
 def test_no_reference_has_a_reason(folder):
@@ -135,7 +136,7 @@ def test_numbers_that_are_text_or_missing(folder):
     assert thigh.gyr[5, 0] == pytest.approx(np.deg2rad(0.0014))
     assert thigh.mask.all(), "two lost samples are interpolated"
     assert thigh.gyr[100, 1] == pytest.approx(np.deg2rad(0.1))
-    assert "thigh_right: 2 rows without a number dropped" in walk.recording.notes
+    assert "thigh_right: 2 rows without a number dropped" in texts(walk.recording.notes)
 
 
 def test_gaps_are_interpolated_when_short_and_masked_when_long(folder):
@@ -156,8 +157,8 @@ def test_clocks_that_repeat_run_backwards_or_start_late(folder):
     table["Time_4"] = [time + 30.0 for time in table["Time_4"]]
     recording = load(folder, table).recording
     assert {len(imu.time) for imu in recording.sensors.values()} == {SAMPLES - 3}, "the part that all have"
-    assert "shank_right: 2 repeated times dropped" in recording.notes
-    assert "thigh_right: 1 times that run backwards dropped" in recording.notes
+    assert "shank_right: 2 repeated times dropped" in texts(recording.notes)
+    assert "thigh_right: 1 times that run backwards dropped" in texts(recording.notes)
     assert recording.sensors["thigh_right"].mask.all()
     # Sensor 4 is 30 ms late: what it reads at its sample k, the others read at k + 3.
     expected = np.deg2rad(200 * np.sin(np.arange(301, SAMPLES - 3) / 20))
@@ -170,7 +171,7 @@ def test_a_sensor_at_half_the_rate_is_interpolated(folder):
         if name.endswith("_6"):
             table[name] = [table[name][k - k % 2] for k in range(SAMPLES)]
     recording = load(folder, table).recording
-    assert "foot_left: a new value only every 20 ms; interpolated between" in recording.notes
+    assert "foot_left: a new value only every 20 ms; interpolated between" in texts(recording.notes)
     expected = np.deg2rad(200 * np.sin(np.arange(310, SAMPLES - 2) / 20))
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr[310:, 2][: len(expected)], expected, atol=0.005)
 
@@ -185,7 +186,7 @@ def test_a_sensor_that_lacks_columns_is_left_out(folder):
     table = {name: values for name, values in columns().items() if name != "  Gyro_read_z_1"}
     walk = load(folder, table)
     assert "foot_right" not in walk.recording.sensors
-    assert "foot_right left out: no column Gyro_read_z_1" in walk.recording.notes
+    assert "foot_right left out: no column Gyro_read_z_1" in texts(walk.recording.notes)
     assert "right: there is no foot sensor" in walk.info["no_reference"]
 
 
@@ -197,7 +198,7 @@ def test_swapped_thigh_and_shank_are_noticed(folder):
     table["  Gyro_read_z_4"] = [4 * value for value in table["  Gyro_read_z_4"]]
     walk = load(folder, table, "Young/new_2")
     assert walk.info["misplaced"] == (("thigh_left", "shank_left"),)
-    assert "thigh_left and shank_left seem to have changed places" in walk.recording.notes
+    assert "thigh_left and shank_left seem to have changed places" in texts(walk.recording.notes)
 
 
 def test_bad_files_are_named_and_the_others_are_not_lost(folder):

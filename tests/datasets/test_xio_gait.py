@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from foot_heading import heading
+from made.notes import texts
 
 from jgait import datasets
 from jgait.datasets import xio_gait
@@ -40,8 +41,8 @@ def test_units_and_the_file_s_own_clock(folder):
     assert walk.recording.sampling_rate_hz == pytest.approx(400)
     np.testing.assert_allclose(imu.gyr[3], [np.pi / 2, 0, -np.pi])
     np.testing.assert_allclose(imu.acc[3], [0, 0.5 * 9.80665, 9.80665])
-    assert any("1 rows that repeat" in note for note in walk.recording.notes)
-    assert any("which foot" in note for note in walk.recording.notes)
+    assert any("1 rows that repeat" in note for note in texts(walk.recording.notes))
+    assert any("which foot" in note for note in texts(walk.recording.notes))
     assert walk.reference is None and "ends where it began" in walk.info["no_reference"]
     assert (walk.info["closes"], walk.info["publisher_closure"], walk.info["verified"]) == (True, 0.421, False)
 

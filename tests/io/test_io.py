@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.frames import NEEDED, RATE, signals, table
+from made.notes import texts
 
 from jgait import io
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError
@@ -38,7 +39,7 @@ def test_csv_in_the_dialect(tmp_path):
     np.testing.assert_allclose(thigh.acc, signals()["acc"], atol=1e-12)
     np.testing.assert_allclose(thigh.time, frame["time"], atol=1e-12)
     assert thigh.mask.all()
-    assert any("time taken to be in s" in note for note in recording.notes)
+    assert any("time taken to be in s" in note for note in texts(recording.notes))
 
 
 @pytest.mark.parametrize("separator, decimal", [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
@@ -59,8 +60,8 @@ def test_milliseconds_are_told_by_their_size():
     frame["time"] = 57354700 + np.arange(600) * 10
     recording = read(frame)
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
-    assert any("time taken to be in ms, because its steps are 10" in note for note in recording.notes)
-    assert any("sampling rate 100 Hz, from the time stamps" in note for note in recording.notes)
+    assert any("time taken to be in ms, because its steps are 10" in note for note in texts(recording.notes))
+    assert any("sampling rate 100 Hz, from the time stamps" in note for note in texts(recording.notes))
 
 
 def test_rate_from_rounded_stamps_is_their_mean():
@@ -98,7 +99,7 @@ def test_own_column_names_and_blanks():
 
 def test_other_columns_are_left_out_and_said_so():
     frame = table().assign(button=0, mag_x=1.0)
-    assert "columns left out: button, mag_x" in read(frame).notes
+    assert "columns left out: button, mag_x" in texts(read(frame).notes)
 
 
 def test_without_accelerometers():
@@ -120,13 +121,13 @@ def test_nan_becomes_the_mask_and_never_a_number_elsewhere():
     np.testing.assert_array_equal(thigh.gyr[100:105], 0.0)
     assert shank.acc[300] == pytest.approx((shank.acc[299] + shank.acc[301]) / 2)
     assert all(np.isfinite(part).all() for imu in recording.sensors.values() for part in imu)
-    assert "thigh_right: 5 of 600 samples are missing" in recording.notes
+    assert "thigh_right: 5 of 600 samples are missing" in texts(recording.notes)
 
 
 def test_long_nan_stretches_are_named():
     frame = table()
     frame.loc[250:329, "thigh_right_gyr_x"] = np.nan
-    assert "thigh_right: 0.80 s missing from 2.50 s" in read(frame).notes
+    assert "thigh_right: 0.80 s missing from 2.50 s" in texts(read(frame).notes)
 
 
 def test_text_in_a_number_column_is_missing():
@@ -144,7 +145,7 @@ def test_gaps_in_time_are_filled_and_masked():
     np.testing.assert_allclose(thigh.gyr[220:400], np.deg2rad(signals()["gyr"][220:400]), atol=1e-12)
     assert any(
         "2 gaps in time, the longest 0.21 s after 1.99 s; 21 samples inserted and masked" in note
-        for note in recording.notes
+        for note in texts(recording.notes)
     )
 
 
@@ -226,16 +227,16 @@ def test_constant_gyroscope():
 def test_one_constant_channel_is_a_note():
     frame = table()
     frame["shank_right_gyr_x"] = 0.0
-    assert "shank_right gyr_x is constant at 0 rad/s" in read(frame).notes
+    assert "shank_right gyr_x is constant at 0 rad/s" in texts(read(frame).notes)
 
 
 def test_clipping_is_a_note():
     frame = table()
     frame["thigh_right_gyr_z"] = frame["thigh_right_gyr_z"].clip(-150, 150)
-    notes = read(frame).notes
+    notes = texts(read(frame).notes)
     assert any("thigh_right gyr_z is clipped at 2.618 rad/s in" in note for note in notes)
     assert any("thigh_right gyr_z is clipped at -2.618 rad/s in" in note for note in notes)
-    assert not any("clipped" in note for note in read(table()).notes)
+    assert not any("clipped" in note for note in texts(read(table()).notes))
 
 
 # --- clocks ---
@@ -318,7 +319,7 @@ def test_no_known_column_at_all():
 
 def test_bare_names_without_a_placement():
     frame = table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
-    fails("for one sensor with bare names pass placement='…'", frame)
+    fails("for one sensor with bare names give its place, such as placement='waist'", frame)
 
 
 def test_accelerometer_without_gyroscope():

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import texts
 
 from jgait import io
 from jgait.io.names import column_of
@@ -47,9 +48,9 @@ def walking(names):
 def test_what_was_told_is_noted():
     recording = io.recording_from_dataframe(walking(["Gyro Shank R X", "Gyro Shank R Y", "Gyro Shank R Z", "Mag X"]))
     assert list(recording.sensors) == ["shank_right"]
-    (told,) = (note for note in recording.notes if "told by their names" in note)
+    (told,) = (note for note in texts(recording.notes) if "recognised by their names" in note)
     assert "'Gyro Shank R Y' as shank_right_gyr_y" in told
-    assert "columns left out: Mag X" in recording.notes
+    assert "columns left out: Mag X" in texts(recording.notes)
 
 
 def test_two_columns_that_say_the_same_are_told_by_neither():

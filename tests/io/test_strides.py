@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.frames import NEEDED, table
+from made.notes import texts
 
 from jgait import io
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, RecordingError, Strides
@@ -162,7 +163,7 @@ def test_a_range_is_read_where_it_was_heard(tmp_path, unit, scale):
     np.testing.assert_array_equal(read.mask, heard)
     np.testing.assert_allclose(read.distance, np.where(heard, 0.15, 0.0))
     np.testing.assert_allclose(read.time, recording.sensors[NEEDED[0]].time)
-    assert not any("feet_range" in note for note in recording.notes)
+    assert not any("feet_range" in note for note in texts(recording.notes))
     again = io.recording_from_dataframe(io.recording_to_dataframe(recording)).feet_range
     np.testing.assert_array_equal(again.mask, read.mask)
     np.testing.assert_allclose(again.distance, read.distance)
@@ -186,7 +187,7 @@ def test_a_range_that_feet_cannot_have(change, message):
 def test_a_range_that_was_never_heard_and_one_of_another_length():
     frame, _ = with_range()
     silent = io.recording_from_dataframe(frame.assign(feet_range=np.nan))
-    assert not silent.feet_range.mask.any() and "feet_range holds no reading" in silent.notes
+    assert not silent.feet_range.mask.any() and "feet_range holds no reading" in texts(silent.notes)
     assert io.recording_from_dataframe(frame.drop(columns="feet_range")).feet_range is None
     with pytest.raises(ValueError, match="range_unit must be one of 'm', 'cm', 'mm'; got 'inch'"):
         io.recording_from_dataframe(frame, range_unit="inch")

@@ -22,11 +22,23 @@ import numpy as np
 
 from jgait.io.files import check_file, library, plain, three_columns
 from jgait.io.formats.part import Measured, Part
+from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "an APDM Opal HDF5 file"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 AXES = "as printed on the Opal's case"
+
+
+NAMED_BY_CASE = Kind(
+    "named_by_case",
+    "info",
+    "CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids",
+    DEDUCED,
+)
+TIME_STANDS = Kind(
+    "time_stands", "info", "{sensor}: Time does not run; the file's rate of {rate_hz:g} Hz counts", DEDUCED
+)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -47,7 +59,7 @@ def measured(path: Path) -> Measured:
         file = h5py.File(path, "r")
     except OSError as error:
         raise RecordingError(f"{path.name} is no whole HDF5 file; expected {EXPECTED}: {error}") from error
-    notes: list[str] = []
+    notes: list[Note] = []
     with file:
         try:
             found = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
@@ -79,7 +91,7 @@ def _new(file: Any, h5py: Any, name: str) -> list[Sensor]:
     return found
 
 
-def _old(file: Any, h5py: Any, name: str, notes: list[str]) -> list[Sensor]:
+def _old(file: Any, h5py: Any, name: str, notes: list[Note]) -> list[Sensor]:
     """Up to version 4."""
     sensors = {key: file[key] for key in file if isinstance(file[key], h5py.Group) and "Calibrated" in file[key]}
     if not sensors:
@@ -92,7 +104,7 @@ def _old(file: Any, h5py: Any, name: str, notes: list[str]) -> list[Sensor]:
         said = dict(zip(cases, labels, strict=True))
     else:
         said = {}
-        notes.append("CaseIdList and MonitorLabelList do not say what the sensors are called; their case ids do")
+        notes.append(NAMED_BY_CASE())
     found = []
     for key, sensor in sensors.items():
         about = dict(sensor.attrs)
@@ -135,7 +147,7 @@ def _rate(value: Any) -> float | None:
 
 
 def _on_clock(
-    part: Part, stamps: np.ndarray | None, rate: float | None, first: int, name: str, notes: list[str]
+    part: Part, stamps: np.ndarray | None, rate: float | None, first: int, name: str, notes: list[Note]
 ) -> Part:
     """The part with its time in seconds since the first sample of all."""
     if stamps is not None and stamps[-1] > stamps[0]:
@@ -143,5 +155,5 @@ def _on_clock(
         return part._replace(time=(stamps.astype(np.int64) - first) * 1e-6, sampling_rate_hz=rate)
     if rate is None:
         raise RecordingError(f"{name}: the sensor {part.label!r} has neither Time that runs nor a sample rate")
-    notes.append(f"{part.label}: Time does not run; the file's rate of {rate:g} Hz counts")
+    notes.append(TIME_STANDS(sensor=part.label, rate_hz=rate))
     return part._replace(sampling_rate_hz=rate)

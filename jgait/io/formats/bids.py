@@ -21,6 +21,7 @@ import numpy as np
 from jgait.io.files import check_file, library
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
+from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -41,6 +42,21 @@ UNITS = {
 """Type of channel → a unit as it is written → as it is called here."""
 
 
+NO_GYROSCOPE = Kind("no_gyroscope", "info", "left out, for they have no gyroscope: {sensors}", LEFT_OUT)
+HEADER_SKIPPED = Kind(
+    "header_skipped", "info", "the motion file has a header, which BIDS does not foresee; it was skipped", ORIGIN
+)
+PLACED_BY_COLUMN = Kind("placed_by_column", "info", "{sensor}: at {placement} by the column placement", ORIGIN)
+CHANNELS_BAD = Kind(
+    "channels_bad",
+    "check",
+    "{sensor}: channels.tsv calls {channels} bad",
+    "Whoever made the data set had doubts about these signals; they are used as they are.",
+)
+OTHER_SYSTEMS = Kind("other_systems", "info", "the same walk was measured by other systems too: {files}", ORIGIN)
+PARTICIPANT = Kind("participant", "info", "participants.tsv: {facts}", ORIGIN)
+
+
 def recognises(path: Path, head: bytes) -> bool:
     """Whether its name is that of a BIDS motion file."""
     return path.name.endswith(ENDINGS)
@@ -58,7 +74,7 @@ def measured(path: Path) -> Measured:
     channels_file = _nearest(path, stem, "channels.tsv")
     channels = _channels(path, channels_file)
     about = _about(path, stem)
-    notes: list[str] = []
+    notes: list[Note] = []
     values = _values(path, list(channels["name"]), notes)
     rate = _positive(about.get("SamplingFrequency"), about.get("SamplingFrequencyEffective"))
     time = _latency(path, channels, values)
@@ -76,7 +92,7 @@ def measured(path: Path) -> Measured:
             f"{path.name} holds no gyroscope: expected channels of type GYRO, found {', '.join(kinds)}"
         )
     if left_out:
-        notes.append(f"left out, for they have no gyroscope: {', '.join(left_out)}")
+        notes.append(NO_GYROSCOPE(sensors=left_out))
     notes.extend(_others(path, stem))
     found = re.match(r"sub-([^_]+)", path.name)
     subject = found.group(1) if found else "subject"
@@ -175,13 +191,13 @@ def _positive(*candidates: Any) -> float | None:
     return None
 
 
-def _values(path: Path, names: list[str], notes: list[str]) -> np.ndarray:
+def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     """(T, channels) numbers, NaN for n/a."""
     first = _table(path, header=None, nrows=1, dtype=str)
     header = [str(cell).strip() for cell in first.iloc[0]] == names
     table = _table(path, header=None, skiprows=1 if header else 0)
     if header:
-        notes.append("the motion file has a header, which BIDS does not foresee; it was passed over")
+        notes.append(HEADER_SKIPPED())
     if table.shape[1] != len(names):
         raise RecordingError(
             f"{path.name} has {table.shape[1]} columns, its channels.tsv {len(names)} rows; they must agree"
@@ -246,7 +262,7 @@ def _part(
     time: np.ndarray | None,
     rate: float | None,
     frames: dict[str, str],
-    notes: list[str],
+    notes: list[Note],
 ) -> Part:
     """One tracked point."""
     gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
@@ -256,10 +272,10 @@ def _part(
     if placement_of(point) is None and "placement" in rows:
         place = next((placement_of(text) for text in used["placement"] if placement_of(text)), None)
         if place is not None:
-            notes.append(f"{point}: at {place} by the column placement")
+            notes.append(PLACED_BY_COLUMN(sensor=point, placement=place))
     if "status" in rows and (used["status"].str.lower() == "bad").any():
-        bad = ", ".join(used["name"][used["status"].str.lower() == "bad"])
-        notes.append(f"{point}: channels.tsv calls {bad} bad")
+        bad = list(used["name"][used["status"].str.lower() == "bad"])
+        notes.append(CHANNELS_BAD(sensor=point, channels=bad))
     if "sampling_frequency" in rows:
         rate = _positive(rate, *used["sampling_frequency"])
     frame = next((text for text in used["reference_frame"] if text), "") if "reference_frame" in rows else ""
@@ -280,16 +296,16 @@ def _frames(path: Path, stem: str) -> dict[str, str]:
     return found
 
 
-def _others(path: Path, stem: str) -> list[str]:
+def _others(path: Path, stem: str) -> list[Note]:
     """Other tracking systems of the same walk."""
     if "_tracksys-" not in stem:
         return []
     pattern = re.sub(r"_tracksys-[^_]+", "_tracksys-*", stem) + "_motion.tsv*"
     there = sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name)
-    return [f"the same walk was measured by other systems too: {', '.join(there)}"] if there else []
+    return [OTHER_SYSTEMS(files=there)] if there else []
 
 
-def _participant(path: Path, subject: str) -> list[str]:
+def _participant(path: Path, subject: str) -> list[Note]:
     """What `participants.tsv` says of the person."""
     file = _folders(path)[-1] / "participants.tsv"
     if not file.exists():
@@ -301,4 +317,4 @@ def _participant(path: Path, subject: str) -> list[str]:
     said = (
         [f"{column} {row[column].iloc[0]}" for column in row.columns if column != "participant_id"] if len(row) else []
     )
-    return [f"participants.tsv: {', '.join(said)}"] if said else []
+    return [PARTICIPANT(facts=said)] if said else []

@@ -19,6 +19,7 @@ import numpy as np
 from jgait.io.files import check_file, library, plain
 from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
 from jgait.io.formats.capture import Capture, CaptureEvent
+from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -40,6 +41,29 @@ BIG_ENDIAN = 86
 
 PARAMETERS_END = 2**19
 """[bytes] Where the parameters end at the latest: they begin within 255 blocks of 512 and have no more."""
+
+
+POINTS_NUMBERED = Kind("points_numbered", "info", "names that stand for several points got numbers: {names}", ORIGIN)
+MARKER_UNIT_DEDUCED = Kind(
+    "marker_unit_deduced",
+    "info",
+    "the file states no unit of its markers; {unit}, for they are {apart:.4g} apart",
+    DEDUCED,
+)
+UP_STATED = Kind("up_stated", "info", "{axis} points up by POINT:Y_SCREEN", ORIGIN)
+UP_DOUBTED = Kind(
+    "up_doubted",
+    "check",
+    "but by the markers {axis} points up: {why}; pass up={axis!r} if they are right",
+    "The file and its markers disagree on the vertical; with a wrong vertical, heights and directions are wrong.",
+)
+UP_UNKNOWN = Kind(
+    "up_unknown",
+    "check",
+    "neither the file nor its markers show which axis points up; pass up",
+    "The axes are the file's own; heights and directions are not known.",
+)
+UP_DEDUCED = Kind("up_deduced", "info", "{axis} points up, for {why}", DEDUCED)
 
 
 def read_c3d(
@@ -74,7 +98,7 @@ def read_c3d(
     file = Path(path)
     raw = _load(file)
     parameters = raw["parameters"]
-    notes: list[str] = []
+    notes: list[Note] = []
     rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
     values = np.moveaxis(np.asarray(raw["data"]["points"], np.float64)[:3], 0, 2)  # (markers, T, 3)
     samples = values.shape[1]
@@ -160,7 +184,7 @@ def _rate(raw: Any, file: Path) -> float:
     return rate
 
 
-def _labels(said: list[str], count: int, notes: list[str]) -> tuple[list[str], str | None]:
+def _labels(said: list[str], count: int, notes: list[Note]) -> tuple[list[str], str | None]:
     """One name a point, none twice, and the subject whose name they all bear."""
     labels = [said[i] if i < len(said) and said[i] else f"*{i + 1}" for i in range(count)]
     before = {label.split(":", 1)[0] for label in labels if ":" in label}
@@ -174,7 +198,7 @@ def _labels(said: list[str], count: int, notes: list[str]) -> tuple[list[str], s
             labels[i] = f"{label}#{seen[label]}"
     twice = [label for label, times in seen.items() if times > 1]
     if twice:
-        notes.append(f"names that stand for several points got numbers: {', '.join(twice)}")
+        notes.append(POINTS_NUMBERED(names=twice))
     return labels, subject
 
 
@@ -191,7 +215,7 @@ def _apart(parameters: Any, labels: list[str], values: np.ndarray) -> tuple[dict
     return markers, outputs
 
 
-def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[str]) -> float:
+def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[Note]) -> float:
     said = next(iter(_texts(parameters, "POINT", "UNITS")), "")
     if said.lower() in UNITS or not markers:
         return UNITS.get(said.lower(), 1.0)
@@ -202,28 +226,28 @@ def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[st
         raise RecordingError(
             f"{file.name} states no unit of its markers, and that they are {apart:.4g} apart does not tell; say unit"
         )
-    notes.append(f"the file states no unit of its markers; {told}, for they are {apart:.4g} apart")
+    notes.append(MARKER_UNIT_DEDUCED(unit=told, apart=apart))
     return UNITS[told]
 
 
-def _up(parameters: Any, markers: dict[str, Any], notes: list[str]) -> str | None:
+def _up(parameters: Any, markers: dict[str, Any], notes: list[Note]) -> str | None:
     """The file's axis that points up."""
     said = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
     said = said if said[:1] in ("+", "-") else f"+{said}"
     told, why = told_up(markers)
     if said in UPRIGHT:
-        notes.append(f"{said} points up, says POINT:Y_SCREEN")
+        notes.append(UP_STATED(axis=said))
         if told is not None and told != said:
-            notes.append(f"but the markers say {told}: {why}; pass up={told!r} if they are right")
+            notes.append(UP_DOUBTED(axis=told, why=why))
         return said
     if told is None:
-        notes.append("which axis points up is not known: the file does not say it and the markers do not tell; say up")
+        notes.append(UP_UNKNOWN())
         return None
-    notes.append(f"{told} points up, for {why}")
+    notes.append(UP_DEDUCED(axis=told, why=why))
     return told
 
 
-def _analog(raw: Any, notes: list[str]) -> tuple[dict[str, Any], dict[str, str], float]:
+def _analog(raw: Any, notes: list[Note]) -> tuple[dict[str, Any], dict[str, str], float]:
     values = np.asarray(raw["data"]["analogs"], np.float64)[0]
     if not values.size:
         return {}, {}, 0.0

@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.notes import Note
+
 
 class CaptureEvent(NamedTuple):
     """One event of a capture.
@@ -36,7 +38,7 @@ class Capture(NamedTuple):
         force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
         name: of the recording.
         subject: who walked.
-        notes: what was told, changed or is doubtful.
+        notes: what was deduced, changed or is doubtful.
     """
 
     time: np.ndarray
@@ -52,4 +54,4 @@ class Capture(NamedTuple):
     force_plates: dict[str, Any]
     name: str
     subject: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.clock import LONGEST_GAP_S, check_order
+from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -25,7 +26,24 @@ REPEATED = 0.01
 packets. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 
 
-def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "dict[str, Part]":
+PACKETS_REPEATED = Kind(
+    "packets_repeated", "check", "{placement}: packet numbers that occur twice are masked: {numbers}", LOSSES
+)
+PACKETS_LOST = Kind("packets_lost", "check", "{placement}: {lost} packets were lost and are masked", LOSSES)
+PACKETS_AT_ENDS = Kind(
+    "packets_at_ends",
+    "info",
+    "{placement}: {packets} packets at the ends that other sensors do not have are left out",
+    ORIGIN,
+)
+CLOCKS_JOINED = Kind(
+    "clocks_joined", "corrected",
+    "sensors on clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
+    "The sensors' clocks differ by more than half a sample time; all signals are at the times of the first sensor.",
+)  # fmt: skip
+
+
+def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "dict[str, Part]":
     """Parts that count packets on the numbers that they share, NaN where a packet was lost.
 
     Where the counter wraps, sensors may begin on either side of it: each is shifted by whole turns to be nearest to the
@@ -62,7 +80,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "d
         if repeated.any():
             # which row of a pair came at that time is not known: the packet is masked
             once = ~(np.append(repeated, False) | np.append(False, repeated))
-            notes.append(f"{where}: packet numbers that occur twice are masked: {', '.join(map(str, again))}")
+            notes.append(PACKETS_REPEATED(placement=where, numbers=again.tolist()))
             own = own[once]
             placed[where] = part._replace(
                 gyr=np.asarray(part.gyr)[once], acc=None if part.acc is None else np.asarray(part.acc)[once]
@@ -87,11 +105,9 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[str]) -> "d
             )
         lost = end + 1 - begin - int(kept.sum()) - int(((twice[where] > begin) & (twice[where] < end)).sum())
         if lost:
-            notes.append(f"{where}: {lost} packets were lost and are masked")
+            notes.append(PACKETS_LOST(placement=where, lost=lost))
         if not kept.all():
-            notes.append(
-                f"{where}: {int((~kept).sum())} packets at the ends that other sensors do not have are left out"
-            )
+            notes.append(PACKETS_AT_ENDS(placement=where, packets=(~kept).sum()))
         rows = own[kept] - begin
         found[where] = part._replace(
             gyr=_spread(part.gyr, kept, rows, end + 1 - begin),
@@ -108,8 +124,9 @@ def _spread(values: Any, kept: np.ndarray, rows: np.ndarray, length: int) -> np.
 
 
 def one_clock(
-    placed: "Mapping[str, Part]", sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str, notes: list[str]
-) -> tuple[Any, float | None]:
+    placed: "Mapping[str, Part]", sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str,
+    notes: list[Note],
+) -> tuple[Any, float | None]:  # fmt: skip
     """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first.
 
     Args:
@@ -133,7 +150,9 @@ def one_clock(
         if len(set(lengths.values())) > 1 or (rates and max(rates) > (1.0 + SAME_RATE) * min(rates)):
             raise RecordingError(f"{name}: sensors without time stamps must have one rate and length; got {lengths}")
         if rate_hz is None and not rates:
-            raise RecordingError(f"{name} states neither time stamps nor a sampling rate; say sampling_rate_hz")
+            raise RecordingError(
+                f"{name} states neither time stamps nor a sampling rate; give {{argument}}", argument="sampling_rate_hz"
+            )
         return None, rate_hz or rates.pop()
     lost = [where for where, part in placed.items() if part.time is None]
     if lost:
@@ -155,9 +174,7 @@ def one_clock(
     common = times[0][(times[0] >= begin) & (times[0] <= end)]
     for where, own in zip(placed, times, strict=True):
         sensors[where] = {kind: _resampled(common, own, values) for kind, values in sensors[where].items()}
-    notes.append(
-        f"sensors on clocks of their own were interpolated to that of {next(iter(placed))}, {begin:.2f} to {end:.2f} s"
-    )
+    notes.append(CLOCKS_JOINED(placement=next(iter(placed)), begin_s=begin, end_s=end))
     return common, None
 
 

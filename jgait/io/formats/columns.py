@@ -25,6 +25,7 @@ from jgait.io.formats.text import check_lengths
 from jgait.io.names import placement_of
 from jgait.io.tables import CHANNELS, Columns, about, columns_of, read_table
 from jgait.io.write import PARQUET
+from jgait.notes import DEDUCED, ORIGIN, Kind
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
 
 EXPECTED = "a table with columns <placement>_gyr_x, …, <placement>_acc_z, or gyr_x, …, acc_z of one sensor"
 ENDINGS = (".csv", ".tsv", ".txt", *PARQUET)
+
+
+DIALECT = Kind("names_of_library", "info", "{names}: m/s² and deg/s, as {library} has them", ORIGIN)
+TIME_UNIT_OF_FILE = Kind("time_unit_of_file", "info", "{file}: time taken to be in {unit}", DEDUCED)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -64,11 +69,11 @@ def measured(path: Path) -> Measured:
     if table.columns.nlevels == 2:
         frame = "body" if set(BODY_GAITMAP) <= set(table.columns.unique(1)) else "sensor"
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, frame, path.name)
-        return Measured(parts, path.stem, notes=("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them",))
+        return Measured(parts, path.stem, notes=(DIALECT(names="gaitmap's two rows of names", library="gaitmap"),))
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
         part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
-        return Measured([part], path.stem, notes=("mobgap's names of axes: m/s² and deg/s, as mobgap has them",))
+        return Measured([part], path.stem, notes=(DIALECT(names="mobgap's names of axes", library="mobgap"),))
     if set(CHANNELS[:3]) <= set(plain):
         # Where it sat is not for the table to say: any placement will do to have its columns.
         found = columns_of(table, placement="waist", name=path.name)
@@ -78,7 +83,7 @@ def measured(path: Path) -> Measured:
         parts = _parts(found, {})
     notes = list(about(found))
     if found.time is not None:
-        notes.append(f"{path.name}: time taken to be in {_time_unit(found.time)}")
+        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=_time_unit(found.time)))
     return Measured(parts, path.stem, notes=tuple(notes), feet_range=found.feet_range)
 
 

@@ -17,12 +17,18 @@ from jgait.io.formats.mtw import COUNTER, counted, is_header, signals
 from jgait.io.formats.mtw import recognises as is_mtw
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
 
 EXPECTED = "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …"
 ENDINGS = (".csv",)
 TIME, TIME_BITS, MICROSECONDS = "SampleTimeFine", 32, 1e-6
 FACT = re.compile(r'^"?([A-Za-z ]+?)\s*:?\s*[:,;\t]\s*(.*?)["\s,;]*$')
+ONE_CLOCK_ASSUMED = Kind(
+    "one_clock_assumed", "info",
+    "the files do not state whether the sensors' clocks were synchronised; one clock is assumed", DEDUCED,
+)  # fmt: skip
+
 UNSYNCED = re.compile(r"^(un|not)[\s_-]*sync", re.IGNORECASE)
 
 
@@ -51,8 +57,7 @@ def measured(path: Path) -> Measured:
         )
     whole = joined([one for one, _ in found.values()], path.name)
     if len(found) > 1 and not all(state for _, state in found.values()):
-        note = "the files do not say whether the sensors' clocks were synchronised; they are taken to be one"
-        whole = whole._replace(notes=(*whole.notes, note))
+        whole = whole._replace(notes=(*whole.notes, ONE_CLOCK_ASSUMED()))
     return whole
 
 

@@ -24,6 +24,7 @@ from jgait.io.formats.clocks import CLOCKS_APART
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
+from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
@@ -31,6 +32,14 @@ HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; where two wore a sensor at one place, the first is taken."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
+
+
+SENSORS_LEFT_OUT = Kind("sensors_left_out", "info", "left out: {sensors}", LEFT_OUT)
+RECORDED_AT = Kind("recorded_at", "info", "recorded {date}", ORIGIN)
+STAMPS_DIFFER = Kind(
+    "stamps_differ", "info",
+    "{placement}: Timestamp differs from samples at {rate_hz:g} Hz by more than half a sample; it is used", ORIGIN,
+)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -128,8 +137,10 @@ def _measured(path: Path, trial: str | None, device: str | None = None) -> Measu
     if trial is None:
         if len(every) > 1:
             raise RecordingError(
-                f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised(path, trial='…'), or all by "
-                f"read_all_mobilised(path): {', '.join(every)}"
+                f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
+                f"{{argument}}, or all by jgait.io.read_all_mobilised: {', '.join(every)}",
+                argument="trial",
+                value=next(iter(every)),
             )
         chosen = list(every)
     else:
@@ -201,7 +212,7 @@ def _of_trial(path: Path, trial: str, tree: dict[str, Any], device: str | None) 
     worn = [each for each in DEVICES if isinstance(tree.get(each), dict)]
     if device is not None and device not in worn:
         raise RecordingError(f"{where} has no device {device}; it has {', '.join(worn)}")
-    notes, left_out = list[str](), list[str]()
+    notes, left_out = list[Note](), list[str]()
     parts, starts = list[Part](), list[float | None]()
     for each in worn if device is None else [device]:
         for place, sensor in tree[each].items():
@@ -216,9 +227,9 @@ def _of_trial(path: Path, trial: str, tree: dict[str, Any], device: str | None) 
     if not parts:
         raise RecordingError(f"{where} has no sensor with a gyroscope, Gyr; it has {', '.join(left_out) or 'none'}")
     if left_out:
-        notes.append(f"left out: {', '.join(left_out)}")
+        notes.append(SENSORS_LEFT_OUT(sensors=left_out))
     if "StartDateTime" in tree:
-        notes.append(f"recorded {tree['StartDateTime']}")
+        notes.append(RECORDED_AT(date=str(tree["StartDateTime"])))
     folder = path.absolute().parent.name
     return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder or "subject", tuple(notes))
 
@@ -227,7 +238,7 @@ def _same_place(label: str, other: str) -> bool:
     return label == other or (placement_of(label) is not None and placement_of(label) == placement_of(other))
 
 
-def _part(place: str, sensor: dict[str, Any], where: str, notes: list[str]) -> tuple[Part, float | None]:
+def _part(place: str, sensor: dict[str, Any], where: str, notes: list[Note]) -> tuple[Part, float | None]:
     """One sensor on a clock from 0, and when that was [Unix s]; without time stamps None."""
     gyr = three_columns(sensor["Gyr"], f"{where}.Gyr")
     acc = three_columns(sensor["Acc"], f"{where}.Acc", len(gyr)) if "Acc" in sensor else None
@@ -246,7 +257,7 @@ def _part(place: str, sensor: dict[str, Any], where: str, notes: list[str]) -> t
         raise RecordingError(f"{where}.Timestamp must have shape ({len(gyr)},); it has {stamps.shape}")
     since = stamps - stamps[0]
     if not np.abs(since - part.time).max() <= CLOCKS_APART / rate:
-        notes.append(f"{place}: Timestamp differs from samples at {rate:g} Hz by more than half a sample; it is used")
+        notes.append(STAMPS_DIFFER(placement=place, rate_hz=rate))
         part = part._replace(time=since)
     return part, float(stamps[0])
 

@@ -18,6 +18,7 @@ import numpy as np
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.settle import SLOW
 from jgait.io.formats.text import AXES, Rows, files_in, header_in, read_rows
+from jgait.notes import DEDUCED, Kind
 from jgait.types import RecordingError
 
 EXPECTED = "Xsens MTw text with a header PacketCounter, Acc_X, …, Gyr_X, …"
@@ -25,6 +26,11 @@ ENDINGS = (".txt", ".csv")
 COUNTER, COUNTER_BITS = "PacketCounter", 16
 RATE = re.compile(r"(?:update rate|acquisition frequency)\W*([\d.]+)\s*hz", re.IGNORECASE)
 SERIAL = re.compile(r"[_-]([0-9A-F]{8})$")
+
+
+RATES_TOO_LARGE = Kind(
+    "rates_too_large", "info", "{file}: Xsens' text is in rad/s by its manual, but the rates are too large", DEDUCED
+)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -113,5 +119,5 @@ def _one(path: Path) -> Measured:
             )
         ],
         path.stem,
-        notes=() if likely else (f"{path.stem}: Xsens' text is in rad/s by its manual, but the rates are too large",),
+        notes=() if likely else (RATES_TOO_LARGE(file=path.stem),),
     )  # fmt: skip

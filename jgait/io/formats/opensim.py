@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jgait.io.files import check_file, library
+from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
@@ -34,6 +35,19 @@ BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 """[rad] A walking knee bends beyond the one, and is not stretched beyond the other."""
 
 
+COLUMNS_NUMBERED = Kind("columns_numbered", "info", "columns of the same name got numbers: {names}", ORIGIN)
+IN_DEGREES = Kind(
+    "in_degrees",
+    "info",
+    "the file does not state inDegrees; degrees, for an angle of the legs reaches {largest:.4g}",
+    DEDUCED,
+)
+IN_RADIANS = Kind(
+    "in_radians", "info",
+    "the file does not state inDegrees; radians, for no angle of the legs exceeds {largest:.4g}", DEDUCED,
+)  # fmt: skip
+
+
 class OpenSimMotion(NamedTuple):
     """What a file of OpenSim holds.
 
@@ -42,14 +56,14 @@ class OpenSimMotion(NamedTuple):
         columns: name → (T,), angles in radians, lengths in metres, all else as it is; NaN where the file has nan.
         angles: the columns that are angles.
         name: of the motion.
-        notes: what was told or is doubtful.
+        notes: what was deduced or is doubtful.
     """
 
     time: np.ndarray
     columns: dict[str, np.ndarray]
     angles: tuple[str, ...]
     name: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def read_opensim(
@@ -77,7 +91,7 @@ def read_opensim(
     if kind != "double":
         raise RecordingError(_refusal(file, kind))
     values = _values(file, skipped, names, header)
-    notes: list[str] = []
+    notes: list[Note] = []
     names = _numbered(names, notes)
     time = values[:, 0]
     if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
@@ -185,12 +199,12 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     return found, at + 1, names
 
 
-def _numbered(names: list[str], notes: list[str]) -> list[str]:
+def _numbered(names: list[str], notes: list[Note]) -> list[str]:
     """Names of their own: old files call the forces of both feet the same."""
     found = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        notes.append(f"columns of the same name got numbers: {', '.join(twice)}")
+        notes.append(COLUMNS_NUMBERED(names=twice))
     return found
 
 
@@ -231,15 +245,15 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
     return values
 
 
-def _told_degrees(file: Path, columns: dict[str, Any], notes: list[str]) -> bool:
+def _told_degrees(file: Path, columns: dict[str, Any], notes: list[Note]) -> bool:
     """Whether angles are in degrees, by the size of those of the legs."""
     legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
     largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)
     if largest > TURN:
-        notes.append(f"the file does not say inDegrees; degrees, for an angle of the legs reaches {largest:.4g}")
+        notes.append(IN_DEGREES(largest=largest))
         return True
     if BENT < largest < np.pi:
-        notes.append(f"the file does not say inDegrees; radians, for no angle of the legs exceeds {largest:.4g}")
+        notes.append(IN_RADIANS(largest=largest))
         return False
     raise RecordingError(
         f"{file.name} does not say inDegrees, and the largest angle of the legs, {largest:.4g}, does not tell; "

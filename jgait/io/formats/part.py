@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from jgait.notes import Note
+
 
 class Part(NamedTuple):
     """One sensor, as its file tells it.
@@ -42,7 +44,7 @@ class Measured(NamedTuple):
         parts: one a sensor.
         name: of the recording.
         subject: who walked.
-        notes: what the reader noticed, in plain words.
+        notes: what the reader noticed.
         feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
             one clock, NaN where nothing was heard; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
     """
@@ -50,7 +52,7 @@ class Measured(NamedTuple):
     parts: Sequence[Part]
     name: str
     subject: str = "subject"
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     feet_range: Any = None
 
 

@@ -8,10 +8,14 @@ from typing import NamedTuple
 
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
+from jgait.notes import ORIGIN, Kind
 from jgait.types import Recording, RecordingError
 
 HEAD = 4096
 """[bytes] How much of a file is looked at to tell its format."""
+
+
+READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
 
 
 class Format(NamedTuple):
@@ -151,7 +155,7 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     """What one file says; with a placement, of its one sensor."""
     file = Path(path)
     if format is not None and format not in FORMATS:
-        raise ValueError(f"format must be one of {', '.join(FORMATS)}; got {format!r}")
+        raise RecordingError(f"{{argument}} must be one of {', '.join(FORMATS)}; got {format!r}", argument="format")
     told = format_of(file) if format is None else format
     if file.suffix.lower() in SHEETS:
         raise RecordingError(f"{file.name} is a spreadsheet; save it as CSV from the program that made it")
@@ -161,13 +165,16 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         )
     if told is None:
         raise RecordingError(
-            f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which in format"
+            f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which by {{argument}}",
+            argument="format",
         )
     found = _module(told)[1](file)
-    found = found._replace(notes=(*found.notes, f"read as {FORMATS[told].title}"))
+    found = found._replace(notes=(*found.notes, READ_AS(format=FORMATS[told].title)))
     if placement is None:
         return found
     if len(found.parts) != 1:
         labels = [part.label for part in found.parts]
-        raise RecordingError(f"{file.name} has {len(labels)} sensors, {labels}; place them by placements={{…}}")
+        raise RecordingError(
+            f"{file.name} has {len(labels)} sensors, {labels}; place them by {{argument}}", argument="placements"
+        )
     return found._replace(parts=(found.parts[0]._replace(placement=placement),))

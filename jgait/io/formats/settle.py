@@ -16,10 +16,37 @@ from jgait.io.checks import FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
+from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 SLOW, FAST = 12.0, 30.0
 """[as in the file] 99th percentile of a walking sensor's rate: below the one only rad/s, above the other only deg/s."""
+
+
+PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
+NOT_PLACED = Kind("not_placed", "info", "left out, for their placement is not known: {sensors}", LEFT_OUT)
+ACC_UNIT_DEDUCED = Kind(
+    "acc_unit_deduced",
+    "info",
+    "{placement}: the file states no unit of acceleration; {unit}, for its median is {median:.4g}",
+    DEDUCED,
+)
+GYR_UNIT_DEDUCED = Kind(
+    "gyr_unit_deduced",
+    "info",
+    "{placement}: the file states no unit of angular rate; {unit}, for the 99th percentile is {percentile:.4g}",
+    DEDUCED,
+)
+GYR_UNIT_SHARED = Kind(
+    "gyr_unit_shared", "info", "{placement}: the file states no unit of angular rate; {unit}, as {other}", DEDUCED
+)
+RANGE_UNIT_DEDUCED = Kind(
+    "range_unit_deduced", "info", "feet_range: the file states no unit; {unit}, for its median is {median:.4g}", DEDUCED
+)
+AXES_STATED = Kind("axes_stated", "info", "{placement}: axes {axes}", ORIGIN)
+AXIS_UP = Kind(
+    "axis_up", "info", "{placement}: the sensor's {axis} points up ({share:.2f} of gravity){stated}", ORIGIN
+)  # fmt: skip
 
 
 def settle(
@@ -63,7 +90,7 @@ def settle(
         units_acc.append(
             "m/s^2" if part.acc is None else acc_unit or part.acc_unit or _unit(part, where, called, notes)
         )
-        notes.append(_which_way_up(part, where))
+        notes += _which_way_up(part, where)
     sensors = {
         where: _in_si(part, rate, force)
         for (where, part), rate, force in zip(placed.items(), units_gyr.values(), units_acc, strict=True)
@@ -82,17 +109,19 @@ def settle(
         subject=measured.subject if subject is None else subject,
         check_sizes=check_sizes,
     )
-    return recording._replace(notes=(*(note for note in notes if note), *recording.notes))
+    return recording._replace(notes=(*notes, *recording.notes))
 
 
-def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: list[str]) -> dict[str, Part]:
+def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
     """Placement → part; what is left out is noted."""
     labels = [part.label for part in parts]
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
     unknown = [label for label in said if label not in labels]
     if unknown:
-        raise RecordingError(f"{name} has no sensor {unknown[0]!r} (named in placements); it has {labels}")
+        raise RecordingError(
+            f"{name} has no sensor {unknown[0]!r} (named by {{argument}}); it has {labels}", argument="placements"
+        )
     placed: dict[str, Part] = {}
     nowhere: list[str] = []
     for part in parts:
@@ -104,23 +133,26 @@ def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: li
             continue
         if where in placed:
             raise RecordingError(
-                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; say in "
-                "placements which is which"
+                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; say which "
+                "is which by {argument}",
+                argument="placements",
             )
         if part.label != where:
-            notes.append(f"the sensor {part.label!r} is taken to have sat at {where}")
+            notes.append(PLACED_BY_NAME(sensor=part.label, placement=where))
         placed[where] = part
     if not placed:
         raise RecordingError(
-            f"{name} does not say where its sensors sat: pass placements={{{nowhere[0]!r}: 'shank_right', …}}; its "
-            f"sensors are {labels}, known placements {', '.join(PLACEMENTS)}"
+            f"{name} does not say where its sensors sat: pass {{argument}}; its "
+            f"sensors are {labels}, known placements {', '.join(PLACEMENTS)}",
+            argument="placements",
+            value={nowhere[0]: "shank_right"},
         )
     if nowhere:
-        notes.append(f"left out, for their placement is not known: {', '.join(map(repr, nowhere))}")
+        notes.append(NOT_PLACED(sensors=tuple(map(repr, nowhere))))
     return placed
 
 
-def _unit(part: Part, where: str, name: str, notes: list[str]) -> str:
+def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
     """The accelerometer's unit, told by gravity."""
     size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
     size = size[np.isfinite(size)]
@@ -128,15 +160,16 @@ def _unit(part: Part, where: str, name: str, notes: list[str]) -> str:
     for unit, one in ACC_UNITS.items():
         gravity = ACC_UNITS["g"] / one
         if GRAVITY_RANGE[0] * gravity <= force <= GRAVITY_RANGE[1] * gravity:
-            notes.append(f"{where}: the file states no unit of acceleration; {unit}, for its median is {force:.4g}")
+            notes.append(ACC_UNIT_DEDUCED(placement=where, unit=unit, median=force))
             return unit
     raise RecordingError(
         f"{name}: the file states no unit of acceleration, and the median of {where} is {force:.4g}, which is "
-        f"gravity in none of {', '.join(ACC_UNITS)}; say acc_unit, or find the raw signal if gravity was taken off"
+        f"gravity in none of {', '.join(ACC_UNITS)}; give {{argument}}, or find the raw signal if gravity was removed",
+        argument="acc_unit",
     )
 
 
-def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: list[str]) -> dict[str, str]:
+def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: list[Note]) -> dict[str, str]:
     """Placement → the gyroscope's unit: said, stated, or told by its size, which tells only when somebody walks.
 
     One system writes one unit: that of the sensor that turns fastest is that of all for which none is stated.
@@ -155,15 +188,18 @@ def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: 
         raise RecordingError(
             f"{name}: the file states no unit of angular rate, and the size of {fastest} does not tell (99th "
             f"percentile {most:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
-            f"{FASTEST:g} rad/s occur in walking); say gyr_unit, one of {', '.join(GYR_UNITS)}"
+            f"{FASTEST:g} rad/s occur in walking); give {{argument}}, one of {', '.join(GYR_UNITS)}",
+            argument="gyr_unit",
         )
     for where in reached:
-        why = f"for the 99th percentile is {most:.4g}" if where == fastest else f"as {fastest}"
-        notes.append(f"{where}: the file states no unit of angular rate; {unit}, {why}")
+        if where == fastest:
+            notes.append(GYR_UNIT_DEDUCED(placement=where, unit=unit, percentile=most))
+        else:
+            notes.append(GYR_UNIT_SHARED(placement=where, unit=unit, other=fastest))
     return {where: known or str(unit) for where, known in units.items()}
 
 
-def _range_unit(values: Any, name: str, notes: list[str]) -> str:
+def _range_unit(values: Any, name: str, notes: list[Note]) -> str:
     """The unit of a range between feet, told by how far apart feet are."""
     heard = np.asarray([] if values is None else values, np.float64)
     heard = heard[np.isfinite(heard)]
@@ -174,30 +210,34 @@ def _range_unit(values: Any, name: str, notes: list[str]) -> str:
     if len(fits) != 1:
         raise RecordingError(
             f"{name}: the file states no unit of feet_range, and its median, {middle:.4g}, does not tell (feet that "
-            f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and say range_unit"
+            f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and give {{argument}}",
+            argument="range_unit",
         )
-    notes.append(f"feet_range: the file states no unit; {fits[0]}, for its median is {middle:.4g}")
+    notes.append(RANGE_UNIT_DEDUCED(unit=fits[0], median=middle))
     return fits[0]
 
 
-def _which_way_up(part: Part, where: str) -> str:
+def _which_way_up(part: Part, where: str) -> list[Note]:
     """Which of the sensor's axes points up, as the accelerometer tells, and what is known of the axes."""
     if part.acc is None:
-        return f"{where}: axes {part.axes}" if part.axes else ""
+        return [AXES_STATED(placement=where, axes=part.axes)] if part.axes else []
     mean = np.nanmean(np.asarray(part.acc, np.float64), axis=0)
     size = float(np.linalg.norm(mean))
     if not size > 0.0:
-        return ""
+        return []
     axis = int(np.argmax(np.abs(mean)))
     share = float(mean[axis]) / size
-    told = f"{where}: the sensor's {'-' if share < 0 else '+'}{'xyz'[axis]} points up ({abs(share):.2f} of gravity)"
-    return f"{told}; axes {part.axes}" if part.axes else told
+    name = f"{'-' if share < 0 else '+'}{'xyz'[axis]}"
+    stated = f"; axes {part.axes}" if part.axes else ""
+    return [AXIS_UP(placement=where, axis=name, share=abs(share), stated=stated)]
 
 
 def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, Any]:
     for unit, units, what in ((gyr_unit, GYR_UNITS, "gyr_unit"), (acc_unit, ACC_UNITS, "acc_unit")):
         if unit not in units:
-            raise ValueError(f"{what} must be one of {', '.join(map(repr, units))}; got {unit!r}")
+            raise RecordingError(
+                f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=what
+            )
     found = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
     if part.acc is not None:
         found["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]

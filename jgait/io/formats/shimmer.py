@@ -17,6 +17,7 @@ import numpy as np
 
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, SECONDS, Rows, files_in, header_in, read_rows
+from jgait.notes import ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 EXPECTED = "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …"
@@ -27,6 +28,15 @@ STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|U
 FULL, OFTEN = 1.9, 1e-3
 """[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
 STANDARD_GRAVITY = {"m/s^2": 9.80665, "g": 1.0, "mg": 1000.0}
+
+
+WIDE_RANGE_TAKEN = Kind(
+    "wide_range_taken",
+    "corrected",
+    "{sensor}: {signal} taken, for Accel_LN is at its limit in {share:.2%} of the samples",
+    "The low-noise accelerometer cannot measure such movements; the one with the wider range and more noise can.",
+)
+SIGNAL_TAKEN = Kind("signal_taken", "info", "{sensor}: {signal} taken", ORIGIN)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -54,7 +64,7 @@ def measured(path: Path) -> Measured:
     for cell in rows.header:
         if match := SIGNAL.match(cell):
             found.setdefault(match["device"], {}).setdefault(match["signal"], set()).add(match["kind"])
-    notes: list[str] = []
+    notes: list[Note] = []
     parts = [_part(rows, device, kinds, notes) for device, kinds in found.items() if "Gyro" in kinds]
     if not parts:
         raise RecordingError(
@@ -63,7 +73,7 @@ def measured(path: Path) -> Measured:
     return Measured(parts, path.stem, notes=tuple(notes))
 
 
-def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[str]) -> Part:
+def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]) -> Part:
     stored = kinds["Gyro"], set[str]().union(*(kinds.get(name, ()) for name in ACCELEROMETERS))
     for signal, found in zip(("gyroscope", "accelerometer"), stored, strict=True):
         if found and "CAL" not in found:
@@ -84,9 +94,9 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[str])
         if len(choice) == 2 and share > OFTEN:
             taken = choice[1]
             acc, acc_unit = rows.in_units(_columns(device, taken))
-            notes.append(f"{device}: {taken} taken, for Accel_LN is at its limit in {share:.2%} of the samples")
+            notes.append(WIDE_RANGE_TAKEN(sensor=device, signal=taken, share=share))
         else:
-            notes.append(f"{device}: {taken} taken")
+            notes.append(SIGNAL_TAKEN(sensor=device, signal=taken))
     return Part(
         device, gyr[told], None if acc is None else acc[told],
         time=None if time is None else time[told], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,

@@ -18,6 +18,7 @@ import numpy as np
 
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, SECONDS, UNITS, Rows, files_in, header_in, read_rows
+from jgait.notes import LOSSES, Kind
 from jgait.types import RecordingError
 
 EXPECTED = "x-io CSV with a header Timestamp (us) or Time (s), Gyroscope X (deg/s), …, Accelerometer X (g), …"
@@ -25,6 +26,11 @@ ENDINGS = (".csv",)
 BY_DEVICE = ("inertial", "sensors")
 """Files that every device writes under the same name."""
 TIME = re.compile(r"^(?:time|timestamp)\s*\((\w+)\)$", re.IGNORECASE)
+
+
+ROWS_REPEATED = Kind(
+    "rows_repeated", "check", "{file}: {rows} rows that repeat the row before are left out", LOSSES
+)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -64,7 +70,7 @@ def _one(path: Path) -> Measured:
         whole = np.column_stack([time, gyr, acc])
         fresh = np.concatenate([[True], np.any(whole[1:] != whole[:-1], axis=1)])
         if not fresh.all():
-            notes.append(f"{path.name}: {int((~fresh).sum())} rows that repeat the row before are left out")
+            notes.append(ROWS_REPEATED(file=path.name, rows=(~fresh).sum()))
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
     called = path.parent.resolve().name if path.stem.lower() in BY_DEVICE else path.stem
     part = Part(called, gyr, acc, time=time, gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES)

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from made.known_walk import PLACES, RATE, SAMPLES, agrees, signals
+from made.notes import texts
 
 from jgait import RecordingError, io
 from jgait.io.formats import apdm, registry
@@ -74,9 +75,10 @@ def test_every_sample_of_every_sensor_comes_back(tmp_path, layout):
     for place in PLACES:
         agrees(recording.sensors[place], place)
     assert (recording.sampling_rate_hz, recording.name) == (RATE, "walk")
-    assert "read as APDM Opal HDF5" in recording.notes
-    assert any("'Right Foot' is taken to have sat at foot_right" in note for note in recording.notes)
-    assert any("foot_right: the sensor's +x points up" in note and "Opal's case" in note for note in recording.notes)
+    assert "read as APDM Opal HDF5" in texts(recording.notes)
+    assert any("'Right Foot' is taken to have sat at foot_right" in note for note in texts(recording.notes))
+    (up,) = (note for note in recording.notes if note.code == "axis_up" and note.values["placement"] == "foot_right")
+    assert up.values["axis"] == "+x" and "Opal's case" in up.text
 
 
 def test_files_without_labels_ask_for_placements(tmp_path):
@@ -85,14 +87,14 @@ def test_files_without_labels_ask_for_placements(tmp_path):
             io.read(path)
         recording = io.read(path, placements={"XI-000099": "foot_right"})
         agrees(recording.sensors["foot_right"], "foot_right")
-        assert any("left out" in note and "XI-003210" in note for note in recording.notes)
+        assert any("left out" in note and "XI-003210" in note for note in texts(recording.notes))
 
 
 def test_time_that_stands_still_gives_way_to_the_rate_of_the_file(tmp_path):
     path = write_new(tmp_path / "still.h5", ["lower_back"], time=np.zeros(SAMPLES, np.uint64))
     recording = io.read(path)
     agrees(recording.sensors["lower_back"], "lower_back")
-    assert any("Time does not run; the file's rate of 100 Hz counts" in note for note in recording.notes)
+    assert any("Time does not run; the file's rate of 100 Hz counts" in note for note in texts(recording.notes))
 
 
 def test_samples_lost_on_the_radio_are_masked(tmp_path):

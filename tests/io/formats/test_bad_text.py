@@ -4,6 +4,7 @@ import re
 
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import io
 from jgait.types import RecordingError
@@ -45,7 +46,7 @@ def test_the_format_of_a_good_file_is_told_by_its_head(one):
     placement = {} if one[0] == "csv" else {"placement": "foot_right"}
     recording = io.read(one[1], **placement)
     made_files.check(recording)
-    assert f"read as {io.FORMATS[one[0]].title}" in recording.notes
+    assert f"read as {io.FORMATS[one[0]].title}" in texts(recording.notes)
 
 
 def test_empty(one):

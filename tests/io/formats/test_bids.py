@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from made.known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
+from made.notes import texts
 
 from jgait import RecordingError, io
 from jgait.io.formats import bids, registry
@@ -67,9 +68,9 @@ def test_every_sample_of_every_point_comes_back(tmp_path, gyr_unit, acc_unit):
     for place in PLACES:
         agrees(recording.sensors[place], place)
     assert (recording.sampling_rate_hz, recording.subject, recording.name) == (RATE, "pp002", STEM)
-    questioned = [note for note in recording.notes if "states no unit" in note]
+    questioned = [note for note in texts(recording.notes) if "states no unit" in note]
     assert len(questioned) == (6 if gyr_unit == "n/a" else 0)
-    assert "participants.tsv: age 71, sex F" in recording.notes
+    assert "participants.tsv: age 71, sex F" in texts(recording.notes)
 
 
 def test_latency_is_the_clock_and_lost_samples_are_masked(tmp_path):
@@ -102,7 +103,7 @@ def test_placement_frame_status_and_other_systems_are_told(tmp_path):
     path.with_name("sub-pp002_task-walk_tracksys-omc_motion.tsv").write_text("0\n")
     recording = io.read(path)
     agrees(recording.sensors["foot_left"], "foot_left")
-    every = "\n".join(recording.notes)
+    every = "\n".join(texts(recording.notes))
     for said in (
         "imu3: at foot_left by the column placement",
         "'local' (SpatialAxes ALS, RotationRule right-hand)",
@@ -120,12 +121,12 @@ def test_a_header_and_a_compressed_file_are_read_too(tmp_path):
     path.unlink()
     recording = io.read(packed)
     agrees(recording.sensors["foot_right"], "foot_right")
-    assert any("has a header" in note for note in recording.notes)
+    assert any("has a header" in note for note in texts(recording.notes))
 
 
 def test_no_rate_asks_for_one(tmp_path):
     path = write(tmp_path, *table(), about={"TaskName": "walk"})
-    with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate; say sampling_rate_hz"):
+    with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate; give sampling_rate_hz"):
         io.read(path)
     agrees(io.read(path, sampling_rate_hz=RATE).sensors["foot_left"], "foot_left")
 

@@ -3,6 +3,7 @@
 import ezc3d
 import numpy as np
 import pytest
+from made.notes import texts
 
 from jgait import RecordingError, io
 from jgait.io.formats.c3d_axes import UPRIGHT, joint_centres
@@ -84,7 +85,7 @@ def test_markers_analog_signals_and_events_come_back(tmp_path, truth):
         ("initial_contact", "right"), ("final_contact", "left"), ("Clap", None),
     ]  # fmt: skip
     np.testing.assert_allclose([event.time for event in capture.events], [0.7, 0.9, 61.25], rtol=1e-6)
-    assert "+z points up, says POINT:Y_SCREEN" in capture.notes
+    assert "+z points up by POINT:Y_SCREEN" in texts(capture.notes)
     assert list(capture.force_plates["USED"]) == [0]
 
 
@@ -99,23 +100,23 @@ def test_any_axis_may_point_up(tmp_path, truth, up):
         capture = io.read_c3d(write(tmp_path / "turned.c3d", turned, screen=screen))
         assert capture.up == up
         equals(capture, truth)
-    assert any("trunk's markers are above the feet's" in note for note in capture.notes)
+    assert any("trunk's markers are above the feet's" in note for note in texts(capture.notes))
 
 
 def test_markers_that_contradict_the_file_are_noted(tmp_path, truth):
     capture = io.read_c3d(write(tmp_path / "odd.c3d", truth, screen="+Y"))
     assert capture.up == "+y"
-    assert any("markers say +z" in note and "pass up='+z'" in note for note in capture.notes)
+    assert any("markers +z points up" in note and "pass up='+z'" in note for note in texts(capture.notes))
     equals(io.read_c3d(tmp_path / "odd.c3d", up="+z"), truth)
 
 
 def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):
     above = {f"m{i}": place - [1.0, 0.0, 0.0] for i, place in enumerate(truth.values())}
     capture = io.read_c3d(write(tmp_path / "floor.c3d", above, screen=None))
-    assert capture.up == "+z" and any("above a floor at 0" in note for note in capture.notes)
+    assert capture.up == "+z" and any("above a floor at 0" in note for note in texts(capture.notes))
     high = {name: place + [0.0, 0.0, 3.0] for name, place in above.items()}
     capture = io.read_c3d(write(tmp_path / "high.c3d", high, screen=None))
-    assert capture.up is None and any("not known" in note and "say up" in note for note in capture.notes)
+    assert capture.up is None and any(note.code == "up_unknown" for note in capture.notes)
     equals(capture, high, 5e-7)
     with pytest.raises(RecordingError, match="which axis points up is not known; say up in read_c3d"):
         joint_centres(capture)
@@ -131,7 +132,7 @@ def test_a_file_without_a_unit_is_asked_for_the_size_of_a_person(tmp_path, truth
         path = write(tmp_path / "none.c3d", truth, units="", factor=factor)
         capture = io.read_c3d(path)
         equals(capture, truth)
-        assert any(f"states no unit of its markers; {unit}" in note for note in capture.notes)
+        assert any(f"states no unit of its markers; {unit}" in note for note in texts(capture.notes))
     path = write(tmp_path / "cm.c3d", truth, units="", factor=100.0)
     with pytest.raises(RecordingError, match=r"states no unit of its markers, and that they are 95.23 apart"):
         io.read_c3d(path)

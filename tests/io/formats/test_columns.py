@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import io
 from jgait.types import Imu, RangeReadings, Recording, RecordingError
@@ -15,9 +16,9 @@ def test_units_are_told_from_the_signals(tmp_path, degrees):
     assert made_files.check(recording).all()
     unit = "deg/s" if degrees else "rad/s"
     told = f"foot_right: the file states no unit of angular rate; {unit}, for the 99th percentile is"
-    assert any(note.startswith(told) for note in recording.notes)
-    assert any("no unit of acceleration; m/s^2" in note for note in recording.notes)
-    assert "walk.csv: time taken to be in s" in recording.notes
+    assert any(note.startswith(told) for note in texts(recording.notes))
+    assert any("no unit of acceleration; m/s^2" in note for note in texts(recording.notes))
+    assert "walk.csv: time taken to be in s" in texts(recording.notes)
 
 
 def test_it_reads_what_read_csv_reads(tmp_path):
@@ -43,8 +44,8 @@ def test_time_in_milliseconds_and_columns_that_say_nothing(tmp_path):
     table.assign(temperature=20.0).to_csv(path, index=False)
     recording = io.read(path)
     made_files.check(recording)
-    assert "walk.csv: time taken to be in ms" in recording.notes
-    assert "columns left out: temperature" in recording.notes
+    assert "walk.csv: time taken to be in ms" in texts(recording.notes)
+    assert "columns left out: temperature" in texts(recording.notes)
 
 
 def test_one_sensor_a_file(tmp_path):
@@ -69,7 +70,7 @@ def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
     table.to_csv(path, index=False)
     recording = io.read(path)
     np.testing.assert_allclose(recording.sensors["sternum"].gyr, 0.01 * made_files.walk()[1], atol=1e-9)
-    assert "sternum: the file states no unit of angular rate; deg/s, as foot_right" in recording.notes
+    assert "sternum: the file states no unit of angular rate; deg/s, as foot_right" in texts(recording.notes)
     for axis in "xyz":
         table[f"sternum_gyr_{axis}"] *= 0.2
     table[["time", *(f"sternum_gyr_{axis}" for axis in "xyz")]].to_csv(path, index=False)
@@ -95,7 +96,7 @@ def test_a_written_recording_reads_back(tmp_path, ending):
     assert list(np.flatnonzero(~kept)) == [40, 41, 42]
     np.testing.assert_array_equal(again.feet_range.mask, recording.feet_range.mask)
     np.testing.assert_allclose(again.feet_range.distance, recording.feet_range.distance, atol=1e-9)
-    assert any(note.startswith("feet_range: the file states no unit; m") for note in again.notes)
+    assert any(note.startswith("feet_range: the file states no unit; m") for note in texts(again.notes))
 
 
 def test_a_range_whose_unit_cannot_be_told(tmp_path):
@@ -103,7 +104,7 @@ def test_a_range_whose_unit_cannot_be_told(tmp_path):
     table = pd.read_csv(path)
     table["feet_range"] *= 100.0
     table.to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="its median, .*, does not tell .* use read_csv and say range_unit"):
+    with pytest.raises(RecordingError, match="its median, .*, does not tell .* use read_csv and give range_unit"):
         io.read(path)
     assert io.read_csv(path, range_unit="cm").feet_range.distance.max() == pytest.approx(0.25, abs=0.01)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import io
 from jgait.types import RecordingError
@@ -12,7 +13,7 @@ def test_a_written_file_is_the_known_walk_and_its_tag_the_placement(tmp_path):
     # The clock wraps after a second.
     recording = io.read(made_files.dot(tmp_path / "a.csv", start=2**32 - 1_000_000))
     assert made_files.check(recording).all()
-    assert "the sensor 'Right foot' is taken to have sat at foot_right" in recording.notes
+    assert "the sensor 'Right foot' is taken to have sat at foot_right" in texts(recording.notes)
     assert recording.sampling_rate_hz == pytest.approx(100.0)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made.known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
+from made.notes import texts
 from scipy.io import savemat
 
 from jgait import RecordingError, io
@@ -53,7 +54,7 @@ def test_every_sample_of_a_trial_comes_back_in_si_units(both):
     agrees(recording.sensors["lower_back"], "lower_back")
     assert (recording.sampling_rate_hz, recording.subject) == (RATE, "P07")
     assert recording.name == "P07/TimeMeasure1/Test5/Trial1"
-    assert any("+x points up" in note and "y right, z forward" in note for note in recording.notes)
+    assert any("+x points up" in note and "y right, z forward" in note for note in texts(recording.notes))
 
 
 def test_all_trials_and_all_devices(both):
@@ -64,7 +65,7 @@ def test_all_trials_and_all_devices(both):
     assert set(second.sensors) == set(PLACES)
     for place in PLACES:
         agrees(second.sensors[place], place)
-    assert any("SU_INDIP.LowerBack (another device was worn there)" in note for note in second.notes)
+    assert any("SU_INDIP.LowerBack (another device was worn there)" in note for note in texts(second.notes))
     feet = io.read_mobilised(both, trial="Test5/Trial2", device="SU_INDIP")
     assert set(feet.sensors) == set(PLACES)
 
@@ -84,7 +85,7 @@ def test_one_trial_is_read_by_the_common_reader(write):
     path = write({"TimeMeasure1": {"Recording4": trial(SU={"LowerBack": sensor("lower_back", start=None)})}})
     recording = io.read(path)
     agrees(recording.sensors["lower_back"], "lower_back")
-    assert "read as Mobilise-D MATLAB file" in recording.notes
+    assert "read as Mobilise-D MATLAB file" in texts(recording.notes)
 
 
 def test_devices_that_start_apart_share_the_time_in_which_both_ran(write):
@@ -104,7 +105,7 @@ def test_time_stamps_with_a_gap_overrule_the_rate(write):
     imu = recording.sensors["lower_back"]
     assert len(imu.time) == SAMPLES + 20 and (~imu.mask).sum() == 20 and not imu.mask[100:120].any()
     np.testing.assert_allclose(imu.gyr[120:], signals("lower_back")[0][100:], atol=1e-9)
-    assert any("Timestamp differs from samples" in note for note in recording.notes)
+    assert any("Timestamp differs from samples" in note for note in texts(recording.notes))
 
 
 @pytest.mark.parametrize(
@@ -170,4 +171,4 @@ def test_real_trials_are_those_of_the_data_set(data):
         np.testing.assert_array_equal(ours.mask, theirs.mask)
         for field in ("time", "gyr", "acc"):
             np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), atol=1e-9)
-        assert any("+x points up" in note for note in recording.notes)
+        assert any("+x points up" in note for note in texts(recording.notes))

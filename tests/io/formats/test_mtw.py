@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import datasets, io
 from jgait.types import RecordingError
@@ -16,7 +17,7 @@ def test_a_written_file_is_the_known_walk(tmp_path):
     recording = io.read(path, placements={"00B40C48": "foot_right"})
     assert made_files.check(recording).all()
     assert recording.sampling_rate_hz == 100.0 and recording.name == path.stem
-    assert "foot_right: the sensor's +z points up (1.00 of gravity); axes as printed on the sensor's case" in (
+    assert "foot_right: the sensor's +z points up (1.00 of gravity); axes as printed on the sensor's case" in texts(
         recording.notes
     )
 
@@ -29,7 +30,7 @@ def test_lost_packets_are_masked_and_the_counter_wraps(tmp_path):
     recording = io.read(path, placement="foot_right")
     kept = made_files.check(recording)
     assert list(np.flatnonzero(~kept)) == [20, 21, 22, 150]
-    assert "foot_right: 4 packets were lost and are masked" in recording.notes
+    assert "foot_right: 4 packets were lost and are masked" in texts(recording.notes)
 
 
 def test_sensors_of_a_receiver_share_packet_numbers_also_over_a_wrap(tmp_path):
@@ -53,9 +54,9 @@ def test_rates_too_large_for_rad_per_s_are_questioned(tmp_path):
     path = made_files.mtw(tmp_path / "MT_1.txt", scale=180.0 / np.pi)
     recording = io.read(path, placement="foot_right")
     made_files.check(recording)
-    assert "MT_1: Xsens' text is in rad/s by its manual, but the rates are too large" in recording.notes
+    assert "MT_1: Xsens' text is in rad/s by its manual, but the rates are too large" in texts(recording.notes)
     assert any(
-        note.startswith("foot_right: the file states no unit of angular rate; deg/s") for note in recording.notes
+        note.startswith("foot_right: the file states no unit of angular rate; deg/s") for note in texts(recording.notes)
     )
     between = made_files.mtw(tmp_path / "MT_2.txt", scale=4.0)
     with pytest.raises(RecordingError, match="the size of foot_right does not tell"):
@@ -87,8 +88,8 @@ def test_a_packet_number_that_occurs_twice_is_masked(tmp_path):
     packets[30] = 29
     recording = io.read(made_files.mtw(tmp_path / "MT_1.txt", packets=packets), placement="foot_right")
     assert list(np.flatnonzero(~made_files.check(recording))) == [29, 30]
-    assert "foot_right: packet numbers that occur twice are masked: 29" in recording.notes
-    assert "foot_right: 1 packets were lost and are masked" in recording.notes
+    assert "foot_right: packet numbers that occur twice are masked: 29" in texts(recording.notes)
+    assert "foot_right: 1 packets were lost and are masked" in texts(recording.notes)
 
 
 def test_packets_that_run_backwards_repeat_often_or_are_long_lost(tmp_path):

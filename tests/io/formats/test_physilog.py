@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import datasets, io
 from jgait.types import RecordingError
@@ -21,7 +22,7 @@ def test_a_written_file_is_the_known_walk(tmp_path, separator):
 def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path):
     recording = io.read(made_files.physilog(tmp_path / "RF.csv", units=False), placement="foot_right")
     made_files.check(recording)
-    told = [note for note in recording.notes if "the file states no unit" in note]
+    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
     assert len(told) == 2 and "deg/s" in told[0] and "; g," in told[1]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import io
 from jgait.types import RecordingError
@@ -14,7 +15,7 @@ def test_a_written_file_is_the_known_walk(tmp_path, separator):
     recording = io.read(path, placement="foot_right")
     assert made_files.check(recording).all()
     assert recording.sampling_rate_hz == pytest.approx(100.0, abs=1e-3)
-    assert "Shimmer_8665: Accel_LN taken" in recording.notes
+    assert "Shimmer_8665: Accel_LN taken" in texts(recording.notes)
 
 
 def test_decimal_commas_between_semicolons(tmp_path):
@@ -27,7 +28,7 @@ def test_devices_that_are_called_by_their_places(tmp_path):
     recording = io.read(made_files.shimmer(tmp_path / "a.csv", devices=("RightFoot", "L_shank", "Spare")))
     assert sorted(recording.sensors) == ["foot_right", "shank_left"]
     made_files.check(recording, "shank_left")
-    assert "left out, for their placement is not known: 'Spare'" in recording.notes
+    assert "left out, for their placement is not known: 'Spare'" in texts(recording.notes)
 
 
 def test_the_wide_range_accelerometer_where_the_other_is_at_its_limit(tmp_path):
@@ -35,7 +36,7 @@ def test_the_wide_range_accelerometer_where_the_other_is_at_its_limit(tmp_path):
     assert np.abs(acc).max() > 2 * made_files.G  # the foot's is
     recording = io.read(made_files.shimmer(tmp_path / "a.csv", wide=acc), placement="foot_right")
     made_files.check(recording)
-    assert any("Accel_WR taken, for Accel_LN is at its limit" in note for note in recording.notes)
+    assert any("Accel_WR taken, for Accel_LN is at its limit" in note for note in texts(recording.notes))
     path = made_files.shimmer(tmp_path / "b.csv", wide=0.5 * acc)
     clipped = path.read_text().replace("Accel_WR", "Accel_Other")
     path.write_text(clipped)
@@ -46,7 +47,7 @@ def test_the_wide_range_accelerometer_where_the_other_is_at_its_limit(tmp_path):
 def test_without_a_row_of_units_they_are_told_from_the_signals(tmp_path):
     recording = io.read(made_files.shimmer(tmp_path / "a.csv", units=False), placement="foot_right")
     made_files.check(recording)
-    told = [note for note in recording.notes if "the file states no unit" in note]
+    told = [note for note in texts(recording.notes) if "the file states no unit" in note]
     assert len(told) == 2 and "deg/s" in told[0] and "m/s^2" in told[1]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import files as made_files
+from made.notes import texts
 
 from jgait import datasets, io
 from jgait.types import RecordingError
@@ -20,7 +21,7 @@ def test_a_written_file_is_the_known_walk(tmp_path, first, scale):
 
 def test_packet_numbers_tell_no_time(tmp_path):
     path = made_files.xio(tmp_path / "walk_CalInertialAndMag.csv", first="Packet number")
-    with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate; say sampling_rate_hz"):
+    with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate; give sampling_rate_hz"):
         io.read(path, placement="foot_right")
     made_files.check(io.read(path, placement="foot_right", sampling_rate_hz=100.0))
 
@@ -39,7 +40,7 @@ def test_folders_of_devices(tmp_path):
 def test_a_row_that_repeats_the_row_before_is_left_out(tmp_path):
     recording = io.read(made_files.xio(tmp_path / "a.csv", repeat=30), placement="foot_right")
     made_files.check(recording)
-    assert "a.csv: 1 rows that repeat the row before are left out" in recording.notes
+    assert "a.csv: 1 rows that repeat the row before are left out" in texts(recording.notes)
 
 
 def test_raw_numbers_and_unknown_units_are_refused(tmp_path):
@@ -68,4 +69,4 @@ def test_a_real_walk():
     np.testing.assert_allclose(imu.time[kept], raw[:, 0] - raw[0, 0], atol=1e-12)
     np.testing.assert_allclose(imu.gyr[kept], np.deg2rad(raw[:, 1:4]), atol=1e-12)
     np.testing.assert_allclose(imu.acc[kept], raw[:, 4:] * 9.80665, atol=1e-12)
-    assert "short_walk.csv: 205 rows that repeat the row before are left out" in recording.notes
+    assert "short_walk.csv: 205 rows that repeat the row before are left out" in texts(recording.notes)

@@ -1,0 +1,176 @@
+"""Facts that readers, estimators and commands notice about a recording, as records that programs can read.
+
+A kind of fact is declared once, beside the code that notices it: `LOST = Kind("samples_lost", "check", "{placement}:
+{lost} samples are lost", "…")`. Calling the kind with the values of one recording gives the note:
+`LOST(placement="waist", lost=3)`. Programs read `code`, `severity` and `values`; people read `text` and `meaning`.
+"""
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, cast
+
+Severity = Literal["stop", "check", "corrected", "info"]
+
+SEVERITIES: tuple[Severity, ...] = ("stop", "check", "corrected", "info")
+"""From the gravest: a result must not be used, has a reason for doubt, was corrected, has a fact about its origin."""
+
+Value = str | int | float | bool | tuple[str, ...]
+
+
+class Kind(NamedTuple):
+    """A kind of fact; calling it with the values of one recording gives a `Note`.
+
+    Attributes:
+        code: what programs call the fact, in snake_case; no two kinds share a code.
+        severity: one of `SEVERITIES`.
+        text: the sentence, with the values in braces as in `str.format`.
+        meaning: what the fact means for the results, in one or two sentences.
+    """
+
+    code: str
+    severity: Severity
+    text: str
+    meaning: str
+
+    def __call__(self, **values: object) -> "Note":
+        """The fact about one recording.
+
+        Args:
+            values: one for every name in braces; NumPy scalars become Python's, sequences become tuples of text.
+        """
+        return Note(self, {name: _plain(value) for name, value in values.items()})
+
+
+class Note(NamedTuple):
+    """One fact about one recording or result.
+
+    Attributes:
+        kind: which kind of fact it is.
+        values: name → value, such as a placement or a number of samples.
+    """
+
+    kind: Kind
+    values: Mapping[str, Value]
+
+    @property
+    def code(self) -> str:
+        """What programs call the fact."""
+        return self.kind.code
+
+    @property
+    def severity(self) -> Severity:
+        """One of `SEVERITIES`."""
+        return self.kind.severity
+
+    @property
+    def meaning(self) -> str:
+        """What the fact means for the results."""
+        return self.kind.meaning
+
+    @property
+    def text(self) -> str:
+        """The fact as a sentence without its full stop."""
+        shown = {name: ", ".join(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
+        return self.kind.text.format(**shown)
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.text))
+
+    def to_dict(self) -> dict[str, object]:
+        """The note for JSON: `code severity values text meaning`."""
+        values = {name: list(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
+        return {
+            "code": self.code, "severity": self.severity, "values": values, "text": self.text, "meaning": self.meaning
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, object]) -> "Note":
+        """The note that `to_dict` wrote, with the sentence that was written, whatever its kind says today.
+
+        Raises:
+            KeyError: if a part of the note is not there.
+        """
+        text = str(content["text"]).replace("{", "{{").replace("}", "}}")
+        severity = cast(Severity, content["severity"])
+        kind = Kind(str(content["code"]), severity, text, str(content["meaning"]))
+        return kind(**cast(Mapping[str, object], content["values"]))
+
+
+def _plain(value: object) -> Value:
+    """A value as JSON has it; a sequence as a tuple of text."""
+    if hasattr(value, "item"):
+        return cast(Value, value.item())
+    if isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, list | tuple | set | dict):
+        return tuple(map(str, value))
+    return str(value)
+
+
+DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
+"""Meaning of kinds that report what a reader deduced."""
+
+LOSSES = (
+    "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
+    "ones are missing or less certain."
+)
+"""Meaning of kinds that report lost samples."""
+
+CLIPPING = (
+    "The movement was faster or harder than the sensor can measure, and its peaks are cut off. Lengths and angles "
+    "around them are too small; a sensor with a larger range avoids this."
+)
+"""Meaning of kinds that report a signal at the limit of its sensor."""
+
+WRONG_PLACE = (
+    "Sensors seem not to be where their labels say. Check how they were worn: with wrong labels, sides or segments are "
+    "mixed up."
+)
+"""Meaning of kinds that report sensors in other places, or other directions, than their labels."""
+
+NO_RANGE = (
+    "Without distances measured between the feet, the positions of the two feet relative to each other are not known: "
+    "stride widths and step lengths are missing or worthless."
+)
+"""Meaning of kinds that report that there is no range between the feet."""
+
+FEW_RESTS = (
+    "Standing still shows the sensors' zero and what upright is. With little or none of it, angles and directions are "
+    "less certain; next time, stand for two seconds before walking off."
+)
+"""Meaning of kinds that report that a person never stood still, or not long enough."""
+
+NO_GRAVITY = "Without an accelerometer, angles drift by degrees a minute; short walks suffer least."
+"""Meaning of kinds that report sensors without an accelerometer."""
+
+NO_WALKING = "Where there is no walking there are no strides; numbers that depend on strides are missing."
+"""Meaning of kinds that report that a person does not walk."""
+
+UNSURE_FORWARD = (
+    "The direction of walking could not be computed clearly from the movement. Signs of turns and of left and right "
+    "may be wrong; a longer straight walk settles it."
+)
+"""Meaning of kinds that report that the direction of walking is not certain."""
+
+DEFAULT_MEASURE = (
+    "A measure of the person was not given, and a usual one is used: lengths and distances are off as much as the "
+    "person differs from it. Measure it and compute the result again."
+)
+"""Meaning of kinds that report a default in the place of a measured length."""
+
+CORRECTED = "The error was found in the data and corrected; nothing needs to be done."
+"""Meaning of kinds that report what was corrected."""
+
+SCALE = (
+    "The accelerometer's scale is a little off, as it often is; the moments of rest show by how much, and the error "
+    "was corrected."
+)
+"""Meaning of kinds that report the accelerometer's scale at rest."""
+
+ORIGIN = "This says how the data were read; no result is less certain for it."
+"""Meaning of kinds that describe where data come from and how they were read."""
+
+LEFT_OUT = "These parts of the data were not used; results that would need them are missing."
+"""Meaning of kinds that report what was left out of a recording or its reference."""
