@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
+from made.notes import note
 
 from jgait import evaluate
 from jgait.estimators import leg_ekf
@@ -339,7 +340,7 @@ def test_results_on_disk_are_those_in_memory(tmp_path, twenty):
 def test_names_that_look_like_something_else_survive(tmp_path):
     item = walk(0)
     names = ["NA", "", "007", 'a,"b"\nc', "1e5"]
-    items = [item._replace(recording=item.recording._replace(name=n, subject=n, notes=(n,))) for n in names]
+    items = [item._replace(recording=item.recording._replace(name=n, subject=n, notes=(note(n),))) for n in names]
     stored = evaluate.cohort(FAKE, items, out=tmp_path)
     same(stored, evaluate.cohort(FAKE, items))
     assert sorted(stored.recordings["subject"]) == sorted(names)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from made.notes import note
 
 from jgait import params
 from jgait.estimators.interface import Estimator, Prepared
@@ -34,7 +35,7 @@ def prepare(recording: Recording) -> Prepared[Inputs]:
     if "foot_right" not in recording.sensors:
         raise RecordingError(f"needs 'foot_right';\n the recording has {sorted(recording.sensors)}")
     imu = recording.sensors["foot_right"]
-    return Prepared(Inputs(imu.time, imu.gyr[:, 0], imu.mask), recording.sampling_rate_hz > 150.0, ("prepared",))
+    return Prepared(Inputs(imu.time, imu.gyr[:, 0], imu.mask), recording.sampling_rate_hz > 150.0, (note("prepared"),))
 
 
 def pad(inputs: Inputs, samples: int) -> Inputs:
@@ -85,7 +86,7 @@ def walk(i: int, bad: str = "") -> Walk:
     )
     sensors = {"waist" if bad == "misplaced" else "foot_right": imu}
     rate = 200.0 if i % 7 == 0 else 100.0
-    return Walk(Recording(sensors, rate, f"walk_{i:03d}", f"00{i % 4}", ("as it came",)), truth, {"number": i})
+    return Walk(Recording(sensors, rate, f"walk_{i:03d}", f"00{i % 4}", (note("as it came"),)), truth, {"number": i})
 
 
 def read(number: Any) -> Walk:

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import pytest
 from made import cohort as made_cohort
+from made import notes as made_notes
 from typer.testing import CliRunner
 
 from jgait import evaluate, report
@@ -106,7 +107,7 @@ def ankles():
     made = report.Made(
         "ankle_stride", p, ankle_stride.AnkleParams(), file="/data/anna/walks/walk.csv", command="jgait report walk.csv"
     )
-    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL, notes=(EVIL,))
+    of = recording("ankle_right", "ankle_left", name=f"/data/anna/{EVIL}", subject=EVIL, notes=(made_notes.note(EVIL),))
     return report.of_estimate(walking_ankles(f"3 samples of ankle_left are lost {EVIL}"), of, made=made)
 
 
