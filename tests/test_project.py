@@ -20,7 +20,7 @@ import jgait
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-HEAVY = ("dask", "distributed", "matplotlib", "pandas", "pooch", "python_calamine", "rich", "scipy", "typer")
+HEAVY = ("dask", "distributed", "matplotlib", "pandas", "pooch", "python_calamine", "rich", "typer")
 
 
 def tracked() -> list[Path]:

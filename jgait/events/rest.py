@@ -1,22 +1,58 @@
-"""Where a sensor on a foot or on the trunk rests, and what it reads there; NumPy, on the host."""
+"""Standing still: when a person or a sensor rests, and what the sensor reads there. NumPy and SciPy, on the host.
 
-from typing import Any, NamedTuple
+All rules look at a centred window. What they ask differs with what is known there: legs in walking never stop together
+(`standing_of_legs`), a foot rests at every stance (`rest`), the trunk moves little even in walking (`trunk_rest`).
+"""
 
-import jax.numpy as jnp
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
+from scipy import ndimage
 
-from jgait.signal.windows import moving_mean, true_runs, window_size
+from jgait.geometry.vectors import GRAVITY
+from jgait.signal.windows import true_runs, window_size
+from jgait.types import Imu, RecordingError, as_float
+
+STILL_RATE = 0.2
+"""[rad/s] Threshold on the root mean square rate of a standing segment: the swing of a leg reaches 3 to 7 rad/s, the
+stance of a shank 0.5 to 1.5 rad/s, and a standing leg with its gyroscope bias stays under 0.1 rad/s."""
+
+STILL_WINDOW_S = 0.5
+"""[s] Window of that root mean square: longer than the quiet part of a stance phase."""
+
+LEGS_RATE = 0.25
+"""[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted with a note."""
+
+LEGS_WINDOW_S = 0.25
+"""[s] Time before and after a sample in which all leg gyroscopes must stay below the threshold."""
+
+LEGS_SHORTEST_S = 0.5
+"""[s] Shortest standing that can calibrate a leg."""
 
 QUIET_WINDOW = 0.5
-"""[s] Over which the spread of the rate tells whether a sensor rests."""
+"""[s] Window of the spread of the rate of a foot."""
 
 QUIET = 1.5
-"""A window rests if its spread is at most this many times the least there is [1]."""
+"""[1] A window rests if its spread is at most this many times the smallest spread of the recording."""
 
 RESTLESS = 0.1
-"""[rad/s] If even the quietest window spreads more than this, the sensor never rests."""
+"""[rad/s] If the smallest spread is larger, the sensor never rests."""
+
+TRUNK_WINDOW_S = 0.5
+"""[s] Window of the spread of the trunk's signals."""
+
+TRUNK_RATE, TRUNK_FORCE = 0.12, 0.25
+"""[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
+
+LEAST_REST_S = 2.0
+"""[s] Shortest rest from which the bias of the trunk's gyroscope is read; from a shorter one the bias gets worse."""
+
+BIAS_KNOWN = 0.06
+"""[rad/s] Largest bias of a gyroscope; a larger mean rate means that the trunk turns."""
+
+BRIDGED_S = 0.1
+"""[s] A shorter loss of samples does not end a rest."""
 
 
 class Rest(NamedTuple):
@@ -51,14 +87,8 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     if len(gyr) <= size:
         return Rest([], np.zeros(3), 0.0, 0.0)
     half = size // 2
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-        return (total[size:] - total[:-size]) / size
-
-    centred = gyr - np.median(gyr, axis=0)
-    spread = np.sqrt(np.maximum(mean(centred**2) - mean(centred) ** 2, 0.0).sum(axis=1))
-    there = mean(np.repeat(mask[:, None], 3, axis=1).astype(np.float64))[:, 0] > 0.99
+    spread = _spread(gyr - np.median(gyr, axis=0), size)
+    there = _mean(mask[:, None].astype(np.float64), size)[:, 0] > 0.99
     least = np.min(spread[there], initial=np.inf)
     if not least < RESTLESS:
         return Rest([], np.zeros(3), 0.0, 0.0)
@@ -73,62 +103,51 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     return Rest(windows, weights @ biases / weights.sum(), force, float(np.sqrt(weights.sum())))
 
 
-STILL_RATE = 0.2
-"""[rad/s] Root mean square rate below which a segment stands: swing reaches 3–7, stance of a shank 0.5–1.5,
-a standing leg with its gyroscope's bias stays under 0.1."""
-
-STILL_WINDOW_S = 0.5
-"""[s] Window over which stillness is judged: longer than the quiet part of a stance phase."""
-
-
 def still_mask(
-    gyr: ArrayLike,
+    gyr: np.ndarray,
     sampling_rate_hz: float,
     *,
-    mask: ArrayLike | None = None,
+    mask: np.ndarray | None = None,
     threshold: float = STILL_RATE,
     window_s: float = STILL_WINDOW_S,
-) -> Array:
-    """Where a segment stands still: the gyroscope's root mean square over a window is below a threshold.
+) -> np.ndarray:
+    """Where the gyroscope's root mean square over a centred window is below a threshold.
 
-    √(Σ m |ω|² / Σ m) < threshold over the centred window, m the mask.
+    √(Σ m |ω|² / Σ m) < threshold, m the mask; the ends of the recording are reflected.
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.
-        sampling_rate_hz: rate of the samples [Hz]; static under jit.
-        mask: (T,) bool, False where a sample is to be ignored; None: all count.
-        threshold: root mean square rate below which it stands [rad/s].
-        window_s: window [s], rounded up to an odd number of samples; static under jit.
+        sampling_rate_hz: of the samples [Hz].
+        mask: (T,) bool, False where a sample is ignored; None: every sample counts.
+        threshold: on the root mean square rate [rad/s].
+        window_s: window [s], rounded up to an odd number of samples.
 
     Returns:
-        (T,) bool; False where a window has no sample that counts.
-
-    Raises:
-        ValueError: if the recording is shorter than half a window.
+        (T,) bool; False where no sample of the window counts.
     """
-    rate = jnp.asarray(gyr)
-    power = (rate * rate).sum(axis=-1)
-    counts = jnp.ones_like(power) if mask is None else jnp.asarray(mask).astype(power.dtype)
+    power = (as_float(gyr) ** 2).sum(axis=-1)
+    counts = np.ones_like(power) if mask is None else np.asarray(mask, np.float64)
     size = window_size(window_s, sampling_rate_hz)
-    weight = moving_mean(counts, size)
-    return (moving_mean(power * counts, size) < threshold**2 * weight) & (weight > 0.0)
+    weight = ndimage.convolve1d(counts, np.ones(size) / size, mode="mirror")
+    mean = ndimage.convolve1d(power * counts, np.ones(size) / size, mode="mirror")
+    return np.asarray((mean < threshold**2 * weight) & (weight > 0.0))
 
 
 def longest_still(
-    gyr: Any,
+    gyr: np.ndarray,
     sampling_rate_hz: float,
     *,
-    mask: Any = None,
+    mask: np.ndarray | None = None,
     threshold: float = STILL_RATE,
     window_s: float = STILL_WINDOW_S,
     at_least_s: float = 0.0,
 ) -> tuple[int, int] | None:
-    """The longest stretch in which a segment stands still; on the host, not under jit.
+    """The longest stretch in which a segment stands still, by `still_mask`.
 
     Args:
         gyr: (T, 3) angular rate [rad/s].
-        sampling_rate_hz: rate of the samples [Hz].
-        mask: (T,) bool, False where a sample is to be ignored; None: all count.
+        sampling_rate_hz: of the samples [Hz].
+        mask: (T,) bool, False where a sample is ignored; None: every sample counts.
         threshold: as in `still_mask` [rad/s].
         window_s: as in `still_mask` [s].
         at_least_s: shorter stretches are ignored [s].
@@ -136,9 +155,154 @@ def longest_still(
     Returns:
         (start, end) [samples], half-open; None if there is no such stretch, or the recording is shorter than a window.
     """
-    rate = np.asarray(gyr)
-    if len(rate) < window_size(window_s, sampling_rate_hz):
+    if len(gyr) < window_size(window_s, sampling_rate_hz):
         return None
-    still = np.asarray(still_mask(rate, sampling_rate_hz, mask=mask, threshold=threshold, window_s=window_s))
+    still = still_mask(gyr, sampling_rate_hz, mask=mask, threshold=threshold, window_s=window_s)
     runs = [run for run in true_runs(still) if run[1] - run[0] >= max(1.0, at_least_s * sampling_rate_hz)]
     return max(runs, key=lambda run: run[1] - run[0], default=None)
+
+
+def standing_of_legs(
+    gyrs: Sequence[np.ndarray], sampling_rate_hz: float, estimator: str
+) -> tuple[np.ndarray, tuple[int, int], list[str]]:
+    """When a person stands, from all gyroscopes on the legs.
+
+    A sample counts as standing when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. The first stretch of
+    one second or more calibrates; if there is none, the longest stretch calibrates.
+
+    Args:
+        gyrs: (T, 3) angular rate of each sensor [rad/s].
+        sampling_rate_hz: of the samples [Hz].
+        estimator: its name, for the error.
+
+    Returns:
+        (T,) bool; the half-open range of samples that calibrates; notes.
+
+    Raises:
+        RecordingError: if the person never stands still for `LEGS_SHORTEST_S`.
+    """
+    half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
+    fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
+    around = ndimage.maximum_filter1d(fastest, 2 * half + 1, mode="nearest")
+    for limit in (LEGS_RATE, 2.0 * LEGS_RATE):
+        still = around < limit
+        runs = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
+        if runs:
+            long = [run for run in runs if run[1] - run[0] >= sampling_rate_hz]
+            notes = [f"the quietest standing still moves at up to {limit:g} rad/s"] if limit > LEGS_RATE else []
+            return still, (long[0] if long else max(runs, key=lambda run: run[1] - run[0])), notes
+    raise RecordingError(
+        f"{estimator} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
+        f"find the gyroscope bias and the upright pose; the quietest moment of this recording reaches "
+        f"{around.min():.2f} rad/s"
+    )
+
+
+class TrunkRest(NamedTuple):
+    """Where the person stands still, and what the sensor reads there.
+
+    Attributes:
+        still: (T,) bool.
+        gyr_bias: (3,) [rad/s].
+        scale: what the accelerometer is multiplied by, so that it reads gravity at rest [1].
+        time: of rest that tells the bias, where the recording begins with one; else 0 [s].
+        first: (3,) direction of gravity in the trunk's axes in the first second, upwards [1].
+        notes: in words, what was noticed.
+    """
+
+    still: np.ndarray
+    gyr_bias: np.ndarray
+    scale: float
+    time: float
+    first: np.ndarray
+    notes: tuple[str, ...]
+
+    @classmethod
+    def none(cls, samples: int) -> "TrunkRest":
+        """Nobody rests."""
+        return cls(np.zeros(samples, bool), np.zeros(3), 1.0, 0.0, np.array([0.0, 0.0, 1.0]), ())
+
+
+def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> TrunkRest:
+    """Where the person stands still, what the gyroscope and the accelerometer read there; in the trunk's axes.
+
+    Args:
+        imu: with lost samples interpolated.
+        rows: (3, 3) axes of the trunk in the sensor's.
+        mask: (T,) bool, False where a sample was lost.
+        rate: of the samples [Hz].
+    """
+    gyr, acc = (as_float(v) @ rows.T for v in (imu.gyr, imu.acc))
+    found = rest(gyr, acc, mask, rate)
+    reads = found.gyr_bias if np.linalg.norm(found.gyr_bias) < BIAS_KNOWN else np.zeros(3)
+    size = window_size(TRUNK_WINDOW_S, rate)
+    still = _spread(_held(gyr - np.median(gyr, axis=0), size), size) < TRUNK_RATE
+    still &= _spread(_held(acc - np.median(acc, axis=0), size), size) < TRUNK_FORCE
+    # who leans or turns slowly does not stand
+    still &= np.linalg.norm(_mean(_held(gyr, size), size) - reads, axis=1) < TRUNK_RATE
+    for a, b in true_runs(~mask):
+        # a short loss was bridged, and does not end a rest
+        still[a:b] &= b - a <= BRIDGED_S * rate
+    notes: list[str] = []
+    runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
+    runs = [(a, b) for a, b in runs if b > a]
+    bias, seconds = _without_sway(gyr, acc, runs, rate)
+    if seconds == 0.0:
+        notes.append(
+            f"nobody stands still for {LEAST_REST_S:g} s: the gyroscope is taken as it reads, and tilt is less certain"
+        )
+    scale = 1.0
+    if runs:
+        a, b = max(runs, key=lambda run: run[1] - run[0])
+        felt = float(np.linalg.norm(acc[a:b].mean(axis=0))) / GRAVITY
+        scale = 1.0 / felt
+        if abs(felt - 1.0) > 0.01:
+            notes.append(f"the accelerometer reads {100.0 * (felt - 1.0):+.1f} % of gravity at rest; corrected")
+    early = next(((a, b) for a, b in runs if a < rate), None)
+    first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
+    return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))
+
+
+def _inner(run: tuple[int, int], edge: int, samples: int) -> tuple[int, int]:
+    """A rest without its ends, in which the push of the first step may lie; not those of the recording."""
+    a, b = run
+    return a + (edge if a > 0 else 0), b - (edge if b < samples else 0)
+
+
+def _without_sway(
+    gyr: np.ndarray, acc: np.ndarray, runs: list[tuple[int, int]], rate: float
+) -> tuple[np.ndarray, float]:
+    """The gyroscope's bias (3,) [rad/s] and the time of rest that tells it [s].
+
+    A rest's mean, less the turn that gravity shows from end to end; zero where nobody rests for long enough.
+    """
+    told, weights = [], []
+    edge = max(1, int(0.25 * rate))
+    for a, b in runs:
+        if b - a < LEAST_REST_S * rate:
+            continue
+        before, after = (acc[c:d].mean(axis=0) for c, d in ((a, a + edge), (b - edge, b)))
+        before, after = before / np.linalg.norm(before), after / np.linalg.norm(after)
+        seconds = (b - a - edge) / rate
+        # gravity's direction in the trunk's axes turns against the trunk
+        told.append(gyr[a:b].mean(axis=0) + np.cross(before, after) / seconds)
+        weights.append(seconds**2)
+    if not told:
+        return np.zeros(3), 0.0
+    return np.average(told, axis=0, weights=weights), float(np.sqrt(np.sum(weights)))
+
+
+def _mean(values: np.ndarray, size: int) -> np.ndarray:
+    """(T − size + 1, n) mean over every full window."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray((total[size:] - total[:-size]) / size)
+
+
+def _spread(centred: np.ndarray, size: int) -> np.ndarray:
+    """(T − size + 1,) standard deviation over every full window, of all columns together; nearly centred values."""
+    return np.sqrt(np.maximum(_mean(centred**2, size) - _mean(centred, size) ** 2, 0.0).sum(axis=1))
+
+
+def _held(values: np.ndarray, size: int) -> np.ndarray:
+    """The samples with their ends repeated, so that there is a window about each sample."""
+    return np.pad(values, [(size // 2, size // 2), (0, 0)], mode="edge")

@@ -14,8 +14,9 @@ from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
-from jgait.estimators.leg_ekf import prepare as leg_calibration
 from jgait.estimators.leg_ekf.inputs import Segment
+from jgait.estimators.leg_ekf.prepare import orient
+from jgait.events.rest import standing_of_legs
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -90,25 +91,26 @@ def find_standing(
         RecordingError: if the person never stands still with all gyroscopes on.
     """
     some = np.any([m.usable for m in used.values()], axis=0)
-    most = LOST / float(np.median(np.diff(time)))
+    rate_hz = 1.0 / float(np.median(np.diff(time)))
+    most = LOST * rate_hz
 
-    def instead(name: str, unknown: np.ndarray) -> Imu:
+    def instead(name: str, unknown: np.ndarray) -> np.ndarray:
         on, gyr = used[name].usable, as_float(sensors[name].gyr)
         for start, stop in true_runs(~on):
             if start > 0 and stop - start < most:
                 on, gyr = on.copy(), gyr.copy()
                 on[start:stop], gyr[start:stop] = True, gyr[start - 1]
-        return sensors[name]._replace(gyr=np.where(on[:, None], gyr, unknown[:, None]))
+        return np.where(on[:, None], gyr, unknown[:, None])
 
     try:
-        strict = {name: instead(name, np.full(time.size, MOVES)) for name in sensors}
-        still, standing, notes = leg_calibration.find_standing(strict, time)
+        strict = [instead(name, np.full(time.size, MOVES)) for name in sensors]
+        still, standing, notes = standing_of_legs(strict, rate_hz, NAME)
     except RecordingError as error:
         whole = all(m.usable.all() for m in used.values())
         more = "" if whole else f"; its gyroscopes are on together for {_together(used, time):.1f} s"
-        raise RecordingError(str(error).replace("leg_ekf", NAME, 1) + more) from error
-    loose = {name: instead(name, np.where(some, 0.0, MOVES)) for name in sensors}
-    return still | leg_calibration.find_standing(loose, time)[0], standing, notes
+        raise RecordingError(f"{error}{more}") from error
+    loose = [instead(name, np.where(some, 0.0, MOVES)) for name in sensors]
+    return still | standing_of_legs(loose, rate_hz, NAME)[0], standing, notes
 
 
 def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
@@ -140,10 +142,7 @@ def _leg(
     alone = next(iter(own.values())) if len(own) == 1 else None
     both = {f"{segment}_{side}": awake(alone or own[segment]) for segment in SEGMENTS}
     rate_hz = recording.sampling_rate_hz
-    try:
-        found, notes = leg_calibration.orient(both, side, standing, still | asleep, rate_hz, perpendicular=True)
-    except RecordingError as error:
-        raise RecordingError(str(error).replace("leg_ekf", NAME, 1)) from error
+    found, notes = orient(both, side, standing, still | asleep, rate_hz, estimator=NAME)
 
     def segment_of(one: Segment) -> GapSegment:
         gyr = np.where(one.measured, one.gyr[:, 2], 0.0)

@@ -4,22 +4,19 @@ Everything here is a decision: which samples are standing, which axis is mediola
 here carries a gradient; what follows (`leg_ekf.run`) is smooth given these decisions.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
+from scipy import ndimage
 
 from jgait.estimators.checks import common_time
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment
+from jgait.events.rest import standing_of_legs
+from jgait.mounting.leg import leg_mounting
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError
+from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
-STILL_RATE = 0.25  # rad/s; every leg gyroscope stays below it while standing
-STILL_WINDOW = 0.25  # s either side of a sample that must be quiet too
-SHORTEST_STANDING = 0.5  # s
-WALKING_RATE = 0.6  # rad/s RMS of a shank that walks
-TURNING_RATE = 0.6  # rad/s about the vertical, low-passed: a turn
 SMALLEST_VARIANCE = 1e-8  # rad²/s², of a gyroscope at rest
-THIGH_LEAD = 0.16  # s by which the thigh's forward swing precedes the shank's
 
 
 LONG_GAP = 0.3
@@ -95,169 +92,42 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
         raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
     if len(values) <= half:
         raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
-    padded = np.pad(np.asarray(values, np.float64), [(half, half), (0, 0)], mode="reflect")
-    window = [padded[shift : shift + len(values)] for shift in range(size)]
-    # Sorted by exchanging neighbours, whole signals at a time: several times faster than `np.sort` of short windows.
-    for turn in range(size):
-        for i in range(turn % 2, size - 1, 2):
-            window[i], window[i + 1] = np.minimum(window[i], window[i + 1]), np.maximum(window[i], window[i + 1])
-    return window[half]
-
-
-def _maximum(values: np.ndarray, half: int) -> np.ndarray:
-    padded = np.pad(values, half, mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).max(axis=1)
-
-
-def find_standing(sensors: dict[str, Imu], time: np.ndarray) -> tuple[np.ndarray, tuple[int, int], list[str]]:
-    """Which samples are quiet standing, the stretch that calibrates, and what was noticed.
-
-    A sample counts as standing when no leg gyroscope exceeds `STILL_RATE` within `STILL_WINDOW` of it. The first
-    stretch of a second or more calibrates; failing that the longest.
-
-    Raises:
-        RecordingError: if the person never stands still for `SHORTEST_STANDING`.
-    """
-    rate = 1.0 / float(np.median(np.diff(time)))
-    half = max(1, round(STILL_WINDOW * rate))
-    fastest = np.max([np.linalg.norm(np.asarray(i.gyr), axis=1) for i in sensors.values()], axis=0)
-    around = _maximum(fastest, half)
-    notes: list[str] = []
-    for limit in (STILL_RATE, 2.0 * STILL_RATE):
-        still = around < limit
-        runs = [r for r in true_runs(still) if (r[1] - r[0]) >= SHORTEST_STANDING * rate]
-        if runs:
-            long = [r for r in runs if (r[1] - r[0]) >= rate]
-            if limit > STILL_RATE:
-                notes.append(f"the quietest standing still moves at up to {limit:g} rad/s")
-            return still, (long[0] if long else max(runs, key=lambda r: r[1] - r[0])), notes
-    raise RecordingError(
-        f"leg_ekf needs {SHORTEST_STANDING:g} s of quiet standing (all leg gyroscopes below {STILL_RATE:g} rad/s) to "
-        f"find the gyroscope bias and the upright pose; the quietest moment of this recording reaches "
-        f"{around.min():.2f} rad/s"
-    )
-
-
-def _smooth(values: np.ndarray, seconds: float, rate: float) -> np.ndarray:
-    """Moving average applied forward and back (a triangle), same length."""
-    width = max(1, round(seconds * rate / 2))
-    kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
-    padded = np.pad(values, (kernel.size // 2, kernel.size - 1 - kernel.size // 2), mode="edge")
-    return np.convolve(padded, kernel, mode="valid")
-
-
-def sagittal_axis(
-    gyr: np.ndarray, up: np.ndarray | None, still: np.ndarray, rate: float, *, perpendicular: bool
-) -> np.ndarray:
-    """The axis about which the segment turns while walking straight, in sensor axes, up to its sign.
-
-    The first principal axis of the angular rate over the walking samples that are not part of a turn; with
-    `perpendicular`, made perpendicular to gravity as felt while standing.
-
-    Args:
-        gyr: (T, 3) angular rate without bias [rad/s].
-        up: (3,) unit vector up while standing, or None without an accelerometer.
-        still: (T,) bool.
-        rate: samples a second [Hz].
-        perpendicular: project onto the horizontal plane.
-
-    Returns:
-        (3,) unit vector.
-    """
-    walking = ~still
-    if up is not None:
-        turning = np.abs(_smooth(gyr @ up, 1.0, rate)) > TURNING_RATE
-        if np.count_nonzero(walking & ~turning) > rate:
-            walking = walking & ~turning
-    samples = gyr[walking]
-    _, vectors = np.linalg.eigh(samples.T @ samples)
-    axis = vectors[:, -1]
-    if perpendicular and up is not None:
-        axis = axis - (axis @ up) * up
-    return axis / np.linalg.norm(axis)
-
-
-def _segment_axes(axis: np.ndarray, up: np.ndarray | None) -> np.ndarray:
-    """Rows forward, up, right in sensor axes; right is the sagittal axis itself."""
-    if up is None:
-        up = np.eye(3)[np.argmin(np.abs(axis))]
-    forward = np.cross(up, axis)
-    forward = forward / np.linalg.norm(forward)
-    return np.stack([forward, np.cross(axis, forward), axis])
-
-
-class _Sensor(NamedTuple):
-    gyr: np.ndarray
-    bias: np.ndarray
-    up: np.ndarray | None
-    axis: np.ndarray
-    swing: np.ndarray
-
-
-def _analyse(imu: Imu, standing: slice, still: np.ndarray, rate: float, *, perpendicular: bool) -> _Sensor:
-    gyr = np.asarray(imu.gyr, np.float64)
-    bias = gyr[standing].mean(axis=0)
-    up = None
-    if imu.acc is not None:
-        mean = np.asarray(imu.acc, np.float64)[standing].mean(axis=0)
-        up = mean / np.linalg.norm(mean)
-    free = gyr - bias
-    axis = sagittal_axis(free, up, still, rate, perpendicular=perpendicular)
-    swing = _smooth(free @ axis, 0.1, rate)
-    return _Sensor(gyr, bias, up, axis, swing)
+    return np.asarray(ndimage.median_filter(as_float(values), size=(size, 1), mode="mirror"))
 
 
 def orient(
-    sensors: dict[str, Imu], side: str, standing: slice, still: np.ndarray, rate: float, *, perpendicular: bool
+    sensors: Mapping[str, Imu],
+    side: str,
+    standing: slice,
+    still: np.ndarray,
+    rate: float,
+    *,
+    perpendicular: bool = True,
+    estimator: str = "leg_ekf",
 ) -> tuple[LegSignals, list[str]]:
-    """One leg's signals in segment axes, with swapped sensors put right and both signs found.
-
-    The shank turns faster than the thigh; where the sensor called thigh turns a quarter faster, the two are taken as
-    swapped. A shank swings forward faster than it goes back, which gives its sign; the thigh swings forward
-    `THIGH_LEAD` before the shank does, which gives the thigh's (correlation .7 to .9 on every leg of `walking5m`, near
-    0 without the lead).
+    """One leg's signals in segment axes, and notes.
 
     Raises:
-        RecordingError: if the shank never moves like walking.
+        RecordingError: if the shank never moves as in walking.
     """
-    notes: list[str] = []
-    names = {"thigh": f"thigh_{side}", "shank": f"shank_{side}"}
-    found = {
-        part: _analyse(sensors[name], standing, still, rate, perpendicular=perpendicular)
-        for part, name in names.items()
-    }
-    moving = {
-        part: float(np.sqrt(np.mean(f.swing[~still] ** 2))) if (~still).any() else 0.0 for part, f in found.items()
-    }
-    if max(moving.values()) < WALKING_RATE:
-        raise RecordingError(
-            f"leg_ekf found no walking: the {side} shank turns at {moving['shank']:.2f} rad/s RMS outside standing "
-            f"(a walking shank exceeds {WALKING_RATE:g}); is the gyroscope in rad/s?"
-        )
-    if moving["thigh"] > 1.25 * moving["shank"]:
-        names = {"thigh": names["shank"], "shank": names["thigh"]}
-        found = {"thigh": found["shank"], "shank": found["thigh"]}
+    worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
+    segments = {}
+    for segment, (forward, left, up) in worn.rows.items():
+        imu, axes = sensors[worn.placements[segment]], np.stack([forward, up, -left])
+        gyr = as_float(imu.gyr) @ axes.T
+        acc = np.zeros_like(gyr)
+        if imu.acc is not None:
+            raw = as_float(imu.acc)
+            acc = raw @ axes.T / np.linalg.norm(raw[standing].mean(axis=0))
+        # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
+        variance = np.maximum(np.var(gyr[standing, 2]), SMALLEST_VARIANCE)
+        measured = np.asarray(imu.mask, bool)
+        segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance)
+    notes = []
+    if worn.swapped:
         notes.append(
             f"{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round"
         )
-    shank, thigh = found["shank"], found["thigh"]
-    signs = {"shank": float(np.sign(np.sum(shank.swing**3)) or 1.0)}
-    lead = round(THIGH_LEAD * rate)
-    together = float(np.sum(thigh.swing[: len(still) - lead] * shank.swing[lead:])) * signs["shank"]
-    signs["thigh"] = float(np.sign(together) or 1.0)
-    segments = {}
-    for part, sensor in found.items():
-        imu = sensors[names[part]]
-        axes = _segment_axes(signs[part] * sensor.axis, sensor.up)
-        gyr = sensor.gyr @ axes.T
-        acc = np.zeros_like(gyr)
-        if imu.acc is not None:
-            raw = np.asarray(imu.acc, np.float64)
-            acc = raw @ axes.T / np.linalg.norm(raw[standing].mean(axis=0))
-        measured = np.asarray(imu.mask, bool)
-        # A coarsely quantised gyroscope reads the same all the time at rest; its noise is not 0 for that.
-        variance = np.maximum(np.var(gyr[standing, 2]), SMALLEST_VARIANCE)
-        segments[part] = Segment(gyr, acc, measured, axes @ sensor.bias, variance)
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 
@@ -299,7 +169,7 @@ def prepare(
     if median > 1:
         sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}
     rate = 1.0 / float(np.median(np.diff(time)))
-    still, (start, stop), notes = find_standing(sensors, time)
+    still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, "leg_ekf")
     legs = {}
     for side in sides:
         legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)

@@ -16,9 +16,9 @@ from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity, pad
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
-from jgait.estimators.waist.rest import TrunkRest, trunk_rest
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
+from jgait.events.rest import TrunkRest, trunk_rest
 from jgait.geometry import rotation
 from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.mounting import shank as shank_axes
@@ -145,7 +145,7 @@ def _motion(
     found = []
     for sign in (1.0, -1.0):
         one = imu._replace(gyr=sign * as_float(imu.gyr))
-        rested = trunk_rest(one, axes, mask, rate)
+        rested = trunk_rest(one, axes.rows, mask, rate)
         inputs = pad(_assembled(one, axes, time, mask, rate, rested, NO_NODES), bucket(len(time), 1024))
         found.append((one, rested, *_heard(WaistParams(), inputs, execution=options.execution)))
     if not float(found[1][3]) > float(found[0][3]) + MIRRORED:

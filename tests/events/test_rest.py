@@ -1,0 +1,46 @@
+"""Standing still is detected where a person stands, and nowhere else."""
+
+import numpy as np
+
+from jgait.events import rest
+
+RNG = np.random.default_rng(0)
+
+
+def _walk(rate_hz=100.0):
+    """2 s standing, 3 s walking, 4 s standing; a biased and noisy gyroscope."""
+    time = np.arange(int(9 * rate_hz)) / rate_hz
+    moving = (time >= 2) & (time < 5)
+    swing = np.where(moving, 3.0 * np.sin(2 * np.pi * (time - 2)), 0.0)
+    gyr = np.stack([0.03 + 0 * time, swing, -0.02 + 0 * time], axis=1)
+    return gyr + RNG.normal(scale=0.01, size=gyr.shape)
+
+
+def test_still_where_standing_and_nowhere_in_walking():
+    still = np.asarray(rest.still_mask(_walk(), 100.0))
+    assert still[:165].all() and still[535:].all()
+    assert not still[200:500].any()
+
+
+def test_longest_still_is_the_longer_end():
+    start, end = rest.longest_still(_walk(), 100.0)
+    assert 495 <= start <= 535 and end == 900
+
+
+def test_longest_still_says_none():
+    gyr = np.full((500, 3), 1.0)
+    assert rest.longest_still(gyr, 100.0) is None
+    assert rest.longest_still(np.zeros((20, 3)), 100.0) is None, "shorter than a window"
+    assert rest.longest_still(np.zeros((120, 3)), 100.0, at_least_s=2.0) is None, "shorter than asked for"
+    assert rest.longest_still(np.zeros((220, 3)), 100.0, at_least_s=2.0) == (0, 220)
+
+
+def test_masked_samples_do_not_count():
+    gyr = _walk()
+    spoilt = gyr.copy()
+    spoilt[50:60] = 1e3
+    mask = np.ones(len(gyr), bool)
+    mask[50:60] = False
+    assert np.asarray(rest.still_mask(spoilt, 100.0, mask=mask))[:165].all()
+    assert not np.asarray(rest.still_mask(spoilt, 100.0))[30:80].any()
+    assert not np.asarray(rest.still_mask(np.zeros((200, 3)), 100.0, mask=np.zeros(200, bool))).any()
