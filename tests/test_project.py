@@ -50,7 +50,7 @@ def test_every_public_name_is_there():
 
 def test_importing_the_library_sets_nothing_and_brings_nothing_heavy():
     code = f"""
-import jax, json, os, pathlib, sys, warnings
+import jax, json, os, pathlib, scipy.ndimage, sys, warnings
 settings, environment, filters = dict(jax.config.values), dict(os.environ), list(warnings.filters)
 import jgait
 first = [name for name in {HEAVY} if name in sys.modules]

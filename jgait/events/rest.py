@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal.windows import true_runs, window_size
-from jgait.types import Imu, RecordingError, as_float
+from jgait.types import AnyArray, Imu, RecordingError, as_float
 
 STILL_RATE = 0.2
 """[rad/s] Threshold on the root mean square rate of a standing segment: the swing of a leg reaches 3 to 7 rad/s, the
@@ -104,10 +104,10 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
 
 
 def still_mask(
-    gyr: np.ndarray,
+    gyr: AnyArray,
     sampling_rate_hz: float,
     *,
-    mask: np.ndarray | None = None,
+    mask: AnyArray | None = None,
     threshold: float = STILL_RATE,
     window_s: float = STILL_WINDOW_S,
 ) -> np.ndarray:
@@ -134,10 +134,10 @@ def still_mask(
 
 
 def longest_still(
-    gyr: np.ndarray,
+    gyr: AnyArray,
     sampling_rate_hz: float,
     *,
-    mask: np.ndarray | None = None,
+    mask: AnyArray | None = None,
     threshold: float = STILL_RATE,
     window_s: float = STILL_WINDOW_S,
     at_least_s: float = 0.0,
@@ -163,7 +163,7 @@ def longest_still(
 
 
 def standing_of_legs(
-    gyrs: Sequence[np.ndarray], sampling_rate_hz: float, estimator: str
+    gyrs: Sequence[AnyArray], sampling_rate_hz: float, estimator: str
 ) -> tuple[np.ndarray, tuple[int, int], list[str]]:
     """When a person stands, from all gyroscopes on the legs.
 
