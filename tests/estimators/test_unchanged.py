@@ -120,6 +120,7 @@ def arrays(record: Any, prefix: str = "") -> dict[str, np.ndarray]:
     """Path, as "legs.right.x", → array, of every number in nested records and dictionaries."""
     if hasattr(record, "_asdict") or isinstance(record, dict):
         fields = record if isinstance(record, dict) else record._asdict()
+        fields = {key: value for key, value in fields.items() if key != "notes"}
         return {path: leaf for key, value in fields.items() for path, leaf in arrays(value, f"{prefix}.{key}").items()}
     leaf = np.asarray(record) if record is not None else np.array("")
     return {prefix[1:]: leaf} if leaf.dtype.kind in "biuf" and leaf.size else {}
