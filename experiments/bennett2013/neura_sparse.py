@@ -9,7 +9,7 @@ import optax
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from jgait import datasets, params, tune
-from jgait.commands import demonstration as demo
+from jgait.commands import demo_run as demo
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS

@@ -1,4 +1,4 @@
-"""Where a cohort comes from: a table of a user's files, a public data set, or simulated people."""
+"""The source of a cohort: a table of a user's files, a public data set, or simulated people."""
 
 import csv
 import difflib
@@ -20,13 +20,13 @@ from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_
 
 def _measures() -> dict[str, BodyMeasure]:
     """Column → the person's measure in it, of all estimators; those that are parameters of the estimator."""
-    found: dict[str, BodyMeasure] = {}
+    measures: dict[str, BodyMeasure] = {}
     for name in estimators.names():
         estimator = estimators.get(name)
         for measure in estimator.about.measures:
             if measure.name in getattr(estimator.params, "_fields", ()):
-                found.setdefault(f"{measure.name}_{measure.unit}", measure)
-    return found
+                measures.setdefault(f"{measure.name}_{measure.unit}", measure)
+    return measures
 
 
 MEASURES = _measures()
@@ -48,29 +48,29 @@ File = Annotated[
     ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]
-Simulated = Annotated[int | None, typer.Option(min=1, help="So many simulated people on walks of 3 to 4 m instead.")]
-Seed = Annotated[int, typer.Option(help="Of simulated people, starts and folds.")]
+Simulated = Annotated[int | None, typer.Option(min=1, help="Number of simulated people on walks of 3 to 4 m instead.")]
+Seed = Annotated[int, typer.Option(help="Random seed of simulated people, starting points and folds.")]
 EstimatorName = Annotated[
     str,
     typer.Option("--estimator", "--method", help=f"Which estimator: {', '.join(estimators.names())}."),
 ]
-Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the best one.")]
+Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the default one.")]
 Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
 
 AT_ENDS = 0.25
-"""How long a recording's distance is taken to stand at its first and last value [s]."""
+"""[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
 
 
 class Source(NamedTuple):
     """A cohort, not yet read.
 
     Attributes:
-        title: what it is called.
+        title: of the cohort.
         items: walks, or names for `read`.
-        read: name → walk; raises for what cannot be read. None where the items are walks.
-        marks: name → what its result depends on, so that a run that goes on knows what has changed.
-        failures: (name, reason) of what is not even an item.
-        notes: worth knowing.
+        read: name → walk; raises for a walk that cannot be read. None where the items are walks.
+        marks: name → the inputs of its result, so that a run that continues detects changed inputs.
+        failures: (name, reason) of rows that are no items.
+        notes: for the user.
     """
 
     title: str
@@ -81,21 +81,21 @@ class Source(NamedTuple):
     notes: list[str]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
-        """Walk by walk; what cannot be read is added to the failures."""
+        """Walk by walk; walks that cannot be read are added to the failures."""
         for number, item in enumerate(self.items):
             report(number)
             try:
                 walk = item if self.read is None else self.read(item)
             except ImportError:
                 raise
-            except Exception as error:  # whatever is wrong with one file, the others are still wanted
+            except Exception as error:  # an error in a single file must not stop the others
                 failures.append((str(item), reason_of(error)))
             else:
                 yield walk
 
 
 def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
-    """What is known of those of a person's measures that an estimator takes."""
+    """The measures of a person that are known and that the estimator takes."""
     from jgait import datasets
 
     known = dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
@@ -106,18 +106,18 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str],
 ) -> Source:  # fmt: skip
-    """The cohort that was asked for; leaves with 2 where there is none.
+    """The cohort that the options name; leaves with 2 where there is none.
 
     Args:
         table: of files, or None.
         dataset: name of a public set, or None.
-        simulated: how many people to simulate, or None.
+        simulated: number of people to simulate, or None.
         seed: of simulated people.
         gyr_unit: of the files.
         acc_unit: of the files.
-        measures: of a person, that the estimator takes; where they are missing it is noted.
+        measures: of a person, that the estimator takes; missing ones are noted.
     """
-    given = [name for name, one in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if one]
+    given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
         stop(f"give one of: a table COHORT.csv, --dataset NAME, --simulated N; got {' and '.join(given) or 'none'}")
     from jgait import datasets
@@ -133,14 +133,14 @@ def source(
 def _simulated(people: int, seed: int) -> Source:
     from jgait.simulate import protocols
 
-    found = protocols.bennett(jax.random.key(seed), people)
-    walks = [Walk(one.recording, one.truth.estimate, {}) for one in found]
+    simulated = protocols.bennett(jax.random.key(seed), people)
+    walks = [Walk(walked.recording, walked.truth.estimate, {}) for walked in simulated]
     marks = {walk.recording.name: f"{people} simulated people, seed {seed}" for walk in walks}
     return Source(f"{people} simulated people", walks, None, marks, [], [])
 
 
 class _Set:
-    """Reads the recordings of a public set; prints the same in every run."""
+    """Reads the recordings of a public set; its text is the same in every run."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -151,21 +151,21 @@ class _Set:
     def __call__(self, recording: str) -> Walk:
         from jgait import datasets
 
-        found = datasets.load(self.name, only=(recording,))
-        if not found:
-            raise RecordingError(found.failures[0].reason)
-        return found[0]
+        walks = datasets.load(self.name, only=(recording,))
+        if not walks:
+            raise RecordingError(walks.failures[0].reason)
+        return walks[0]
 
 
 def _of_dataset(name: str) -> Source:
     from jgait import datasets
 
-    names = list(datasets.names(name))  # DatasetUnavailable says how to get the set
+    names = list(datasets.names(name))  # the message of DatasetUnavailable states how to get the set
     return Source(name, names, _Set(name), dict.fromkeys(names, name), [], [])
 
 
 class _Files:
-    """Reads the rows of a table; prints its units alone, for which rows there are is kept with the results."""
+    """Reads the rows of a table; its text states the units alone, because the rows are stored with the results."""
 
     def __init__(
         self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str | None, acc_unit: str | None
@@ -210,7 +210,7 @@ def _number(row: dict[str, str], name: str) -> float | None:
 
 
 def _walked(recording: Recording, way: float) -> Estimate:
-    """A reference that knows how far a recording went in all: 0 m at its start, everything at its end."""
+    """A reference that has only the whole distance: 0 m at the start of the recording, all of it at the end."""
     time = np.asarray(next(iter(recording.sensors.values())).time, float)
     start, end = time <= time[0] + AT_ENDS, time >= time[-1] - AT_ENDS
     distance = np.where(start, 0.0, way)
@@ -221,7 +221,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     """Rows of a table, by file.
 
     Raises:
-        ValueError: if it is no table with a column `file`, or a unit is unknown.
+        ValueError: if the file is no table with a column `file`, or a unit is unknown.
     """
     from jgait.io.arrays import ACC_UNITS, GYR_UNITS, unit_scale
 
@@ -261,7 +261,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
 
 
 def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[str]:
-    """What the user may not have meant."""
+    """Notes about columns that the user may have misspelt or forgotten."""
     notes = []
     others = [name for name in names if name not in COLUMNS]
     for name in others:
@@ -277,8 +277,8 @@ def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence
 
 
 def _mark(file: Path, row: dict[str, str]) -> str:
-    """A row, and which version of its file."""
-    found = file.stat() if file.exists() else None
-    stamp = "missing" if found is None else f"{found.st_size} bytes of {found.st_mtime_ns}"
+    """A text for a row and the version of its file."""
+    state = file.stat() if file.exists() else None
+    stamp = "missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}"
     cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
     return f"{cells} ({stamp})"

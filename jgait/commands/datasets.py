@@ -1,4 +1,4 @@
-"""`jgait datasets`: which public recordings there are, where they lie, and how they come here."""
+"""`jgait datasets`: list the public data sets, show their folders, and fetch them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,30 +8,30 @@ from rich.table import Table
 
 from jgait.commands.console import console, stop, write_json
 
-Json = Annotated[Path | None, typer.Option("--json", help="Write it here too.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
 sets = typer.Typer(help="Public recordings with a reference.", no_args_is_help=True)
 
 
 @sets.command("list")
 def list_sets(json_file: Json = None) -> None:
-    """The public data sets that jgait reads, and which of them are here."""
+    """List the public data sets that jgait reads, and which of them are on this computer."""
     from jgait import datasets
 
     table = Table("set", "here", "licence", "cite")
-    told = {}
+    listed = {}
     for name in datasets.list_datasets():
         about = datasets.info(name)
         here = datasets.available(name)
         table.add_row(name, "yes" if here else "no", about.licence, about.citation)
-        told[name] = {"here": here, "licence": about.licence, "citation": about.citation}
+        listed[name] = {"here": here, "licence": about.licence, "citation": about.citation}
     console.print(table)
-    write_json(json_file, told)
+    write_json(json_file, listed)
 
 
 @sets.command("path")
 def path_of_set(name: str, json_file: Json = None) -> None:
-    """The folder in which a data set lies."""
+    """Print the folder of a data set."""
     from jgait import datasets
 
     try:
@@ -44,7 +44,7 @@ def path_of_set(name: str, json_file: Json = None) -> None:
 
 @sets.command("fetch")
 def fetch_set(name: str, json_file: Json = None) -> None:
-    """Download a data set from its authors, each file checked by its hash."""
+    """Download a data set from its authors; each file is checked by its hash."""
     from jgait import datasets
 
     try:

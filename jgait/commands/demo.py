@@ -1,4 +1,4 @@
-"""`jgait demo`: estimate, compare, tune and judge, on simulated walks and on real ones."""
+"""`jgait demo`: estimate, compare, tune and judge, on simulated and on real walks."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +21,7 @@ def _show(result: Any) -> None:
         table.add_column(escape(name), justify="right")
     last = None
     for line in result.lines:
-        walk = f"{line.walk} ({'tuned on' if line.seen else 'never seen'})"
+        walk = f"{line.walk} ({'tuned on' if line.tuned_on else 'not tuned on'})"
         values = [line.before, line.after] if not paper else [line.paper, line.before, line.after]
         table.add_row(
             walk if walk != last else "", line.leg, line.what, *("–" if v is None else f"{v:.2f}" for v in values)
@@ -42,9 +42,9 @@ def demo(
     steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 15,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """Estimate joint angles, compare with the truth, tune by gradient, judge on walks the tuning never saw."""
+    """Estimate joint angles, compare with the truth, tune by gradient, judge on walks that the tuning did not use."""
     from jgait import datasets
-    from jgait.commands import demonstration
+    from jgait.commands import demo_run
 
     if dataset not in ("auto", "simulated", "neura_sparse"):
         stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")
@@ -53,14 +53,14 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             stop(f"neura_sparse could not be fetched: {error}")
-    parts: list[Callable[[Any], Any]] = [lambda bar: demonstration.simulated(out, bar, subjects=subjects, steps=steps)]
+    parts: list[Callable[[Any], Any]] = [lambda bar: demo_run.simulated(out, bar, subjects=subjects, steps=steps)]
     if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
-        parts.append(lambda bar: demonstration.neura_sparse(out, bar, steps=steps))
+        parts.append(lambda bar: demo_run.neura_sparse(out, bar, steps=steps))
     # Most of the time goes into compiling, which two threads do side by side.
     with progress() as bars, ThreadPoolExecutor(len(parts)) as pool:
         running = [pool.submit(part, Bar(bars)) for part in parts]
         try:
-            results = [one.result() for one in running]
+            results = [task.result() for task in running]
         except OSError as error:
             stop(f"the figures could not be written to {out}: {error}")
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")

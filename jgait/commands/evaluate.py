@@ -30,16 +30,16 @@ def evaluate(
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
     batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
-    out: Annotated[Path, typer.Option(help="Folder for tables and figures; a run that was killed goes on there.")] = (
+    out: Annotated[Path, typer.Option(help="Folder for tables and figures; an interrupted run continues there.")] = (
         Path("jgait-evaluation")
     ),
-    fresh: Annotated[bool, typer.Option("--fresh", help="Forget what an earlier run left in the folder.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Delete the results of an earlier run in the folder.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
     """Run an estimator on a whole cohort, and compare it with the reference where there is one.
 
-    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv and figures. A bad recording stops
-    no other. Leaves with 0 if all were used, 1 if some could not be, 2 if none could.
+    Writes recordings.csv, quantities.csv, strides.csv, agreement.csv, failures.csv and figures. A recording that
+    cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2: none.
     """
     from jgait import evaluate as evaluation
 
@@ -47,7 +47,7 @@ def evaluate(
     start = start_of(pipeline, params, paper)
     measures = measures_of(pipeline)
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures)
-    own = functools.partial(cohorts.body, measures=measures)
+    body_of = functools.partial(cohorts.body, measures=measures)
     for line in source.notes:
         note(line)
     _take_up(out, source.marks, fresh)
@@ -55,32 +55,32 @@ def evaluate(
         bar, total = Bar(bars), len(source.items)
         bar("reading and computing", 0, total)
         try:
-            found = evaluation.cohort(
-                pipeline, source.items, start, own=own, read=source.read, out=out / "run", batch=batch,
+            results = evaluation.cohort(
+                pipeline, source.items, start, own=body_of, read=source.read, out=out / "run", batch=batch,
                 progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
             )  # fmt: skip
         except (ValueError, OSError) as error:
             stop(f"{error}; --fresh starts anew" if "another evaluation" in str(error) else str(error))
-    found = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in found))
-    failures = source.failures + list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+    results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
+    failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)
-    if not len(found.recordings):
+    if not len(results.recordings):
         stop(f"none of the {len(failures)} recordings of {source.title} could be used")
-    agreement = found.agreement()
+    agreement = results.agreement()
     try:
-        files = _write(out, found, agreement, failures)
+        files = _write(out, results, agreement, failures)
     except OSError as error:
         stop(f"nothing more could be written: {error}")
-    _write_json(json_file, pipeline.name, found, agreement, failures, files)
-    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", found, agreement)
+    _write_json(json_file, pipeline.name, results, agreement, failures, files)
+    _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
     if failures:
-        console.print(f"{len(failures)} of {len(failures) + len(found.recordings)} recordings could not be used")
+        console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
         raise typer.Exit(1)
 
 
 def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
-    """Make the folder, or find out whether what an earlier run left in it is still true; leaves with 2 if not."""
+    """Make the folder, or check that the results in it have the same inputs; leaves with 2 if they have not."""
     from jgait.io.atomic import write_text
 
     kept = out / "run" / ".inputs.json"
@@ -102,10 +102,12 @@ def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
         stop(f"{out} cannot be used: {error}")
     done = sum(1 for _ in (out / "run").glob("part-*-*"))
     if done:
-        console.print(f"going on from an earlier run in {out}; what it finished is not computed again", highlight=False)
+        console.print(
+            f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
+        )
 
 
-def _write(out: Path, found: Any, agreement: Any, failures: list[tuple[str, str]]) -> list[Path]:
+def _write(out: Path, results: Any, agreement: Any, failures: list[tuple[str, str]]) -> list[Path]:
     """Tables and figures."""
     import pandas as pd
 
@@ -113,14 +115,14 @@ def _write(out: Path, found: Any, agreement: Any, failures: list[tuple[str, str]
     from jgait.plot import cohort as plot_cohort
 
     tables = {
-        "recordings": found.recordings, "quantities": found.quantities, "strides": found.strides,
+        "recordings": results.recordings, "quantities": results.quantities, "strides": results.strides,
         "agreement": agreement.reset_index(), "failures": pd.DataFrame(failures, columns=["recording", "reason"]),
     }  # fmt: skip
     files = []
     for name, rows in tables.items():
         files.append(out / f"{name}.csv")
         rows.to_csv(files[-1], index=False)
-    paired = found.paired()
+    paired = results.paired()
     for name in DRAWN:
         rows = paired[(paired["quantity"] == name) & paired["estimate"].notna()]
         if rows["subject"].nunique() < 2:
@@ -138,11 +140,11 @@ def _plain(value: Any) -> Any:
 
 
 def _write_json(
-    path: Path | None, name: str, found: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
+    path: Path | None, name: str, results: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
 ) -> None:
     rows = {q: {k: _plain(v) for k, v in row.items()} for q, row in agreement.astype(object).to_dict("index").items()}
     whole = {
-        "estimator": name, "recordings": len(found.recordings), "failures": dict(failures), "agreement": rows,
+        "estimator": name, "recordings": len(results.recordings), "failures": dict(failures), "agreement": rows,
         "files": list(map(str, files)),
     }  # fmt: skip
     write_json(path, whole)
@@ -162,22 +164,22 @@ def _span(low: float, high: float) -> str:
     return "–" if not math.isfinite(low) else f"{number(low)} … {number(high)}"
 
 
-def _show(title: str, found: Any, agreement: Any) -> None:
-    """What was found, in tables that fit a terminal."""
-    recordings = found.recordings
+def _show(title: str, results: Any, agreement: Any) -> None:
+    """Print the results in tables that fit a terminal."""
+    recordings = results.recordings
     console.print(
         f"{escape(title)}: {count(len(recordings), 'recording', 'recordings')} of "
         f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
         f"{recordings['seconds'].sum():.0f} s recorded", highlight=False,
     )  # fmt: skip
-    told = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
+    compared = [name for name in agreement.index if "_rmse_" not in name and agreement["n"][name]]
     shapes = [name for name in agreement.index if "_rmse_" in name and agreement["n"][name]]
-    if told:
+    if compared:
         console.print("\nagreement with the reference", style="italic")
         shown = Table()
         for name in ("quantity", "n / people", "bias", "95 % limits", "mean |error|", "worst", "ICC(2,1)"):
             shown.add_column(name, justify="left" if name == "quantity" else "right")
-        for name in told:
+        for name in compared:
             row = agreement.loc[name]
             shown.add_row(
                 _label(name), f"{row['n']:.0f} / {row['n_subjects']:.0f}", number(row["bias"]),
@@ -185,7 +187,7 @@ def _show(title: str, found: Any, agreement: Any) -> None:
                 number(row["icc"]),
             )  # fmt: skip
         console.print(shown)
-    rows = found.paired()
+    rows = results.paired()
     relative = 100.0 * rows.loc[rows["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):
         console.print(
@@ -200,9 +202,9 @@ def _show(title: str, found: Any, agreement: Any) -> None:
 
 
 def _show_shapes(rows: Any, names: list[str]) -> None:
-    """Root mean square errors of whole recordings."""
-    told = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
-    console.print(f"\nroot mean square error of whole recordings, {told}", style="italic")
+    """Print the root mean square errors of whole recordings."""
+    meaning = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
+    console.print(f"\nroot mean square error of whole recordings, {meaning}", style="italic")
     shown = Table()
     for name in ("quantity", "recordings", "median", "mean", "worst"):
         shown.add_column(name, justify="left" if name == "quantity" else "right")

@@ -19,13 +19,13 @@ AccUnit = Annotated[
 ]
 Format = Annotated[
     str | None,
-    typer.Option("--format", help="Of the files, if it is not told right by themselves; a wrong one lists them."),
+    typer.Option("--format", help="Of the files, where it is not detected correctly; a wrong name lists all."),
 ]
 Place = Annotated[
     list[str] | None,
     typer.Option(
         "--place",
-        help="Where a sensor sat: SENSOR=shank_right with the file's own name of it, once for each; or shank_right "
+        help="Where a sensor sat: SENSOR=shank_right with the sensor's name in the file, once for each; or shank_right "
         "alone for files of one sensor.",
     ),
 ]
@@ -61,13 +61,13 @@ def in_options(error: RecordingError) -> RecordingError:
 
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
-    """The one placement for files of one sensor, and sensor → placement; leaves with 2 for what is neither."""
+    """The placement for files of one sensor, and sensor → placement; leaves with 2 for any other text."""
     from jgait.types import PLACEMENTS
 
     alone: str | None = None
     places: dict[str, str] = {}
-    for one in given or ():
-        sensor, equals, where = one.rpartition("=")
+    for text in given or ():
+        sensor, equals, where = text.rpartition("=")
         if where not in PLACEMENTS:
             stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
         if equals:
@@ -98,19 +98,19 @@ def recording_of(
 
     Args:
         file: what to read.
-        rate: samples a second [Hz], for files that do not say it.
-        gyr_unit: as said by the user; None for what the file states, or deg/s for tables of jgait's own columns.
-        acc_unit: the same; m/s^2 for tables.
+        rate: samples a second [Hz], for files that do not state it.
+        gyr_unit: as the user states it; None for what the file states, or deg/s for tables of jgait's own columns.
+        acc_unit: as gyr_unit; m/s^2 for tables.
         range_unit: of the column feet_range.
-        format: one of `jgait.io.FORMATS`; None to be told by the file.
-        placement: of files of one sensor.
+        format: one of `jgait.io.FORMATS`; None: detected from the file.
+        placement: of the sensor, for files of one sensor.
         placements: the file's name of a sensor → where it sat.
-        trial: of a Mobilise-D file with several.
+        trial: name of the trial in a Mobilise-D file with several.
         called: `name` and `subject`.
 
     Raises:
         OSError: if there is no such file, or it may not be read.
-        ValueError: for unknown units or formats, and, as `RecordingError`, for what is no usable recording.
+        ValueError: for unknown units or formats; `RecordingError` for a recording that cannot be used.
     """
     try:
         return _read(
@@ -125,22 +125,22 @@ def _read(
     file: Path, rate: float | None, gyr_unit: str | None, acc_unit: str | None, range_unit: str, format: str | None,
     placement: str | None, placements: Mapping[str, str] | None, trial: str | None, **called: Any,
 ) -> Recording:  # fmt: skip
-    """What `recording_of` says, in the words of the readers."""
+    """As `recording_of`, with errors that name the arguments of the readers."""
     from jgait import io
     from jgait.io.formats import columns
 
-    told = format or (io.format_of(file) if file.exists() else "csv")
+    kind = format or (io.format_of(file) if file.exists() else "csv")
     if trial is not None:
-        if told != "mobilised":
+        if kind != "mobilised":
             raise ValueError(f"{file.name} is no Mobilise-D file, so there is no trial {trial!r} in it")
         return io.read_mobilised(file, trial=trial, **called)
-    text = told == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
+    text = kind == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
     if text and not placements and not (file.exists() and columns.foreign(file)):
         return io.read_csv(
             file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
             range_unit=range_unit, placement=placement, **called,
         )  # fmt: skip
     return io.read(
-        file, format=told, placement=placement, placements=placements, sampling_rate_hz=rate,
+        file, format=kind, placement=placement, placements=placements, sampling_rate_hz=rate,
         gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
     )  # fmt: skip

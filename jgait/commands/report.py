@@ -16,7 +16,7 @@ from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, st
 from jgait.types import Estimate, Recording
 
 ENDINGS = (".html", ".htm")
-"""What a page's name may end with."""
+"""Endings of the name of a page."""
 
 
 @with_own_options
@@ -31,7 +31,7 @@ def report(
     dataset: cohorts.Dataset = None,
     simulated: cohorts.Simulated = None,
     recording: Annotated[
-        str | None, typer.Option(help="Of --dataset this recording alone, with its reference in the figures.")
+        str | None, typer.Option(help="Only this recording of --dataset, with its reference in the figures.")
     ] = None,
     estimator: cohorts.EstimatorName = "leg_ekf",
     paper: cohorts.Paper = False,
@@ -49,10 +49,10 @@ def report(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
     **own: Any,
 ) -> None:
-    """One self-contained HTML page about a recording or a cohort: summary, doubts in plain words, figures, tables.
+    """One self-contained HTML page about a recording or a cohort: summary, warnings in plain words, figures, tables.
 
-    The page asks for nothing from outside, and names no folder. Leaves with 0 if all went well, 1 if some recordings
-    of a cohort could not be used, 2 if nothing could be done.
+    The page loads nothing from other addresses and names no folder. Exit code 0: success; 1: some recordings of a
+    cohort could not be used; 2: no page could be made.
     """
     if out.suffix.lower() not in ENDINGS:
         stop(f"--out is the name of a page and ends with .html; got {out.name!r}")
@@ -69,7 +69,7 @@ def report(
         choice = chosen(estimator, paper, params, own)
         page = _of_one(what, dataset, recording, choice, files, command)
     else:
-        given = [one.option.name for one in own_options().values() if own[one.variable] is not None]
+        given = [option.option.name for option in own_options().values() if own[option.variable] is not None]
         if given:
             stop(f"{given[0]} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(what, dataset, simulated, seed, estimator, paper, params, files, command)
@@ -82,10 +82,10 @@ def report(
 
 
 def command_of(words: list[str]) -> str:
-    """A command as it may be shown to others: files by their names alone.
+    """A command line without folders: files by their names alone.
 
     Args:
-        words: of the command line, the program first.
+        words: of the command line, beginning with the program.
     """
     shown = ["jgait", *(_by_name(word) for word in words[1:] if word != "--open")]
     return shlex.join(shown)
@@ -97,7 +97,7 @@ def _by_name(word: str) -> str:
 
 
 def is_cohort(path: Path) -> bool:
-    """Whether a table has a column `file`; what cannot be read is left to who reads it."""
+    """Whether a table has a column `file`; False for a file that cannot be read."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             header = stream.readline(100_000)
@@ -122,11 +122,11 @@ def _of_one(
         if dataset is not None:
             if file is not None:
                 stop("give one of: a file, --dataset NAME; got both")
-            found = datasets.load(dataset, only=(str(name),))
-            if not found:
-                stop(found.failures[0].reason if found.failures else f"{dataset} has no recording {name!r}")
-            walked, reference = found[0].recording, found[0].reference
-            known = cohorts.body(found[0], measures_of(estimator))
+            walks = datasets.load(dataset, only=(str(name),))
+            if not walks:
+                stop(walks.failures[0].reason if walks.failures else f"{dataset} has no recording {name!r}")
+            walked, reference = walks[0].recording, walks[0].reference
+            known = cohorts.body(walks[0], measures_of(estimator))
         else:
             walked = recordings.recording_of(Path(str(file)), **files)
     except (datasets.DatasetUnavailable, ValueError, OSError) as error:
@@ -154,7 +154,7 @@ def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str,
 ) -> tuple[Any, list[tuple[str, str]]]:  # fmt: skip
-    """The page of a cohort that is computed now."""
+    """The page of a cohort whose results are computed now."""
     import functools
 
     from jgait import evaluate as evaluation
@@ -166,43 +166,43 @@ def _of_cohort(
     source = cohorts.source(table, dataset, simulated, seed, files["gyr_unit"], files["acc_unit"], measures)
     for line in source.notes:
         note(line)
-    own = functools.partial(cohorts.body, measures=measures)
+    body_of = functools.partial(cohorts.body, measures=measures)
     with progress() as bars:
         bar, total = Bar(bars), len(source.items)
         bar("reading and computing", 0, total)
         try:
-            found = evaluation.cohort(
-                pipeline, source.items, start, own=own, read=source.read,
+            results = evaluation.cohort(
+                pipeline, source.items, start, own=body_of, read=source.read,
                 progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
             )  # fmt: skip
         except (ValueError, OSError) as error:
             stop(str(error))
-    failures = source.failures + list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+    failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)
-    if not len(found.recordings):
+    if not len(results.recordings):
         stop(f"none of the {len(failures)} recordings of {source.title} could be used")
     made = reports.Made(
         pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
         tuple(source.notes),
     )  # fmt: skip
-    return reports.of_cohort(found, title=source.title, failures=failures, made=made), failures
+    return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
 
 
 def _of_folder(folder: Path, command: str) -> tuple[Any, list[tuple[str, str]]]:
-    """The page of what `jgait evaluate` left in a folder."""
+    """The page of the results of `jgait evaluate` in a folder."""
     from jgait import report as reports
     from jgait.report import folder as folders
 
     try:
-        found, failures = folders.read(folder)
+        results, failures = folders.read(folder)
         made = folders.made(folder)._replace(command=command)
-        return reports.of_cohort(found, title=folder.resolve().name, failures=failures, made=made), failures
+        return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures
     except (ValueError, OSError) as error:
         stop(f"{folder} is no folder that jgait evaluate wrote: {error}")
 
 
 def _write(page: Any, out: Path, json_file: Path | None) -> None:
-    """The page, and the numbers where they are asked for; leaves with 2 where they cannot be written."""
+    """Write the page, and the numbers where a file is named; leaves with 2 where they cannot be written."""
     written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
     for save, path in written:
         try:

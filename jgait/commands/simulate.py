@@ -13,7 +13,7 @@ from rich.table import Table
 from jgait.commands.console import Bar, console, count, progress, stop, write_json
 
 ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "a,b"), "circle": (1, "radius")}
-"""Name → how many lengths [m] it takes, and which."""
+"""Name → the number of lengths [m] of the route, and their names."""
 
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 KEPT = "simulation.json"
@@ -21,80 +21,83 @@ HIGHEST_RATE_HZ = 1000.0
 
 
 def simulate(
-    people: Annotated[int, typer.Option(min=1, help="How many, drawn from published norms.")] = 1,
+    people: Annotated[int, typer.Option(min=1, help="Number of people, drawn from published norms.")] = 1,
     route: Annotated[
         str, typer.Option(help="straight:20, u_turn:8, rectangle:10,5 or circle:4; lengths in metres.")
     ] = "straight:20",
     protocol: Annotated[
         str | None,
-        typer.Option(help=f"What a paper asked of its subjects, instead of a route: {', '.join(PROTOCOLS)}."),
+        typer.Option(help=f"The protocol of a paper instead of a route: {', '.join(PROTOCOLS)}."),
     ] = None,
     sensors: Annotated[
         str | None,
-        typer.Option(help="Which sensor, such as ideal, mpu6000, opal, idg300; default mpu6000, or the paper's own."),
+        typer.Option(help="Such as ideal, mpu6000, opal, idg300; default mpu6000, or the sensor of the paper."),
     ] = None,
-    rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; default 100, or the paper's own.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples a second [Hz]; default 100, or that of the paper.")
+    ] = None,
     placements: Annotated[
-        str | None, typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven of them.")
+        str | None,
+        typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of people, their steps and the sensors' errors.")] = 0,
-    out: Annotated[Path, typer.Option(help="Folder for the files; what is there already is not made again.")] = Path(
+    seed: Annotated[int, typer.Option(help="Random seed of people, their steps and the errors of the sensors.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for the files; files that exist are not made again.")] = Path(
         "jgait-simulation"
     ),
-    fresh: Annotated[bool, typer.Option("--fresh", help="Overwrite what another simulation left in the folder.")] = (
+    fresh: Annotated[bool, typer.Option("--fresh", help="Overwrite the files of another simulation in the folder.")] = (
         False
     ),
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write what was made here.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the list of files here.")] = None,
 ) -> None:
     """Simulate walks of people with worn sensors: recordings, their exact truth, and a table of them all.
 
-    Writes NAME.csv (what the sensors say), NAME_truth.csv (angles, feet, distance), NAME_strides.csv, and cohort.csv,
-    which `jgait evaluate` and `jgait tune` take. The same options give the same files.
+    Writes NAME.csv (the signals), NAME_truth.csv (angles, feet, distance), NAME_strides.csv, and cohort.csv, which
+    `jgait evaluate` and `jgait tune` take. The same options give the same files.
     """
-    worn = None if placements is None else tuple(one.strip() for one in placements.split(",") if one.strip())
+    worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
     asked = {"people": people, "route": None if protocol else route, "protocol": protocol, "sensors": sensors,
              "rate": rate, "placements": worn and list(worn), "seed": seed}  # fmt: skip
     walks = _walks(people, route, protocol, _options(sensors, rate, worn), seed)
     made = _folder(out, asked, fresh)
-    told: dict[str, Any] = {}
+    written: dict[str, Any] = {}
     with progress() as bars:
         bar = Bar(bars)
         bar("simulating (the first walk compiles)", 0, people)
         try:
             for number, (recording, truth, person, distance) in enumerate(walks(), 1):
-                told[recording.name] = _written(recording, truth, person, distance, out, made)
+                written[recording.name] = _written(recording, truth, person, distance, out, made)
                 bar("simulating", number, people)
         except ValueError as error:
             stop(str(error))
         except OSError as error:
             stop(f"nothing more could be written to {out}: {error}")
     try:
-        _cohort(out / "cohort.csv", told)
+        _cohort(out / "cohort.csv", written)
     except OSError as error:
         stop(f"nothing more could be written: {error}")
-    write_json(json_file, {"asked": asked, "walks": told})
-    _show(told)
+    write_json(json_file, {"asked": asked, "walks": written})
+    _show(written)
     console.print(
-        f"wrote {count(len(told), 'recording', 'recordings')}, each with its truth, and {out / 'cohort.csv'} "
+        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {out / 'cohort.csv'} "
         f"(jgait evaluate {out / 'cohort.csv'})",
         soft_wrap=True, highlight=False,
     )  # fmt: skip
 
 
 def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
-    """What of the sensors was asked for; leaves with 2 where there is no such thing."""
+    """The options of the sensors; leaves with 2 for a sensor, rate or placement that is not known."""
     from jgait.simulate import sensors as worn_sensors
     from jgait.types import PLACEMENTS
 
-    known = {name.lower(): one for name, one in vars(worn_sensors).items()
-             if isinstance(one, worn_sensors.ImuErrors)}  # fmt: skip
+    known = {name.lower(): errors for name, errors in vars(worn_sensors).items()
+             if isinstance(errors, worn_sensors.ImuErrors)}  # fmt: skip
     if sensors is not None and sensors.lower() not in known:
         stop(f"--sensors must be one of {', '.join(sorted(known))}; got {sensors!r}")
     if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
         stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
-    for one in worn or ():
-        if one not in PLACEMENTS:
-            stop(f"--placements: there is no {one!r}; known are {', '.join(PLACEMENTS)}")
+    for name in worn or ():
+        if name not in PLACEMENTS:
+            stop(f"--placements: there is no {name!r}; known are {', '.join(PLACEMENTS)}")
     given = {"errors": None if sensors is None else known[sensors.lower()], "rate": rate, "placements": worn}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -102,18 +105,18 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 def _walks(
     people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator[Any]]:
-    """What gives recording, truth, person and distance one after another; leaves with 2 for what there is not."""
+    """An iterator over recording, truth, person and distance; leaves with 2 for an unknown protocol or route."""
     from jgait.simulate import protocols
 
     key = jax.random.key(seed)
     if protocol is not None:
         if protocol not in PROTOCOLS:
             stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
-        ask = getattr(protocols, protocol)
+        simulated = getattr(protocols, protocol)
 
         def of_paper() -> Iterator[Any]:
-            for one in ask(key, people, **options):
-                yield one.recording, one.truth, one.extra["person"], float(one.extra["distance"])
+            for walked in simulated(key, people, **options):
+                yield walked.recording, walked.truth, walked.extra["person"], float(walked.extra["distance"])
 
         return of_paper
     along = _route(route)
@@ -128,16 +131,16 @@ def _drawn(key: Any, people: int, along: Any, options: dict[str, Any]) -> Iterat
     who, how = jax.random.split(key)
     drawn = simulation.population(who, people)
     keys = [jax.random.fold_in(how, i) for i in range(people)]
-    fit = [simulation.fitted(one, simulation.person_of(drawn, i), along) for i, one in enumerate(keys)]
+    fit = [simulation.fitted(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
-    found = simulation.walks(keys, fit, [along] * people, **asked)
+    walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.total_length(along))
-    for (recording, truth), person in zip(found, fit, strict=True):
+    for (recording, truth), person in zip(walks, fit, strict=True):
         yield recording, truth, person, distance
 
 
 def _route(text: str) -> Any:
-    """The route that is meant; leaves with 2 for one that cannot be walked."""
+    """The route of a text; leaves with 2 for a text that is no route."""
     from jgait import simulate as simulation
 
     name, _, lengths = text.partition(":")
@@ -145,16 +148,16 @@ def _route(text: str) -> Any:
     if name not in ROUTES:
         stop(f"{expected}; got {text!r}")
     try:
-        metres = [float(one) for one in lengths.split(",")]
+        metres = [float(text) for text in lengths.split(",")]
     except ValueError:
         metres = []
-    if len(metres) != ROUTES[name][0] or not all(1.0 <= one <= 1000.0 for one in metres):
+    if len(metres) != ROUTES[name][0] or not all(1.0 <= metre <= 1000.0 for metre in metres):
         stop(f"{expected}, from 1 to 1000 m; got {text!r}")
     return getattr(simulation, name)(*metres)
 
 
 def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
-    """Make the folder; whether what lies there is of this simulation. Leaves with 2 where it is of another."""
+    """Make the folder; True where its files are of this simulation. Leaves with 2 where they are of another one."""
     kept = out / KEPT
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -168,7 +171,7 @@ def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
 
 
 def _written(recording: Any, truth: Any, person: Any, distance: float, out: Path, made: bool) -> dict[str, Any]:
-    """Write a walk, unless it is there; what is known of it."""
+    """Write the files of a walk that do not exist yet; returns the numbers of the walk."""
     from jgait import io
 
     name = recording.name
@@ -194,23 +197,23 @@ def _written(recording: Any, truth: Any, person: Any, distance: float, out: Path
     }
 
 
-def _cohort(file: Path, told: dict[str, Any]) -> None:
+def _cohort(file: Path, written: dict[str, Any]) -> None:
     """The table that `jgait evaluate` takes."""
     import pandas as pd
 
     from jgait import io
 
     columns = ["file", "subject", "thigh_length_m", "shank_length_m", "distance_m", "sampling_rate_hz"]
-    io.write_csv(pd.DataFrame(list(told.values()))[columns], file)
+    io.write_csv(pd.DataFrame(list(written.values()))[columns], file)
 
 
-def _show(told: dict[str, Any], most: int = 20) -> None:
+def _show(written: dict[str, Any], most: int = 20) -> None:
     table = Table(title="simulated walks", title_justify="left")
     for name in ("recording", "duration [s]", "distance [m]", "strides", "sensors"):
         table.add_column(name, justify="left" if name in ("recording", "sensors") else "right")
-    for name, one in list(told.items())[:most]:
-        cells = (f"{one['duration_s']:.1f}", f"{one['distance_m']:.2f}", str(one["strides"]), str(len(one["sensors"])))
+    for name, row in list(written.items())[:most]:
+        cells = (f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", str(row["strides"]), str(len(row["sensors"])))
         table.add_row(name, *cells)
     console.print(table)
-    if len(told) > most:
-        console.print(f"… and {len(told) - most} more", highlight=False)
+    if len(written) > most:
+        console.print(f"… and {len(written) - most} more", highlight=False)

@@ -1,4 +1,4 @@
-"""`jgait tune`: parameters from a cohort by gradient, judged on people that they were not learned from."""
+"""`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
 import hashlib
 import json
@@ -69,28 +69,30 @@ def tune(
     loss: Annotated[str, typer.Option(help="distance, trajectory or likelihood (which needs no reference).")] = (
         "distance"
     ),
-    judge: Annotated[str | None, typer.Option(help="By what people are judged; the loss, if not said.")] = None,
+    judge: Annotated[str | None, typer.Option(help="The error by which people are judged; default: the loss.")] = None,
     steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
-    rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; it falls to 0.")] = 0.05,
-    starts: Annotated[int, typer.Option(min=1, help="Places to start from, the first as given.")] = 1,
-    folds: Annotated[int | None, typer.Option(min=2, help="Of people; else one at a time.")] = None,
-    cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
+    rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; decreases to 0.")] = 0.05,
+    starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
+    folds: Annotated[int | None, typer.Option(min=2, help="Groups of people; default: each person alone.")] = None,
+    cross: Annotated[
+        bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on other people.")
+    ] = True,
     estimator: cohorts.EstimatorName = "leg_ekf",
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
-    out: Annotated[Path, typer.Option(help="Folder for results; a run that was killed goes on there.")] = (
+    out: Annotated[Path, typer.Option(help="Folder for results; an interrupted run continues there.")] = (
         Path("jgait-tuning")
     ),
-    fresh: Annotated[bool, typer.Option("--fresh", help="Forget what an earlier run left in the folder.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Delete the results of an earlier run in the folder.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """Learn parameters from a cohort by gradient, and say what that does to people who were not learned from.
+    """Learn parameters from a cohort by gradient, and judge them on people from whom they were not learned.
 
-    Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Leaves
-    with 0 if all recordings were used, 1 if some could not be, 2 if nothing could be learned.
+    Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
+    code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
     for option, given in (("--loss", loss), ("--judge", judge or loss)):
         if given not in LOSSES:
@@ -108,13 +110,13 @@ def tune(
     _check_reference(made, {loss, judge or loss}, source.title)
     _make_room(out, fresh)
     job = _job(pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run")
-    with progress() as bars, warnings.catch_warnings(record=True) as said:
+    with progress() as bars, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            found = _learned(job, Bar(bars), cross, loss)
+            results = _learned(job, Bar(bars), cross, loss)
         except (ValueError, TypeError) as error:
             stop(f"{error}; --fresh starts anew" if "belongs to another fit" in str(error) else str(error))
-    for line in dict.fromkeys(str(one.message) for one in said):
+    for line in dict.fromkeys(str(warning.message) for warning in caught):
         note(line)
     how = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
@@ -123,7 +125,7 @@ def tune(
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     try:
-        tune_report.report(title, job, found, how, out, failures, json_file)
+        tune_report.report(title, job, results, how, out, failures, json_file)
     except OSError as error:
         stop(f"nothing more could be written: {error}")
     if failures:
@@ -146,16 +148,19 @@ def _lessons(
     pipeline: Any, source: cohorts.Source, start: Any, names: list[str], failures: list[tuple[str, str]],
     reference: bool,
 ) -> Any:  # fmt: skip
-    """Lessons of the cohort, everyone's own measures in them; leaves with 2 if there are none."""
+    """The lessons of the cohort, with the measures of each person; leaves with 2 if there are none."""
     from jgait import tune as tuning
     from jgait.params import check_params
 
     learned = {name.split(".")[0] for name in names}
     measures = measures_of(pipeline)
     if learned & set(measures):
-        note(f"{', '.join(sorted(learned & set(measures)))}: one value is learned for everybody, not each one's own")
+        note(
+            f"{', '.join(sorted(learned & set(measures)))}: a single value is learned for all people, not one for each "
+            "person"
+        )
 
-    def own(walk: Any) -> dict[str, Any]:
+    def body_of(walk: Any) -> dict[str, Any]:
         # All lessons name the same measures, so those that are not known have their default.
         known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
@@ -168,7 +173,7 @@ def _lessons(
         bar, total = Bar(bars), len(source.items)
         walks = source.walks(failures, lambda number: bar("reading", number, total))
         try:
-            made = tuning.lessons(pipeline, walks, own=own, reference=reference)
+            made = tuning.lessons(pipeline, walks, own=body_of, reference=reference)
         except ValueError as error:
             say_failures(failures)
             stop(str(error))
@@ -177,7 +182,7 @@ def _lessons(
 
 
 def _check_reference(made: Any, losses: set[str], title: str) -> None:
-    """Leave with 2 where the reference does not say what the losses ask for."""
+    """Leave with 2 where the reference lacks what the losses need."""
     truth = made.data.reference
     if "trajectory" in losses and not any(truth.legs):
         stop(f"trajectory errors need joint angles, and the reference of {title} has none: --loss distance")
@@ -203,7 +208,7 @@ def _job(
     from jgait import tune as tuning
 
     term, unit, judged = LOSSES[judge]
-    objective, error = (tuning.objective(pipeline, made.options, one) for one in (loss, term))
+    objective, error = (tuning.objective(pipeline, made.options, name) for name in (loss, term))
     optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
     settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
     digest = hashlib.sha256(_without_addresses(settings).encode())
@@ -221,8 +226,8 @@ def _without_addresses(text: str) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _learned(job: Job, bar: Bar, cross: bool, loss: str) -> "tune_report.Found":
-    """Cross-validate, fit, and ask what the data determine."""
+def _learned(job: Job, bar: Bar, cross: bool, loss: str) -> "tune_report.TuningResults":
+    """Cross-validate, fit, and compute which parameters the data determine."""
     from jgait import tune as tuning
 
     people = len(set(job.made.subjects))
@@ -230,29 +235,29 @@ def _learned(job: Job, bar: Bar, cross: bool, loss: str) -> "tune_report.Found":
         "steps": job.steps, "starts": job.starts, "key": job.key, "subjects": job.made.subjects,
     }  # fmt: skip
     if job.run.exists():
-        console.print("going on from an earlier run of the same settings", highlight=False)
+        console.print("continuing an earlier run with the same settings", highlight=False)
 
     def report(what: str) -> Callable[[Any], None]:
         return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
 
     validation, why = None, ""
     if cross and people < 2:
-        why = "cross-validation is left out: it needs two people, and there is one"
+        why = "cross-validation is left out: it needs two people, and there is only a single person"
     elif cross:
-        bar("learning from all people but some (compiling)", 0, None)
+        bar("learning from other people (compiling)", 0, None)
         validation = tuning.cross_validate(
             job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
-            progress=report("learning from all people but some"), checkpoint_file=job.run / "cross_validation.npz",
+            progress=report("learning from other people"), checkpoint_file=job.run / "cross_validation.npz",
             **shared,
         )  # fmt: skip
-    bar("learning from everybody (compiling)", 0, None)
+    bar("learning from all people (compiling)", 0, None)
     fit = tuning.fit(
-        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from everybody"),
+        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from all people"),
         checkpoint_file=job.run / "fit.npz", **shared,
     )  # fmt: skip
-    bar("what the data determine (compiling)", 0, None)
+    bar("which parameters the data determine (compiling)", 0, None)
     known, unknown = _determined(job, fit, people, "hessian" if loss == "likelihood" else "sandwich")
-    return tune_report.Found(validation, fit, known, [line for line in (why, unknown) if line])
+    return tune_report.TuningResults(validation, fit, known, [line for line in (why, unknown) if line])
 
 
 def _determined(job: Job, fit: Any, people: int, information: str) -> tuple[Any, str]:
@@ -266,7 +271,7 @@ def _determined(job: Job, fit: Any, people: int, information: str) -> tuple[Any,
             f"{count(people, 'person', 'people')}, and there must be more people than numbers"
         )
     if fit.left_out:
-        return None, "standard errors are left out, for some recordings did not count"
+        return None, "standard errors are left out, because some recordings were not used"
     loss, data = tuning.by_subject(job.loss, job.made.data, job.made.subjects)
     try:
         return tuning.identifiability(loss, fit.params, job.free, data, information=information), ""

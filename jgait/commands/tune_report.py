@@ -1,4 +1,4 @@
-"""What `jgait tune` says and writes of what it found."""
+"""What `jgait tune` prints and writes."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,17 +16,17 @@ MOST = 30
 """People that the table on the terminal shows; the file has all."""
 
 ENOUGH = 6
-"""People from which on a verdict is given: fewer all change the same way by chance more often than one time in 20."""
+"""Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
-class Found(NamedTuple):
-    """What came of a tuning.
+class TuningResults(NamedTuple):
+    """The results of a tuning.
 
     Attributes:
         validation: a `CrossValidation`, or None.
         fit: a `Fit` to everybody.
         known: an `Identifiability`, or None.
-        left_out: what was not done, and why.
+        left_out: steps that were left out, with the reason.
     """
 
     validation: Any
@@ -36,16 +36,16 @@ class Found(NamedTuple):
 
 
 def report(
-    title: str, job: Any, found: Found, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
+    title: str, job: Any, results: TuningResults, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
     json_file: Path | None,
 ) -> None:  # fmt: skip
     """Write and print everything.
 
     Args:
-        title: of the whole.
-        job: what was asked for, a `jgait.commands.tune.Job`.
-        found: what came of it.
-        how: how it was made, for the file of parameters.
+        title: of the tables.
+        job: the task, a `jgait.commands.tune.Job`.
+        results: of the tuning.
+        how: the settings, for the file of parameters.
         out: folder.
         failures: recordings that could not be used.
         json_file: where the numbers go, or None.
@@ -54,22 +54,22 @@ def report(
     from jgait.plot import cohort as plot_cohort
     from jgait.plot import tuning as plot_tuning
 
-    values = _values(job, found)
+    values = _values(job, results)
     spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
     files = [
-        io.write_params(out / "tuned.json", found.fit.params, estimator=job.pipeline.name, stderr=spreads, made=how),
-        plot.save(plot_tuning.training(found.fit, title=title), out / "training.png"),
+        io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=how),
+        plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]
     change = None
-    if found.validation is not None:
-        table = found.validation.table
-        items = found.validation.items.assign(recording=job.made.names)
+    if results.validation is not None:
+        table = results.validation.table
+        items = results.validation.items.assign(recording=job.made.names)
         files.append(out / "held_out.csv")
         items[["recording", "subject", "fold", "error_before", "error_after"]].to_csv(files[-1], index=False)
         rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
         change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
         drawn = plot_cohort.before_after(
-            rows, unit=job.unit, name=job.judged, title="each judged by parameters learned from other people"
+            rows, unit=job.unit, name=job.judged, title="each person judged by parameters learned from other people"
         )
         files.append(plot.save(drawn, out / "before_after.png"))
     console.print(
@@ -79,28 +79,28 @@ def report(
     if change is not None:
         _show_held_out(table, job, change)
     _show_values(values)
-    for line in [] if found.known is None else found.known.sentences:
+    for line in [] if results.known is None else results.known.sentences:
         console.print(escape(f"· {line}"), highlight=False)
-    if found.known is not None and found.known.decrement > OFF:
-        note("more --steps, or another --learning-rate, may lead nearer to the optimum")
-    for line in found.left_out:
+    if results.known is not None and results.known.decrement > OFF:
+        note("more --steps, or another --learning-rate, may reach the optimum more closely")
+    for line in results.left_out:
         note(line)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
     write_json(json_file, {
         **how, "values": values, "held_out": None if change is None else change._asdict() | {"unit": job.unit},
-        "losses": [float(v) for v in found.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
+        "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
 
 
-def _values(job: Any, found: Found) -> dict[str, dict[str, Any]]:
-    """Every number that was learned: before, after, and how well it is known."""
+def _values(job: Any, results: TuningResults) -> dict[str, dict[str, Any]]:
+    """Every learned number: its value before and after, and its standard error."""
     from jgait import io
 
     units = io.units(job.start)
-    free = {_name(path) for path, _ in jax.tree_util.tree_flatten_with_path(found.fit.free)[0]}
+    free = {_name(path) for path, _ in jax.tree_util.tree_flatten_with_path(results.fit.free)[0]}
     before, after = (
         {_name(path): float(value) for path, value in jax.tree_util.tree_flatten_with_path(params)[0]}
-        for params in (job.start, found.fit.params)
+        for params in (job.start, results.fit.params)
     )
     rows: dict[str, dict[str, Any]] = {
         name: {"unit": units[name], "before": before[name], "after": after[name], "stderr": None, "low": None,
@@ -108,9 +108,9 @@ def _values(job: Any, found: Found) -> dict[str, dict[str, Any]]:
         for name in after
         if name in free
     }  # fmt: skip
-    if found.known is not None:
-        for i, name in enumerate(found.known.names):
-            spread = [float(column[i]) for column in (found.known.stderr, found.known.low, found.known.high)]
+    if results.known is not None:
+        for i, name in enumerate(results.known.names):
+            spread = [float(column[i]) for column in (results.known.stderr, results.known.low, results.known.high)]
             if np.isfinite(spread).all():
                 rows[name] |= dict(zip(("stderr", "low", "high"), spread, strict=True))
     return rows
@@ -121,8 +121,8 @@ def _name(path: Any) -> str:
 
 
 def _show_held_out(table: Any, job: Any, change: Any) -> None:
-    """Each person's error before, and after learning from others; then what that says."""
-    title = f"\n{job.judged} [{job.unit}] of people that the tuning never saw, worst first"
+    """Print each person's error before and after learning from other people, and the verdict."""
+    title = f"\n{job.judged} [{job.unit}] of people left out of the tuning, worst first"
     console.print(escape(title), style="italic")
     shown = Table()
     for name in ("person", "recordings", "before", "after", "change"):
@@ -137,18 +137,18 @@ def _show_held_out(table: Any, job: Any, change: Any) -> None:
     for name, of in (("median", np.median), ("worst", np.max)):
         shown.add_row(name, "", number(of(table["error_before"])), number(of(table["error_after"])), "")
     console.print(shown)
-    said = f"median change {number(change.estimate)} {'points' if job.unit == '%' else job.unit}"
+    change_words = f"median change {number(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
-        console.print(f"{said}; {sides} (a verdict needs {ENOUGH} people)", highlight=False)
+        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} people)", highlight=False)
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
     ends = f"95 %: {number(change.low)} to {number(change.high)}, bootstrap over people"
-    console.print(f"{verdict}: {said} ({ends}); {sides}", highlight=False)
+    console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 
 def _show_values(values: dict[str, dict[str, Any]]) -> None:
-    console.print("\nlearned from everybody", style="italic")
+    console.print("\nlearned from all people", style="italic")
     shown = Table()
     for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
         shown.add_column(escape(name), justify="left" if name in ("parameter", "unit") else "right")

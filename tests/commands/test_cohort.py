@@ -108,7 +108,7 @@ def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
     before = (out / "quantities.csv").read_bytes()
     code, said = run("evaluate", table, "--paper", "--out", out)
     assert code == 1
-    assert "going on from an earlier run" in said and "going on" not in first
+    assert "continuing an earlier run" in said and "continuing" not in first
     assert (out / "quantities.csv").read_bytes() == before
     changed = table.with_name("changed.csv")
     changed.write_text(table.read_text().replace("p1", "p2"))
@@ -182,7 +182,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
     code, said, out, _ = tuned
     assert code == 1, said
     for words in (
-        "of people that the tuning never saw", "p0", "p1", "2 better, 0 worse", "learned from everybody",
+        "of people left out of the tuning", "p0", "p1", "2 better, 0 worse", "learned from all people",
         "5 of 9 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
@@ -210,7 +210,7 @@ def test_a_tuning_that_was_finished_is_not_run_again(tuned):
     before = (out / "tuned.json").read_bytes()
     code, said = run(*words)
     assert code == 1
-    assert "going on from an earlier run" in said and "going on" not in tuned[1]
+    assert "continuing an earlier run" in said and "continuing" not in tuned[1]
     assert (out / "tuned.json").read_bytes() == before
 
 

@@ -1,4 +1,4 @@
-"""The demonstration: estimate, compare with a reference, tune by gradient, judge on what the tuning never saw."""
+"""What `jgait demo` runs: estimate, compare with a reference, tune by gradient, judge on other walks."""
 
 import functools
 from collections.abc import Callable
@@ -24,7 +24,7 @@ _DRAWING = Lock()  # matplotlib draws one figure at a time
 OPTIONS = leg_ekf.DEFAULT._replace(rate_hz=RATE_HZ)
 
 Report = Callable[[str, int, int], None]
-"""Called with what is being done, and how much of how much."""
+"""Called with a text, the number of finished parts, and the number of all parts."""
 
 
 class Line(NamedTuple):
@@ -32,7 +32,7 @@ class Line(NamedTuple):
 
     Attributes:
         walk: what was judged.
-        seen: whether the tuning saw it.
+        tuned_on: whether the tuning used it.
         leg: "right" or "left"; "both" for the distance.
         what: the quantity, with its unit.
         paper: error of the paper's pipeline; None where it was not run.
@@ -41,7 +41,7 @@ class Line(NamedTuple):
     """
 
     walk: str
-    seen: bool
+    tuned_on: bool
     leg: str
     what: str
     paper: float | None
@@ -50,7 +50,7 @@ class Line(NamedTuple):
 
 
 class Demo(NamedTuple):
-    """What a demonstration found.
+    """The results of a demonstration.
 
     Attributes:
         title: what was walked, by whom.
@@ -87,11 +87,11 @@ def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
     return out
 
 
-def _lines(walk: str, seen: bool, paper: Judged | None, before: Judged, after: Judged) -> list[Line]:
+def _lines(walk: str, tuned_on: bool, paper: Judged | None, before: Judged, after: Judged) -> list[Line]:
     units = {"hip_deg": "hip, °", "knee_deg": "knee, °", "x_cm": "foot x, cm", "y_cm": "foot y, cm"}
     rows = [
         Line(
-            walk, seen, side, units[column], None if paper is None else paper.rmse[side][column],
+            walk, tuned_on, side, units[column], None if paper is None else paper.rmse[side][column],
             before.rmse[side][column], after.rmse[side][column],
         )
         for side in before.rmse
@@ -100,7 +100,7 @@ def _lines(walk: str, seen: bool, paper: Judged | None, before: Judged, after: J
     if before.distance_error_pct is not None and after.distance_error_pct is not None:
         theirs = None if paper is None else paper.distance_error_pct
         rows.append(
-            Line(walk, seen, "both", "distance, %", theirs, before.distance_error_pct, after.distance_error_pct)
+            Line(walk, tuned_on, "both", "distance, %", theirs, before.distance_error_pct, after.distance_error_pct)
         )
     return rows
 
@@ -110,13 +110,13 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
 
     Args:
         out: folder for figures; made if it is not there.
-        report: told how far it is.
+        report: called with the progress.
         subjects: people, half of them to tune on.
         steps: of the optimiser.
         seed: of the cohort.
 
     Returns:
-        Table lines of the people that the tuning never saw (medians over them), and figures of one of them.
+        Table lines of the people left out of the tuning (medians over them), and figures of one person.
     """
     report("simulating people", 0, 1)
     drawn = protocols.bennett(jax.random.key(seed), subjects, rate=RATE_HZ)
@@ -141,7 +141,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
         judged.append((pair, drawn[number].truth.estimate))
     lines = _medians([_lines(f"median of {subjects - half} people", False, None, a[0], b[0]) for (a, b), _ in judged])
     (_, (_, estimate)), reference = judged[0]
-    figures = _figures(out, "simulated", estimate, reference, "a simulated walk the tuning never saw", None, None)
+    figures = _figures(out, "simulated", estimate, reference, "a simulated walk left out of the tuning", None, None)
     tuned = _compare(_values(start, names), _values(fit.params, names))
     return Demo(f"Simulated: {subjects} people, tuned on {half}", lines, tuned, figures, [float(v) for v in fit.losses])
 
@@ -181,14 +181,14 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
 
     Args:
         out: folder for figures; made if it is not there.
-        report: told how far it is.
+        report: called with the progress.
         steps: of the optimiser.
 
     Returns:
         Table lines for both walks, and figures of the walk back.
 
     Raises:
-        DatasetUnavailable: the message says how to get the set.
+        DatasetUnavailable: the message states how to get the set.
     """
     report("reading neura_sparse", 0, 1)
     walk = datasets.load("neura_sparse")[0]
@@ -209,11 +209,13 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     paper = leg_ekf.estimate(start, walk.recording, leg_ekf.PAPER)
     before, after = _estimate(start, item), _estimate(fit.params, item)
     lines = []
-    for name, seen, part in (("out", True, item), ("back", False, unseen)):
-        lines += _lines(name, seen, *(judge(one, reference, *spans(part)) for one in (paper, before, after)))
+    for name, tuned_on, part in (("out", True, item), ("back", False, unseen)):
+        lines += _lines(
+            name, tuned_on, *(judge(estimate, reference, *spans(part)) for estimate in (paper, before, after))
+        )
     seconds = (float(reference.time[unseen.first]), float(reference.time[unseen.last]))
     figures = _figures(
-        out, "neura_sparse", after, reference, "walk back, never seen by the tuning", seconds,
+        out, "neura_sparse", after, reference, "walk back, left out of the tuning", seconds,
         {"default parameters": before, "paper's pipeline": paper},
     )  # fmt: skip
     tuned = _compare(_values(start, names), _values(fit.params, names))
