@@ -106,7 +106,7 @@ def test_every_method_has_its_page(site, name):
 
 
 @pytest.mark.release
-@pytest.mark.parametrize("name", [name for name in estimators.names() if name != "two_feet"])  # its paper prints none
+@pytest.mark.parametrize("name", estimators.names())
 def test_every_deviation_is_shown_with_its_number(site, name):
     package = importlib.import_module(estimators.get(name).run.__module__.rpartition(".")[0])
     docstring = inspect.getdoc(package)

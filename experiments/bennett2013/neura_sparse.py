@@ -7,6 +7,7 @@ import numpy as np
 import optax
 
 from experiments.common.recordings import available, walks
+from experiments.bennett2013 import literal
 from experiments.common.row import Row, show
 from jgait import datasets, params, tune
 from jgait.commands import demo_run as demo
@@ -65,8 +66,11 @@ def rows(quick: bool) -> list[Row]:
     p, windows = person(walk), walk.info["windows"]
     standing = windows["standing"]
 
-    def judged(q: LegParams, options: LegOptions, window: str) -> Judged:
-        return judge(leg_ekf.estimate(q, walk.recording, options), walk.reference, windows[window], standing)
+    def judged(q: LegParams, options: LegOptions | None, window: str) -> Judged:
+        """Errors with some options; None: the paper's, with its model as printed."""
+        one = leg_ekf.estimator(options or PAPER)
+        one = one if options is not None else one._replace(run=literal.run)
+        return judge(one.estimate(q, walk.recording), walk.reference, windows[window], standing)
 
     rows: list[Row] = []
 
@@ -99,11 +103,11 @@ def improvements(judged: Any, p: LegParams) -> None:
     """Print the effect of every improvement: added alone to the paper's pipeline, and taken alone from the default."""
     lines = []
     paper, best = PAPER, DEFAULT
-    variants = [("the paper's pipeline", paper)]
+    variants: list[tuple[str, LegOptions | None]] = [("the paper's pipeline", paper)]
     variants += [(f"  + {name}", paper._replace(**change)) for name, change in IMPROVEMENTS.items()]
     variants += [
         ("  raw principal axis", paper._replace(perpendicular_axis=False)),
-        ("  literal F and Q (misprints), σ_θ = 0.01", paper._replace(literal=True)),
+        ("  literal F and Q (misprints), σ_θ = 0.01", None),
         ("the default", best),
     ]
     variants += [
@@ -113,9 +117,9 @@ def improvements(judged: Any, p: LegParams) -> None:
     variants.append(("  raw principal axis", best._replace(perpendicular_axis=False)))
     for name, options in variants:
         # The printed Q holds powers of σ_θ, and is of use only where these are small.
-        q = p._replace(angle_noise=0.01) if options.literal else p
-        whole = judged(q, options, "whole")
-        lines.append([name, *errors_of(judged(q, options, "straight_1")), *errors_of(whole), whole.distance_error_pct])
+        q = p._replace(angle_noise=0.01) if options is None else p
+        straight, whole = (judged(q, options, part) for part in ("straight_1", "whole"))
+        lines.append([name, *errors_of(straight), *errors_of(whole), whole.distance_error_pct])
     columns = [f"{column} {side[0]}" for side in SIDES for column in ("hip°", "knee°", "x cm", "y cm")]
     show("neura_sparse, straight part, by improvement", ["", *columns], [line[:9] for line in lines])
     show(

@@ -22,7 +22,6 @@ PARTS: dict[str, tuple[FootParams, FootOptions]] = {
     "default": (BEST, DEFAULT),
     "filter": (BEST, DEFAULT._replace(smooth=False)),
     "level": (BEST, DEFAULT._replace(level=True)),
-    "forward_backward": (BEST, DEFAULT._replace(integration="forward_backward")),
     **{f"detector_{name}": (BEST, DEFAULT._replace(detector=name)) for name in DETECTORS},
 }
 """Name → parameters and options; `default` is what the estimator does untold: jump noise and pivot, smoothed."""

@@ -114,10 +114,10 @@ def hour(walk: Recording, samples: int, quick: bool) -> list[Row]:
 def subjects(quick: bool) -> list[Row]:
     """Both feet of many subjects in one call: the same steps, every sensor's noise its own."""
     people = 2 if quick else 50
-    # the quick form leaves the filter out: it would take most of its time to compile;
+    # the quick form leaves the smoother out, which takes most of the time to compile;
     # many short recordings at once are as much work as a long one
     samples = 1024 if quick else MINUTE
-    options = DEFAULT._replace(integration="forward_backward") if quick else DEFAULT._replace(execution="fast")
+    options = DEFAULT._replace(smooth=False) if quick else DEFAULT._replace(execution="fast")
     walk = walked(*QUICK_WALK) if quick else walked(50.0, 100.0)
     rate_hz = walk.sampling_rate_hz
     prepared = []

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from experiments.common.row import Row, show
+from experiments.kose2011 import ways
 from experiments.kose2011.walks import Walk, sets
 from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.interface import bucket
@@ -33,13 +34,13 @@ class Way(NamedTuple):
     Attributes:
         key: in names of rows.
         title: in tables.
-        options: of the estimator.
+        options: of the estimator, or one of `kose2011.ways`.
         settings: parameters that differ from the defaults.
     """
 
     key: str
     title: str
-    options: WaistOptions
+    options: WaistOptions | str
     settings: dict[str, Any]
 
 
@@ -48,8 +49,8 @@ WAYS = (
     Way("_pendulum", "pendulum alone", PENDULUM, {}),
     Way("_zijlstra", "pendulum by Zijlstra's letter", PENDULUM, ZIJLSTRA),
     Way("_update", "OFDRI with velocity update", DEFAULT._replace(distance="update"), {}),
-    Way("_frozen", "OFDRI without", DEFAULT._replace(distance="frozen"), {}),
-    Way("_integrated", "OFI", DEFAULT._replace(distance="integrated"), {}),
+    Way("_frozen", "OFDRI without", "frozen", {}),
+    Way("_integrated", "OFI", "integrated", {}),
 )
 
 
@@ -64,7 +65,7 @@ WHERE = {
 
 def line_of(way: Way, name: str) -> str:
     """The line of a way of measuring in the table of all experiments."""
-    learned = ", constant learned on other people" if way.options.distance in ("fused", "pendulum") else ""
+    learned = ", constant learned on other people" if way.options in (DEFAULT, PENDULUM) else ""
     return f"distance, {way.title}{learned}, {WHERE[name]}: error"
 
 
@@ -94,8 +95,10 @@ class Measured(NamedTuple):
 
 
 @partial(jax.jit, static_argnames="options")
-def run(p: WaistParams, inputs: Any, options: WaistOptions) -> Estimate:
-    """`waist_ofdri.run`, compiled."""
+def run(p: WaistParams, inputs: Any, options: WaistOptions | str) -> Estimate:
+    """`waist_ofdri.run`, or that of `kose2011.ways`, compiled."""
+    if isinstance(options, str):
+        return ways.run(p, inputs, options)
     return waist_ofdri.run(p, inputs, options)
 
 
@@ -109,7 +112,7 @@ def ready(walks: Sequence[Walk]) -> list[Item]:
     return found
 
 
-def measured(p: WaistParams, item: Item, options: WaistOptions) -> Measured:
+def measured(p: WaistParams, item: Item, options: WaistOptions | str) -> Measured:
     """One walk measured.
 
     The deviation of a way is stated from the start of the recording on. Over a part it is taken to be the difference

@@ -2,29 +2,24 @@
 
 from collections.abc import Callable
 
+from experiments.potter import literal
 from jgait import filtering
-from jgait.estimators import stride_width_ekf, two_feet
-from jgait.estimators.stride_width_ekf import PAPER, Particles, WidthOptions, WidthParams
+from jgait.estimators import stride_width_ekf
+from jgait.estimators.stride_width_ekf import PAPER, WidthOptions, WidthParams
 from jgait.types import Estimate, Recording
 
 Method = Callable[[Recording, float, tuple[float, float] | None], Estimate]
 """(recording, offset of the range [m], first headings) → estimate."""
 
 
-def by(options: WidthOptions) -> Method:
+def by(options: WidthOptions, run: Callable[..., Estimate] = stride_width_ekf.run) -> Method:
     """The 6-state filter with some options, on the feet's own trajectories."""
 
-    def run(recording: Recording, offset: float, headings: tuple[float, float] | None) -> Estimate:
+    def estimate(recording: Recording, offset: float, headings: tuple[float, float] | None) -> Estimate:
         p = WidthParams(range_offset=offset, offset_noise=1e-3)
-        return stride_width_ekf.estimate(p, recording, options, start_heading=headings)
+        return stride_width_ekf.estimator(options, start_heading=headings)._replace(run=run).estimate(p, recording)
 
-    return run
-
-
-def joint(recording: Recording, offset: float, headings: tuple[float, float] | None) -> Estimate:
-    """Both feet in one filter on their raw signals."""
-    p = two_feet.TwoFeetParams(range_offset=offset, offset_noise=1e-3)
-    return two_feet.estimate(p, recording, start_heading=headings)
+    return estimate
 
 
 DEFAULT = WidthOptions()
@@ -32,12 +27,9 @@ METHODS: dict[str, Method] = {
     "ekf": by(PAPER),
     "rts": by(DEFAULT),
     "unscented_rts": by(DEFAULT._replace(method=filtering.UKF())),
-    "particles": by(DEFAULT._replace(method=Particles(), smooth=False, check_swap=False)),
-    "literal": by(PAPER._replace(literal=True)),
-    "joint": joint,
+    "literal": by(PAPER._replace(check_swap=False), literal.run),
 }
 TITLES = {
     "ekf": "EKF, as the paper's", "rts": "iterated EKF + RTS, the default", "unscented_rts": "unscented + RTS",
-    "particles": "particles", "literal": "EKF with the misprints", "joint": "one filter on both feet's signals, RTS",
-    "no_range": "without the range",
+    "literal": "EKF with the misprints", "no_range": "without the range",
 }  # fmt: skip

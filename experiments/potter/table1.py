@@ -15,7 +15,7 @@ def rows(quick: bool) -> list[Row]:
     """Table I."""
     people = 1 if quick else 6
     walks = protocol.walks(3, people, *((10.0, 6.0) if quick else (50.0, 25.0)))
-    names = ["ekf", "rts"] if quick else ["ekf", "rts", "unscented_rts", "particles", "literal", "joint"]
+    names = ["ekf", "rts"] if quick else ["ekf", "rts", "unscented_rts", "literal"]
     rows, lines = [], []
     for name in names:
         found, errors, spreads = [], [], []

@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.common.shanks import Leg
 from experiments.silva2017.detect import found, padded, pairs
+from experiments.silva2017.li import planar
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.events import shank_stance
@@ -125,7 +126,7 @@ def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
     if method.startswith("Li 2-D"):
         taken = (s.gyr, s.acc) if method == "Li 2-D, axes from the walk" else (s.straight_gyr, s.straight_acc)
         gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in taken)
-        return stride_length.planar(p, gyr, acc, s.stride, s.dt).length[s.end]
+        return planar(p, gyr, acc, s.stride, s.dt).length[s.end]
     gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in (s.gyr, s.acc))
     told = stride_length.inertial(
         p, gyr, acc, s.stride, s.dt, euler=method == "3-D as printed", sample_up=method == "3-D as printed"

@@ -13,12 +13,13 @@ import numpy as np
 
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
+from experiments.udaya2010 import literal as printed_filters
 from experiments.udaya2010.walked import Walked, neura, people
 from jgait.duty_cycle.fillers.base import Thigh, fillers
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import model_params as duty_params
-from jgait.estimators.duty_cycled_gyro.model_params import LITERAL, DutyInputs, PlanarSegment
+from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
 from jgait.estimators.duty_cycled_gyro.params import filter_params, one_side
 from jgait.types import SIDES, as_float, leg_of
 
@@ -44,6 +45,7 @@ def _true_angle(one: Walked, side: str) -> np.ndarray:
 
 
 _RUN = jax.jit(duty_model.run, static_argnames="options")
+_PRINTED = jax.jit(printed_filters.run, static_argnames="options")
 
 
 class _Shin(NamedTuple):
@@ -80,7 +82,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
         padded = duty_params.pad(told, 1024 * (1 + len(inputs.time) // 1024))
         p = filter_params(one_side(usual, number))
-        got = _RUN(p, padded, options=LITERAL if literal else duty_params.DEFAULT).shank
+        got = (_PRINTED if literal else _RUN)(p, padded, options=duty_params.DEFAULT).shank
         part = slice(0, len(inputs.time))
         found[side] = _Shin(np.asarray(got.angle)[part], np.asarray(got.rate)[part], prepared.standing)
     return found

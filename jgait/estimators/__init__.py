@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, two_feet, waist
+from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.about import About
 from jgait.estimators.interface import Estimator, Prepared
 
@@ -13,7 +13,6 @@ _ESTIMATORS: dict[str, Callable[..., Estimator]] = {
     "leg_ekf": leg_ekf.estimator,
     "foot_ins": foot_ins.estimator,
     "stride_width_ekf": stride_width_ekf.estimator,
-    "two_feet": two_feet.estimator,
     "ankle_stride": ankle_stride.estimator,
     "waist": waist.estimator,
     "waist_ofdri": waist.papers_estimator,

@@ -198,7 +198,7 @@ def feet_apart(
     foot stood or a range was read.
 
     Args:
-        estimate: of `stride_width_ekf` or `two_feet`: its diagnostics have `z1`, `z2` and their deviations.
+        estimate: of `stride_width_ekf`: its diagnostics have `z1`, `z2` and their deviations.
         recording: draws the ranges that were read, with their offset.
         reference: whose diagnostics have `z1` and `z2`, drawn at the estimate's double supports.
         range_offset: from what the range sensor reads to z₁ [m].
@@ -207,14 +207,14 @@ def feet_apart(
 
     Returns:
         A matplotlib figure: z₁, z₂, and where the estimate states it the standard deviation of each foot's place: of
-        `stride_width_ekf.estimate` since the foot last stood, of `estimate_from_feet` and `two_feet` in the one world.
+        `stride_width_ekf.estimate` since the foot last stood, of `estimate_from_feet` in the one world.
 
     Raises:
         ValueError: if the estimate lacks a foot, or says nothing of the distances.
     """
     feet = feet_of(estimate)
     if len(feet) < 2 or not {"z1", "z2"} <= estimate.diagnostics.keys():
-        raise ValueError("the estimate says nothing of z1 and z2 between two feet; stride_width_ekf and two_feet do")
+        raise ValueError("the estimate says nothing of z1 and z2 between two feet; stride_width_ekf does")
     time, seen, told = _moments(estimate, seconds)
     if not seen.any():
         raise ValueError(f"there is no moment between the times asked for; got seconds = {seconds}")

@@ -177,11 +177,9 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     params = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
     seen = leg_model.LegObservation(*(series(0.3) for _ in range(6)))
     controls = leg_model.LegControl(jnp.full(samples, 0.01), jnp.full(samples, 0.02))
-    if name == "LITERAL":  # as `leg_ekf.PAPER` runs it: gyroscopes alone
+    if name == "RATES":  # as `leg_ekf.PAPER` runs it: gyroscopes alone
         here = jnp.ones(samples, bool)
-        return Case(
-            leg_model.LITERAL, params, seen, controls, 0.02, leg_model.LegObservation(here, here, *(~here,) * 4)
-        )
+        return Case(leg_model.MODEL, params, seen, controls, 0.02, leg_model.LegObservation(here, here, *(~here,) * 4))
     return Case(leg_model.MODEL, params, seen, controls, dt, mask(seen))
 
 
@@ -209,7 +207,7 @@ def same(ours: Any, theirs: Any, tolerance: float = 1e-9) -> None:
 EVERY = [
     ("cart", KF(), True), ("cart", EKF(), False), ("bent", EKF(), True), ("bent", IteratedEKF(3), False),
     ("heading", EKF(), True), ("heading", IteratedEKF(2), False), ("inclination", EKF(), True),
-    ("MODEL", EKF(), True), ("MODEL", EKF(), False), ("LITERAL", EKF(), False), ("cart", IteratedEKF(2), True),
+    ("MODEL", EKF(), True), ("MODEL", EKF(), False), ("RATES", EKF(), False), ("cart", IteratedEKF(2), True),
 ]  # fmt: skip
 
 

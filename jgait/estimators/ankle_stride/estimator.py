@@ -42,7 +42,6 @@ _FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM,
 UNUSED = {
     "filter": (*_PENDULUM, "height_noise", "stride_noise"),
     "3d": (*_FILTER, *_PENDULUM, "stride_noise"),
-    "li": (*_FILTER, *_PENDULUM, "stride_noise", "lever_forward", "lever_left"),
     "sl1": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise", "angle_gain", "time_gain"),
     "sl2": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise"),
 }

@@ -29,7 +29,6 @@ class AnkleSignals(NamedTuple):
         still_time: how long the leg stood still for it [s]; 0: never.
         mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
         axes: (3, 3) forward, left and up in the sensor's axes.
-        straight: (3, 3) forward, left and up by the sensor's own axes that lie nearest, in the segment's axes.
         begin: (K,) sample at which each stride begins; behind the last, 0.
         end: (K,) sample at which it ends.
         swing_begin: (K,) sample at which the shank begins to swing forward.
@@ -59,7 +58,6 @@ class AnkleSignals(NamedTuple):
     still_time: Any
     mid_shank: Any
     axes: Any
-    straight: Any
     begin: Any
     end: Any
     swing_begin: Any

@@ -17,10 +17,8 @@ Any constant acceleration cancels in s, and with it gravity: the length |s| need
 the sensor is worn. R r − r is how far the sensor came without its ankle. `up` is gravity by the same integral; it tells
 the level part of s and its rise.
 
-`planar`: Q. Li and others' method with the sagittal rate and two axes of the accelerometer, upright when it starts.
-
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
-unit", 2017, equations 1 to 6; Q. Li, M. Young, V. Naing, J. M. Donelan, J. Biomech. 43 (2010) 1640 (`planar`).
+unit", 2017, equations 1 to 6.
 
 Deviations from the paper, with their effect where it was measured by `experiments/silva2017`:
     1. θ is about the sagittal axis; the rate's norm over all axes (`all_axes`) is 3 to 15 % longer and breaks in turns.
@@ -47,8 +45,6 @@ from jgait.estimators.ankle_stride.length_steps import (
     StrideLengthParams,
     Swung,
     Travelled,
-    planar_begin,
-    planar_step,
     stride_begin,
     stride_step,
     swing_begin,
@@ -59,7 +55,7 @@ from jgait.signal import butterworth
 from jgait.signal.marks import Marks, marks
 from jgait.types import Scalar
 
-__all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "planar", "smoothed"]
+__all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "scanned", "smoothed"]
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
@@ -125,17 +121,13 @@ def inertial(
     def one(s: Any, x: Any) -> Any:
         return stride_step(p, s, x[0], x[1], x[2], dt, euler=euler, sample_up=sample_up)
 
-    return _over(one, stride_begin, p, gyr, acc, strides)
+    return scanned(one, stride_begin, p, gyr, acc, strides)
 
 
-def planar(p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike) -> Travelled:
-    """Length of each stride by Li's 2-D method; arguments and result as of `inertial`, without rise and turn."""
-    return _over(lambda s, x: planar_step(p, s, x[0], x[1], x[2], dt), planar_begin, p, gyr, acc, strides)
-
-
-def _over(
+def scanned(
     one: Callable[[Any, Any], Any], begin: Any, p: StrideLengthParams, gyr: Any, acc: Any, strides: Marks
 ) -> Travelled:
+    """A method's step from sample to sample: its state begins with `begin`, the arguments are those of `inertial`."""
     rate, force = _vector(gyr, strides), _vector(acc, strides)
     state = begin(p, Vector(*(v[0] for v in rate)), Vector(*(v[0] for v in force)))
     samples = (rate, force, strides)

@@ -7,7 +7,7 @@ import jax
 from jgait import filtering, params
 from jgait.filtering.execution import Execution
 
-LENGTHS = ("filter", "3d", "sl1", "sl2", "li")
+LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper", "jimenez", "feliz")
 SITES = ("auto", "ankle", "shank")
 
@@ -87,8 +87,8 @@ class AnkleOptions(NamedTuple):
     """Which parts are on.
 
     Attributes:
-        length: "filter": the error-state filter; "3d": strapdown from stance to stance; "sl1", "sl2": pendulum; "li":
-            Li's 2-D method with the sensor's axes nearest to the leg's. Only the filter states standard deviations.
+        length: "filter": the error-state filter; "3d": strapdown from stance to stance; "sl1", "sl2":
+            pendulum. Only the filter states standard deviations.
         detector: "swings": lobes of the rate filtered both ways; "machine": the paper's state machine that knows a foot
             which stops; "paper": the machine as printed; "jimenez", "feliz": detectors for comparison.
         site: "ankle", "shank", or "auto": the ankle's sensor where there is one, else the shank's.

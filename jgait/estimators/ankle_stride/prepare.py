@@ -197,7 +197,6 @@ def _leg(
         still_time=np.asarray(0.0 if rests is None else (rests[1] - rests[0]) / rate_hz),
         mid_shank=np.asarray(float(name.startswith("shank"))),
         axes=axes.rows,
-        straight=shank_axes.nearest_axes(axes) @ axes.rows.T,
         **_strides(start, end, stood, time, clips[0]),
         count=np.asarray(len(start), np.int32),
     )

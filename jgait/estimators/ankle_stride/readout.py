@@ -113,7 +113,7 @@ def by_method(
         gyr: (T, 3) filtered rate in the segment's axes [rad/s]; with the bias.
         acc: (T, 3) filtered specific force [m/s²].
         side: 0 right, 1 left.
-        method: "3d", "sl1", "sl2" or "li".
+        method: "3d", "sl1" or "sl2".
     """
     samples, there = gyr.shape[0], jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     lever = lever_of(p, leg)
@@ -127,9 +127,6 @@ def by_method(
     spatial = stride_length.inertial(known, gyr, acc, between, dt)
     if method == "3d":
         length = spatial.level[leg.end]
-    elif method == "li":
-        rate, force = gyr @ leg.straight.T, acc @ leg.straight.T
-        length = stride_length.planar(known, rate, force, between, dt).length[leg.end]
     else:
         swings = stride_length.pendulum(known, raw, swung, dt)
         length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]

@@ -18,20 +18,46 @@ One axis of the gyroscope knows no turns: on the straight part of `neura_sparse`
 2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
 `leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
 
+Deviations from the paper, whose matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are errors
+of the printed filters, three simulated people with ideal sensors, 14 s, 50 Hz, RMS to the strapdown angle, σ = 10; these
+filters stay within 0.8°:
+    1. Q's blocks [T⁹/9, T⁴/4, T⁵/5; ·, T³/3, T²/2; ·, ·, T] are indefinite: their least eigenvalue is −2.4·10⁻⁹ σ at
+       T = 20 ms. Integrated white noise has [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T].
+    2. Q of the thigh chains v, θ and ω, which A does not; Q of the shin is printed with 13 rows and 11 columns, of
+       which the first 11 rows are taken here. With A and H repaired, 1 and 2 alone cost 20 to 24° (thigh).
+    3. A second derivative moves the position by T²/2: A of the thigh leaves the term out, that of the shin the half.
+       Not felt in the angles, which no position reaches.
+    4. A of the thigh adds θ to z, and H takes θ from both velocities where the velocity bias v belongs, which no row
+       reaches then. The thigh's angle is lost: 150 to 176°.
+    5. The shin's states stand in the order (θ₁, ω₁, θ₂, ω₂) in A's vector and (θ₁, θ₂, ω₁, ω₂) in H's, and the rows of
+       ẋ and ż never reach the velocity states. The shank's angle is lost: 102 to 121°.
+    6. Rank of the observability matrix: 5 of 9 (thigh) and 4 of 11 (shin) as printed, and still 5 of 9 with A, H and Q
+       repaired: nothing tells a position, or an angle other than by integration. this model puts sensor and joint on
+       one rigid link and leaves gravity in the accelerometer: 9 of 9 and 11 of 11; 8 and 10 while the gyroscope is
+       off, whose bias nothing tells then.
+    7. Gravity is taken off with the integrated angle, and what is left stays in the sensor's turning axes though A
+       integrates it as ẍ and ż. this model observes the specific force itself. Not measured apart.
+    8. One reading of the gyroscope comes in three times, as ẋ, ż and ω, with independent noise, and v comes into two of
+       them. this model observes it once; v is the bias as velocity of the sensor across its link, which is the
+       printed row of ż for a segment that hangs. Not measured apart.
+    9. The shin's velocity in section 4.3 has the thigh's sensor at the knee, d_s1 for the thigh's length a₁. Not
+       measured apart.
+    10. The shin's filter knows of the thigh by those velocities only; this model gives it angle and rate of the
+        thigh's filter with their variances.
+    11. The gyroscope "in deg/s" would make velocities 57 times too large; all is in radians here too. The sensor's z
+        axis "laterally" would leave the sagittal plane; z is forward.
+    12. While the gyroscope is off, this model pulls the angle loosely to the vertical, or a gap may turn the segment
+        over and leave it 360° wrong, as it did once in nine simulated recordings.
+
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
-gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8. `duty_literal` has the printed
-matrices, and numbers the deviations from them.
+gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8.
 """
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from jgait import filtering
-from jgait.estimators.duty_cycled_gyro import literal as duty_literal
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DEFAULT,
     DutyControl,
@@ -202,44 +228,6 @@ SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observa
 """Eleven states: the shank behind the thigh."""
 
 
-def observability_matrix(model: Model, params: Any, state: Any, control: Any, dt: Any, seen: Any = None) -> np.ndarray:
-    """[H; H A; …; H Aⁿ⁻¹] of a model linearised at a state (n m, n), by autodiff, in float64 on the host.
-
-    Args:
-        model: state-space model without manifold.
-        params: of the model.
-        state: tuple of n scalars, where to linearise.
-        control: of the model.
-        dt: interval [s].
-        seen: observation tuple of m bools: rows that count; None: all.
-    """
-    flat, back = ravel_pytree(jax.tree.map(lambda v: jnp.asarray(v, jnp.result_type(float)), state))
-
-    def moved(x: Any) -> Any:
-        return ravel_pytree(model.transition(params, back(x), control, dt))[0]
-
-    def read(x: Any) -> Any:
-        return ravel_pytree(model.observation(params, back(x), control))[0]
-
-    step = np.asarray(jax.jacfwd(moved)(flat), np.float64)
-    row = np.asarray(jax.jacfwd(read)(flat), np.float64)
-    if seen is not None:
-        row = row[np.asarray(jax.tree.leaves(seen), bool)]
-    rows = [row]
-    for _ in range(flat.size - 1):
-        rows.append(rows[-1] @ step)
-    return np.concatenate(rows)
-
-
-def observability_rank(model: Model, params: Any, state: Any, control: Any, dt: Any, seen: Any = None) -> int:
-    """How many directions of the state the observations can tell: the rank of `observability_matrix`.
-
-    Arguments as there. Directions that are seen only through a billionth of another do not count.
-    """
-    matrix = observability_matrix(model, params, state, control, dt, seen)
-    return int(np.linalg.matrix_rank(matrix, rtol=1e-9 if jnp.result_type(float) == jnp.float64 else 1e-6))
-
-
 def link_params(p: DutyParams, lever: Any) -> LinkParams:
     """The model's parameters for a sensor that far from its joint [m]."""
     return LinkParams(
@@ -320,8 +308,6 @@ def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions = DEFAULT) -> Du
     """
     if inputs.thigh is None and inputs.shank is None:
         raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")
-    if options.literal:
-        return duty_literal.run(p, inputs, options)
     start = inputs.start_variance
     thigh = shank = None
     if inputs.thigh is not None:

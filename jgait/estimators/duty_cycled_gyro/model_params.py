@@ -67,23 +67,18 @@ class DutyOptions(NamedTuple):
     Attributes:
         gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        literal: the printed matrices, misprints included; always filters, causal.
         method: how the filters linearise, see `jgait.filtering`.
         execution: how they compute, see `jgait.filtering`.
     """
 
     gravity: bool = True
     smooth: bool = False
-    literal: bool = False
     method: Any = filtering.EKF()
     execution: Execution = "auto"
 
 
 DEFAULT = DutyOptions()
 """Causal, with accelerometer."""
-
-LITERAL = DutyOptions(literal=True)
-"""The paper as printed."""
 
 
 class ThighState(NamedTuple):

@@ -83,7 +83,7 @@ class DutyCycledOptions(NamedTuple):
         warm_up: how long gyroscopes are on before the schedule, which is then off first [s]; fillers need two strides,
             and until they were measured rates are only held.
         above: tell the shank's filler the signals of the thigh, where it is worn.
-        filters: how the Kalman filters run; `duty_params.LITERAL`: the paper's matrices as printed.
+        filters: how the Kalman filters run.
         gyroscope: what it draws and how long it takes to wake up.
         accelerometer: what it draws; it never sleeps.
         battery: what feeds all sensors; one watt-hour, so that lives are those per watt-hour.
@@ -112,8 +112,8 @@ ENDLESS = 1e9
 DEFAULT = DutyCycledOptions()
 """Corrected filters behind nearest neighbours."""
 
-PAPER = DutyCycledOptions(filler="replicate", above=False, filters=duty_params.LITERAL)
-"""The paper: the last cycle once more, and the filters as they are printed."""
+PAPER = DutyCycledOptions(filler="replicate", above=False)
+"""The paper's filler: the last cycle once more."""
 
 
 def params_of(options: DutyCycledOptions) -> DutyCycledParams:

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait import filtering, params
-from jgait.estimators.foot_ins import dedrift as foot_dedrift
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins.about import ABOUT
@@ -99,7 +98,7 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
 
 
 class _Filtered(NamedTuple):
-    """One foot's states, their covariance, and what the filter says of itself; zeros where there is no filter."""
+    """One foot's states, their covariance, and what the filter says of itself."""
 
     mean: FootState
     cov: Covariance
@@ -108,19 +107,7 @@ class _Filtered(NamedTuple):
     valid: Any
 
 
-def _unfiltered(foot: FootSignals) -> _Filtered:
-    zero = jnp.zeros_like(foot.rate)
-    nothing = Covariance.from_variances(FootError(*(Vector(zero, zero, zero),) * 5))
-    entries = tuple(zero + entry for entry in nothing.upper)
-    return _Filtered(
-        foot_dedrift.forward_backward(foot), Covariance(entries, nothing.structure), zero[0], zero[0],
-        jnp.ones_like(foot.valid),
-    )  # fmt: skip
-
-
 def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
-    if options.integration == "forward_backward":
-        return _unfiltered(foot)
     zero = jnp.zeros_like(foot.rate)
     still = Vector(zero, zero, zero)
     level = options.level is True
@@ -168,14 +155,12 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         if foot is not None:
             path, told, valid = _one_foot(p, foot, inputs.time, options)
             found.append(_Found(side, path, told, valid, foot.count - 1))
-    return _assembled(inputs.time, found, stated=options.integration == "filter")
+    return _assembled(inputs.time, found)
 
 
 def _check_options(options: FootOptions) -> None:
     if options.level not in (True, False, "auto"):
         raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
-    if options.integration not in ("filter", "forward_backward"):
-        raise ValueError(f"integration must be 'filter' or 'forward_backward'; got {options.integration!r}")
 
 
 def _one_foot(p: FootParams, foot: FootSignals, time: Any, options: FootOptions) -> tuple[Path, dict[str, Any], Any]:
@@ -195,7 +180,7 @@ class _Found(NamedTuple):
     rows: Any
 
 
-def _assembled(time: Any, found: list[_Found], *, stated: bool) -> Estimate:
+def _assembled(time: Any, found: list[_Found]) -> Estimate:
     """Both feet, or one, as an estimate."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
@@ -214,7 +199,7 @@ def _assembled(time: Any, found: list[_Found], *, stated: bool) -> Estimate:
     valid = found[0].valid if len(found) == 1 else found[0].valid | found[1].valid
     return Estimate(
         time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics, together, Feet(*feet),
-        Feet(*spread) if stated else None, certain if stated else None,
+        Feet(*spread), certain,
     )  # fmt: skip
 
 
@@ -276,7 +261,7 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
     """A long recording window by window, see `foot_windows`; None where one run will do, or windows will not."""
     _check_options(options)
-    if inputs.time.size <= 1.5 * WINDOW or options.integration != "filter" or not options.smooth:
+    if inputs.time.size <= 1.5 * WINDOW or not options.smooth:
         return None
     found = []
     for side, foot in enumerate((inputs.right, inputs.left)):
@@ -293,7 +278,7 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         whole = joined(foot, np.asarray(inputs.time), parts, level, one)
         rows = whole.path.strides.length.shape[0]
         found.append(_Found(side, whole.path, {"nis": whole.nis}, whole.valid, rows))
-    return jax.tree.map(np.asarray, _assembled(jnp.asarray(inputs.time), found, stated=True))
+    return jax.tree.map(np.asarray, _assembled(jnp.asarray(inputs.time), found))
 
 
 def _trimmed(result: Estimate, samples: int) -> Estimate:

@@ -60,8 +60,6 @@ class FootOptions(NamedTuple):
     """Which parts are on.
 
     Attributes:
-        integration: "filter": the error-state filter; "forward_backward": each stride by itself, forward and backward
-            (`foot_dedrift`), for comparison: it states no standard deviations.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the ground is level, the filter knows it; False: nothing is known of it; "auto": as False, but
             where strides rise by less than 1.5 cm on average and 8 cm each, which is what errors make of level ground,
@@ -73,7 +71,6 @@ class FootOptions(NamedTuple):
             and more, whose smoothed values differ by some micrometres from those of "dense".
     """
 
-    integration: str = "filter"
     smooth: bool = True
     level: bool | str = "auto"
     detector: str = "adaptive"

@@ -109,36 +109,25 @@ def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Any, An
     return x, y
 
 
-def _moved(params: LegModelParams, state: LegState, dt: Any, *, literal: bool) -> LegState:
+def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
+    """Equations 5, 7 and 8 over one interval."""
+    del control
     shin = state.thigh_angle + state.knee_angle
     thigh_sin, thigh_cos = (
         params.thigh_length * jnp.sin(state.thigh_angle),
         params.thigh_length * jnp.cos(state.thigh_angle),
     )
     shank_sin, shank_cos = params.shank_length * jnp.sin(shin), params.shank_length * jnp.cos(shin)
-    # Element C of equation 6 as printed, −a₁ sin θ₁ + a₂ sin(θ₁+θ₂), is not the derivative of equation 3.
-    c = -thigh_sin + shank_sin if literal else thigh_cos + shank_cos
     return state._replace(
         x=state.x + dt * (-(thigh_sin + shank_sin) * state.thigh_rate - shank_sin * state.knee_rate),
-        y=state.y + dt * (c * state.thigh_rate + shank_cos * state.knee_rate),
+        y=state.y + dt * ((thigh_cos + shank_cos) * state.thigh_rate + shank_cos * state.knee_rate),
         thigh_angle=state.thigh_angle + dt * state.thigh_rate,
         knee_angle=state.knee_angle + dt * state.knee_rate,
     )
 
 
-def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
-    """Equations 5, 7 and 8 over one interval."""
-    del control
-    return _moved(params, state, dt, literal=False)
-
-
-def transition_literal(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
-    """The same with element C as printed in equation 6 (deviation 1)."""
-    del control
-    return _moved(params, state, dt, literal=True)
-
-
-def _angle_blocks(params: LegModelParams, angle: Any, cross: Any, rate: Any) -> Covariance:
+def angle_blocks(params: LegModelParams, angle: Any, cross: Any, rate: Any) -> Covariance:
+    """Q, given the entries of its blocks of an angle and its rate."""
     variances = LegState(
         params.position_noise, params.position_noise, angle, rate, angle, rate, params.bias_noise, params.bias_noise
     )
@@ -151,14 +140,7 @@ def transition_noise(params: LegModelParams, state: LegState, control: LegContro
     """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2)."""
     del state, control
     s = params.angle_noise
-    return _angle_blocks(params, s * dt**3 / 3.0, s * dt**2 / 2.0, s * dt)
-
-
-def transition_noise_literal(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> Covariance:
-    """Q with the angle blocks as printed: [σ_θ³/3, σ_θ²/2; σ_θ²/2, σ_θ]."""
-    del state, control, dt
-    s = params.angle_noise
-    return _angle_blocks(params, s**3 / 3.0, s**2 / 2.0, s)
+    return angle_blocks(params, s * dt**3 / 3.0, s * dt**2 / 2.0, s * dt)
 
 
 def observation(params: LegModelParams, state: LegState, control: LegControl) -> LegObservation:
@@ -230,9 +212,6 @@ def standing_belief(
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
 """The corrected reading, the default."""
-
-LITERAL = Model(initial, transition_literal, transition_noise_literal, observation, observation_noise)
-"""The paper as printed: element C of equation 6 and the powers of σ_θ in Q."""
 
 
 def only_rates(model: Model) -> Model:

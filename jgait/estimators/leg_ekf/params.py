@@ -86,7 +86,6 @@ class LegOptions(NamedTuple):
         smooth: Rauch–Tung–Striebel smoothing (offline).
         distance: "stance": the leg that stands carries the hip; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
             "forward": Σ Δx⁺ alone, how far the foot swings, which follows the foot's own way over time.
-        literal: the printed F and Q, misprints included.
         rate_hz: resample to this rate first [Hz]; None keeps the recording's.
         median: width of a median filter on the gyroscopes in samples; 1 is none.
         method: how the filter linearises, see `jgait.filtering`.
@@ -100,7 +99,6 @@ class LegOptions(NamedTuple):
     standing: bool = True
     smooth: bool = True
     distance: str = "stance"
-    literal: bool = False
     rate_hz: float | None = None
     median: int = 1
     method: Any = filtering.EKF()

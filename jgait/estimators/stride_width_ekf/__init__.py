@@ -29,7 +29,7 @@ How far to trust it:
     which the feet pass (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
     The same holds, for steps, of a range sensor that looks forward or back (`WidthParams.passing_offset`).
 
-Deviations from the paper; `WidthOptions.literal` brings the first back:
+Deviations from the paper; `experiments/potter/literal.py` has the first one's signs as printed:
     1. Row 5 of equation 3 adds Δx sin θ, row 2 of equation 6 adds (y_R − y_L) sin θ; printed with minus. The gain takes
        Hᵀ and the predicted covariance.
     2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:
@@ -48,7 +48,6 @@ from jgait.estimators.stride_width_ekf.estimator import (
     DEFAULT,
     PAPER,
     TRANSFORMS,
-    Particles,
     WidthInputs,
     WidthOptions,
     WidthParams,
@@ -65,7 +64,6 @@ __all__ = [
     "DEFAULT",
     "PAPER",
     "TRANSFORMS",
-    "Particles",
     "WidthInputs",
     "WidthOptions",
     "WidthParams",

@@ -16,7 +16,7 @@ from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged, pad
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
-from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, Particles, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Covariance
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
@@ -31,7 +31,6 @@ __all__ = [
     "DEFAULT",
     "PAPER",
     "TRANSFORMS",
-    "Particles",
     "WidthInputs",
     "WidthOptions",
     "WidthParams",
@@ -68,12 +67,8 @@ def _filtered(p: WidthParams, inputs: WidthInputs, options: WidthOptions, *, smo
         "initial": prior_of(p, inputs),
     }
     told = WidthObservation(across, jnp.zeros_like(across) + p.passing_offset)
-    if isinstance(options.method, Particles):
-        settings |= {"particles": options.method.count, "key": jax.random.key(options.method.seed)}
-        take: Any = filtering.particle_smoother if smooth else filtering.particle_filter
-    else:
-        settings |= {"method": options.method, "execution": options.execution}
-        take = filtering.kalman_smoother if smooth else filtering.kalman_filter
+    settings |= {"method": options.method, "execution": options.execution}
+    take: Any = filtering.kalman_smoother if smooth else filtering.kalman_filter
     return take(model, model_params(p), told, **settings)
 
 
@@ -89,8 +84,6 @@ def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, poster
     """
     other = _filtered(p, exchanged(inputs), options, smooth=False)
     gained = jnp.sum(posterior.log_likelihood) - jnp.sum(other.log_likelihood)
-    if isinstance(options.method, Particles):
-        return gained
     return gained / jnp.maximum(jnp.minimum(_nis(posterior), _nis(other)), 1.0)
 
 
@@ -110,8 +103,7 @@ def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) ->
         Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (places in one world,
         each at its own height; no velocity or orientation). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
         [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; `ranges` used;
-        `log_likelihood` of the innovations and their mean normalised square `nis` (of particles the least
-        `effective_size`); `swap_evidence`.
+        `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
     """
     mean, cov, posterior = _belief(p, inputs, options)
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
@@ -123,10 +115,7 @@ def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) ->
         "ranges": jnp.sum(inputs.seen & inputs.valid),
         "log_likelihood": jnp.sum(posterior.log_likelihood),
     }
-    if isinstance(options.method, Particles):
-        diagnostics["effective_size"] = jnp.min(posterior.effective_size)
-    else:
-        diagnostics["nis"] = _nis(posterior)
+    diagnostics["nis"] = _nis(posterior)
     if options.check_swap and not options.literal:  # as printed, turns come out wrong with either labels
         diagnostics["swap_evidence"] = _evidence(p, inputs, options, posterior)
     deviation = cov.stddev()

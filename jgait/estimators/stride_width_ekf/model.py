@@ -7,8 +7,8 @@ r"""Two feet in the plane, carried by their own displacements and tied by the ra
 change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
 
 Beside the paper's six states it holds how far each foot has moved since it stood last: the width of a stride takes
-three places at three times, and so their joint covariance is at hand at the stride's end, from a filter, a smoother or
-particles alike. (A copy of each place where a foot stood would say the same, but be perfectly correlated with the place
+three places at three times, and so their joint covariance is at hand at the stride's end, from a filter or a smoother
+alike. (A copy of each place where a foot stood would say the same, but be perfectly correlated with the place
 as long as the foot rests; such a covariance has no inverse, and smoothing loses its digits.)
 
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
@@ -78,16 +78,16 @@ class WidthModelParams(NamedTuple):
     passing_noise: Any
 
 
-def _moved(state: WidthState, control: WidthControl, *, literal: bool) -> WidthState:
+def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
+    """Equation 3."""
+    del params, dt
     right, left = control
     heading_right = state.heading_right + right.turn
     heading_left = state.heading_left + left.turn
     sin_right, cos_right = jnp.sin(heading_right), jnp.cos(heading_right)
     sin_left, cos_left = jnp.sin(heading_left), jnp.cos(heading_left)
     x_right, y_right = right.dx * cos_right - right.dy * sin_right, right.dy * cos_right + right.dx * sin_right
-    # Equation 3, row 5 as printed takes the foot's way forward off its y.
-    ahead = -left.dx if literal else left.dx
-    x_left, y_left = left.dx * cos_left - left.dy * sin_left, left.dy * cos_left + ahead * sin_left
+    x_left, y_left = left.dx * cos_left - left.dy * sin_left, left.dy * cos_left + left.dx * sin_left
     return WidthState(
         x_right=state.x_right + x_right,
         y_right=state.y_right + y_right,
@@ -100,18 +100,6 @@ def _moved(state: WidthState, control: WidthControl, *, literal: bool) -> WidthS
         moved_x_left=(1.0 - left.leaves) * state.moved_x_left + x_left,
         moved_y_left=(1.0 - left.leaves) * state.moved_y_left + y_left,
     )
-
-
-def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
-    """Equation 3."""
-    del params, dt
-    return _moved(state, control, literal=False)
-
-
-def transition_literal(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
-    """Equation 3 as printed (deviation 1)."""
-    del params, dt
-    return _moved(state, control, literal=True)
 
 
 def _foot_noise(params: WidthModelParams, heading: Any, foot: FootControl, side: str) -> dict[tuple[str, str], Any]:
@@ -153,14 +141,6 @@ def observation(params: WidthModelParams, state: WidthState, control: WidthContr
     """Equation 6."""
     del params, control
     return between(state)
-
-
-def observation_literal(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
-    """Equation 6 as printed, − (y_R − y_L) sin θ_L in its second row (deviation 1)."""
-    del params, control
-    x, y = state.x_right - state.x_left, state.y_right - state.y_left
-    s, c = jnp.sin(state.heading_left), jnp.cos(state.heading_left)
-    return WidthObservation(x * s - y * c, x * c - y * s)
 
 
 def observation_noise(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
@@ -207,6 +187,3 @@ def start_belief(
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
 """The corrected reading, the default."""
-
-LITERAL = Model(initial, transition_literal, transition_noise, observation_literal, observation_noise)
-"""The paper as printed: row 5 of equation 3 and row 2 of equation 6."""

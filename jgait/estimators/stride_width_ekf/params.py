@@ -1,7 +1,6 @@
 """Parameters and options of the stride width estimator, with their units, ranges and presets."""
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from jgait import filtering, params
@@ -64,26 +63,12 @@ TRANSFORMS = WidthParams(
 """The range of every parameter; fixed is what no recording can tell."""
 
 
-@dataclass(frozen=True)
-class Particles:
-    """As a method: weighted particles in place of a Gaussian, for starts of which little is known.
-
-    Attributes:
-        count: how many.
-        seed: of what is drawn; the same seed gives the same estimate.
-    """
-
-    count: int = 4000
-    seed: int = 0
-
-
 class WidthOptions(NamedTuple):
     """How the estimator works.
 
     Attributes:
-        method: how the filter linearises, see `jgait.filtering`, or `Particles()`.
+        method: how the filter linearises, see `jgait.filtering`.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        literal: equations 3 and 6 as printed, misprints included.
         longest_range: readings above it are of something else than the other leg [m].
         turn: a foot that turns more than this from stride to stride turns; ranges are then left out [rad].
         outlier: readings farther than this from the median of their nine neighbours are left out [m].
@@ -96,7 +81,6 @@ class WidthOptions(NamedTuple):
 
     method: Any = filtering.IteratedEKF()
     smooth: bool = True
-    literal: bool = False
     longest_range: float = 0.5
     turn: float = math.radians(15.0)
     outlier: float = 0.1

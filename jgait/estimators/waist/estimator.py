@@ -45,8 +45,6 @@ UNUSED = {
     "fused": ("update_noise", "update"),
     "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),
     "update": _ALONE,
-    "frozen": _ALONE,
-    "integrated": (*_ALONE, "update.highest_hz", "update.beta"),
 }
 """Way of measuring → parameters on which neither distance nor its deviation depends, so that their gradient is zero;
 "fused" where it does not hear the update, whose gate decides."""
@@ -91,7 +89,14 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     elif options.distance == "pendulum":
         walked = waist_distance.by_pendulum(p, inputs, found)
     else:
-        walked = waist_distance.by_integration(p, inputs, seen, found, options.distance)
+        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
+        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
+        walked = waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
+    return stated(inputs, found, walked)
+
+
+def stated(inputs: WaistInputs, found: Intervals, walked: Walked) -> Estimate:
+    """The estimate that a walk's intervals and the ways over them come to; as `run` returns it."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     distance, spread = (_along(inputs, values, there) for values in (walked.distance, walked.distance_sd))

@@ -11,7 +11,7 @@ from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.filtering.execution import Execution
 
-DISTANCES = ("fused", "pendulum", "update", "frozen", "integrated")
+DISTANCES = ("fused", "pendulum", "update")
 DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
 SITES = ("auto", "waist", "lower_back", "pelvis")
 
@@ -102,8 +102,7 @@ class WaistOptions(NamedTuple):
 
     Attributes:
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
-            "update": the paper's (direct and reverse integration with the velocity update); "frozen": without the
-            update; "integrated": forward integration alone.
+            "update": the paper's (direct and reverse integration with the velocity update).
         detector: of initial contacts, see `trunk_events`: "soft", "peaks", "paper" or "literal".
         site: the placement; "auto": whichever there is.
         updated: "fused" also hears the velocity update where the walk began from standing.

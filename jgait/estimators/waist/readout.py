@@ -1,9 +1,10 @@
 r"""How far each interval between nodes leads, by each of the ways of the waist's estimator.
 
-"fused": `waist_model`; "pendulum": its steps alone; "update", "frozen" and "integrated": the paper's, every
-bout anew from the speed with which it begins, zero from standing.
+"fused": `waist_model`; "pendulum": its steps alone; "update": the paper's, every bout anew from the speed with which
+it begins, zero from standing.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -91,15 +92,13 @@ def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Any) -> tuple[Any, An
     return known, jnp.zeros_like(like).at[at].set(starts.astype(like.dtype), mode="drop")
 
 
-def _update_speed(
-    p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals, kind: str
-) -> tuple[Any, Any]:
+def integrated_speed(
+    p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals,
+    way: Callable[..., velocity_update.Covered] = velocity_update.updated,
+) -> tuple[Any, Any]:  # fmt: skip
     """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was kept there."""
     known, start = bouts_begin(p, inputs, seen.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    way = {
-        "update": velocity_update.updated, "frozen": velocity_update.frozen, "integrated": velocity_update.integrated
-    }[kind]  # fmt: skip
     told = way(p.update, seen.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
     here = told.displacement[inputs.at]
     duration = jnp.where(found.duration > 0.0, found.duration, 1.0)
@@ -128,7 +127,7 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, opti
     zero = jnp.zeros_like(found.gained)
     speed, spread, heard = zero, zero + 1.0, jnp.zeros_like(there)
     if options.updated:
-        speed, _ = _update_speed(p, inputs, seen, found, "update")
+        speed, _ = integrated_speed(p, inputs, seen, found)
         spread = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
         heard = inputs.steps & ~unsure & there
     controls = WaistControl(
@@ -190,25 +189,31 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked
     )
 
 
-def by_integration(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, kind: str) -> Walked:
+def by_integration(
+    p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Any, held: Any, start_sd: Any
+) -> Walked:
     """The paper's way, and how far it can be right.
 
     A bias b of the forward acceleration makes the speed wrong by b t up to the cycle from which OFDRI holds the speed,
     and no further; in a turn it turns round. A bout that does not begin from standing has a speed that nobody knows.
     Errors of bouts are taken to add up, for the bias of one is that of the next.
+
+    Args:
+        p: parameters.
+        inputs: of the walk.
+        found: its intervals.
+        speed: (K,) mean speed over each interval [m/s].
+        held: (K,) bool, OFDRI holds the speed there.
+        start_sd: (K,) standard deviation of the speed with which each node's bout begins [m/s].
     """
-    speed, held = _update_speed(p, inputs, seen, found, kind)
-    held = jnp.ones_like(held) if kind == "frozen" else held & (kind != "integrated")
     step = jnp.where(inputs.moves, found.duration * speed, 0.0)
     distance = jnp.cumsum(step)
     turned = _turned(inputs, found)
     known = jnp.where(jnp.any(inputs.still), p.acc_bias, p.acc_bias_unknown)
     free = jnp.where(inputs.moves & (~held | ~inputs.stood), found.duration, 0.0)
     bias = known + jnp.where(turned, p.acc_bias_turn, 0.0)
-    # what is held from the first contact on holds the speed of somebody who is still setting off
-    first = p.start_speed_sd * jnp.where(inputs.stood & (kind != "frozen"), 0.0, 1.0)
     drifted = jnp.cumsum(bias * free)
-    wrong = first + drifted - drifted[begun(inputs)]
+    wrong = start_sd + drifted - drifted[begun(inputs)]
     off = jnp.cumsum(jnp.where(inputs.moves, wrong * found.duration, 0.0))
     stride, two = step + earlier(step, 1), found.duration + earlier(found.duration, 1)
     return Walked(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})

@@ -136,7 +136,7 @@ def test_lost_samples_and_clipped_swings_are_told():
     assert any("gyroscope of shank_right clips" in note for note in inputs.notes)
 
 
-METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7, "li": 0.06}
+METHODS = {"3d": 0.02, "sl1": 0.7, "sl2": 0.7}
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -8,8 +8,6 @@ import pytest
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.estimators.ankle_stride.length_steps import (
-    planar_begin,
-    planar_step,
     stride_begin,
     stride_step,
     swing_begin,
@@ -135,8 +133,7 @@ def test_side_by_side_as_one_by_one():
         np.testing.assert_allclose(together.length[k], inertial(P, gyr[k], acc[k], AT, 1.0 / RATE).length, rtol=1e-11)
 
 
-@pytest.mark.parametrize("method", ["inertial", "planar"])
-def test_gradients_are_those_of_differences(method):
+def test_gradients_are_those_of_differences():
     def length(values):
         p = StrideLengthParams(
             lever=Vector(0.0, 0.0, values[0]),
@@ -144,7 +141,7 @@ def test_gradients_are_those_of_differences(method):
             acc_bias=Vector(values[2], 0.0, 0.0),
         )
         gyr, acc = (stride_length.smoothed(v, values[3], RATE) for v in (GYR, ACC))
-        return jnp.sum(getattr(stride_length, method)(p, gyr, acc, AT, 1.0 / RATE).length)
+        return jnp.sum(stride_length.inertial(p, gyr, acc, AT, 1.0 / RATE).length)
 
     at = jnp.asarray([0.15, 0.01, 0.1, 6.0])
     ours = jax.jit(jax.grad(length))(at)
@@ -153,26 +150,6 @@ def test_gradients_are_those_of_differences(method):
         by = jnp.zeros(4).at[k].set(1e-5)
         np.testing.assert_allclose(ours[k], (value(at + by) - value(at - by)) / 2e-5, rtol=1e-5, atol=1e-7)
     assert np.all(np.abs(ours) > 1e-4)
-
-
-def test_the_planar_method_needs_an_upright_sensor():
-    def sagittal(lean):
-        """A shank in its plane, leaning by as much when the stride begins and ends."""
-        angle = lean + 0.45 * jnp.sin(2.0 * jnp.pi * TIME / PERIOD)
-        gyr = jnp.stack([0 * TIME, 0.9 * jnp.pi / PERIOD * jnp.cos(2.0 * jnp.pi * TIME / PERIOD), 0 * TIME], axis=1)
-        push = LENGTH * jax.vmap(jax.grad(jax.grad(lambda t: step(t / PERIOD))))(TIME)
-        acc = jnp.stack(
-            [
-                push * jnp.cos(angle) - GRAVITY * jnp.sin(angle),
-                0 * TIME,
-                push * jnp.sin(angle) + GRAVITY * jnp.cos(angle),
-            ],
-            axis=1,
-        )
-        return stride_length.planar(StrideLengthParams(), gyr, acc, AT, 1.0 / RATE).length[END]
-
-    np.testing.assert_allclose(sagittal(0.0), LENGTH, atol=1e-3)
-    np.testing.assert_allclose(sagittal(0.4), LENGTH * np.cos(0.4), atol=2e-3)
 
 
 def swing(angle, samples):
@@ -209,8 +186,7 @@ def test_pendulum_knows_the_angle_of_each_swing():
 def test_what_begins_a_scan_takes_one_sample():
     zero = Vector(*(jnp.zeros(()),) * 3)
     flags = jax.tree.map(lambda v: v[0], AT)
-    for begin, one in ((planar_begin(P, zero, zero), planar_step), (stride_begin(P, zero, zero), stride_step)):
-        assert float(one(P, begin, zero, zero, flags, 0.01)[1].length) == 0.0
+    assert float(stride_step(P, stride_begin(P, zero, zero), zero, zero, flags, 0.01)[1].length) == 0.0
     assert float(swing_step(P, swing_begin(zero), zero, flags, 0.01)[1].arc) == 0.0
 
 

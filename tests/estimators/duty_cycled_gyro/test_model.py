@@ -1,19 +1,18 @@
-"""The thigh's and the shin's filter under a gyroscope mask: mechanics, laws, strapdown, and the printed matrices."""
+"""The thigh's and the shin's filter under a gyroscope mask: mechanics, laws, strapdown."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import strapdown
+from made.observability import observability_matrix, observability_rank
 
 from jgait import filtering, params, simulate
 from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
-from jgait.estimators.duty_cycled_gyro import literal as duty_literal
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DEFAULT,
-    LITERAL,
     TRANSFORMS,
     DutyControl,
     DutyInputs,
@@ -89,13 +88,6 @@ def test_angles_are_those_of_strapdown_on_a_clean_signal(walk, integrated):
     assert np.sqrt(np.mean((found.shank.rate - rate) ** 2)) < 0.01 * np.sqrt(np.mean(rate**2))
 
 
-def test_the_printed_filters_lose_the_angle(walk, integrated):
-    prepared, p = walk
-    found = RUN(p, inputs_of(prepared), LITERAL)
-    for segment, truth in zip(found, integrated, strict=True):
-        assert rms_deg(segment.angle - truth) > 45.0
-
-
 def seen(kind, *hidden):
     return kind(*(name not in hidden for name in kind._fields))
 
@@ -107,24 +99,14 @@ def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(
     for state in (model.initial(LINK).mean, moving):
 
         def rank(*hidden, state=state):
-            return duty_model.observability_rank(model, LINK, state, CONTROL, T, seen(kind, *hidden))
+            return observability_rank(model, LINK, state, CONTROL, T, seen(kind, *hidden))
 
         assert rank("swing", "rest_down", "rest_forward") == whole
         assert rank("gyro", "rest_down", "rest_forward") == whole - 1
         bias = np.zeros(whole)
         bias[moving._fields.index("velocity_bias")] = 1.0
-        rows = duty_model.observability_matrix(model, LINK, state, CONTROL, T, seen(kind, "gyro"))
+        rows = observability_matrix(model, LINK, state, CONTROL, T, seen(kind, "gyro"))
         np.testing.assert_allclose(rows @ bias, 0.0, atol=1e-12)
-
-
-LITERAL_CONTROL = duty_literal.LiteralControl(-0.06, -0.1, 0.2, 0.19)
-LITERAL_PARAMS = duty_literal.LiteralParams(2.0, 1.0, 1.0, 1.0, 1.0)
-
-
-@pytest.mark.parametrize(("model", "number", "rank"), [(duty_literal.THIGH, 0, 5), (duty_literal.SHIN, 1, 4)])
-def test_most_printed_states_are_not_observable(model, number, rank):
-    state = BOTH[number][1]
-    assert duty_model.observability_rank(model, LITERAL_PARAMS, state, LITERAL_CONTROL, T) == rank
 
 
 def linearised(function, state):
@@ -133,30 +115,9 @@ def linearised(function, state):
     return np.asarray(jax.jacfwd(lambda x: jnp.stack([*map(jnp.asarray, function(type(state)(*x)))]))(flat))
 
 
-def test_the_printed_matrices_are_those_of_the_paper():
-    """Sections 8.1 and 8.2, entry by entry, from one; what is not listed is 0, or 1 on the diagonal of A."""
-    c = LITERAL_CONTROL
-    chains = {(1, 2): T, (2, 3): T, (4, 5): T, (5, 6): T}
-    transitions = (chains | {(4, 8): 1.0, (8, 9): T}, chains | {(1, 3): T**2, (4, 6): T**2, (8, 10): T, (10, 11): T})
-    rows = (
-        {(1, 2): 1.0, (1, 8): -1.0, (2, 5): 1.0, (2, 8): -1.0, (3, 3): 1.0, (4, 6): 1.0, (5, 9): 1.0},
-        {(1, 10): c.a1, (1, 11): c.b1, (2, 10): c.a2, (2, 11): c.b2, (3, 3): 1.0, (4, 6): 1.0, (5, 11): 1.0},
-    )
-    for model, (_, state), moves, reads in zip(
-        (duty_literal.THIGH, duty_literal.SHIN), BOTH, transitions, rows, strict=True
-    ):
-        n = len(state)
-        a, h = np.eye(n), np.zeros((5, n))
-        for matrix, entries in ((a, moves), (h, reads)):
-            for (i, j), value in entries.items():
-                matrix[i - 1, j - 1] = value
-        np.testing.assert_allclose(linearised(lambda s, m=model: m.transition(None, s, c, T), state), a, atol=1e-15)
-        np.testing.assert_allclose(linearised(lambda s, m=model: m.observation(None, s, c), state), h, atol=1e-15)
-
-
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_noise_over_two_intervals_is_that_of_each(number):
-    """Q(2T) = A Q(T) Aᵀ + Q(T), as white noise has it; the printed Q does not, and is indefinite."""
+    """Q(2T) = A Q(T) Aᵀ + Q(T), as white noise has it."""
     model, state = BOTH[number]
     a = linearised(lambda s: model.transition(LINK, s, CONTROL, T), state)
 
@@ -167,9 +128,6 @@ def test_the_noise_over_two_intervals_is_that_of_each(number):
     np.testing.assert_allclose(a @ once @ a.T + once, noise(model, LINK, 2 * T), rtol=1e-10, atol=1e-18)
     scale = 1.0 / np.sqrt(np.diag(once))
     assert np.linalg.eigvalsh(scale[:, None] * once * scale[None, :]).min() > 1e-3
-    printed = noise((duty_literal.THIGH, duty_literal.SHIN)[number], LITERAL_PARAMS, T)
-    least = np.linalg.eigvalsh(printed).min()
-    assert least == pytest.approx(-2.4e-9 * LITERAL_PARAMS.noise, rel=0.01)
 
 
 def test_a_swinging_link_is_what_the_observation_says():

@@ -117,23 +117,8 @@ def test_a_fixed_detector_instead_of_the_adaptive_one(straight):
     np.testing.assert_allclose(strides.length, made.length, atol=2 * MILLIMETRE)
 
 
-@pytest.mark.parametrize(
-    "walk", [{}, {"turns": [0.4] * 6}, {"mount": rotation()}], ids=["straight", "turning", "mount"]
-)
-def test_forward_and_backward_stride_by_stride(walk):
-    made = foot(strides=6, bias=(0.01, 0.0, -0.01), **walk)
-    estimate = estimated(made, options=FootOptions(integration="forward_backward"))
-    np.testing.assert_allclose(estimate.strides.length, made.length, atol=10 * MILLIMETRE)
-    np.testing.assert_allclose(estimate.strides.height, 0.0, atol=10 * MILLIMETRE)
-    np.testing.assert_allclose(estimate.strides.turn, made.turn, atol=0.01)
-    assert estimate.strides_stddev is None
-    assert estimate.feet_stddev is None
-
-
 def test_options_that_are_none_are_refused():
     made = foot(strides=2)
-    with pytest.raises(ValueError, match="integration must be 'filter' or 'forward_backward'; got 'sideways'"):
-        estimated(made, options=FootOptions(integration="sideways"))
     with pytest.raises(ValueError, match="level must be True, False or 'auto'; got 'flat'"):
         estimated(made, options=FootOptions(level="flat"))
 

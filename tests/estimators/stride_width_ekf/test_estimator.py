@@ -92,21 +92,6 @@ def outside(strides):
     return np.abs(np.arange(strides.turn.size)[:, None] - turned[None, :]).min(axis=1) > 5
 
 
-def test_particles_agree_where_resampling_left_enough(truth, walk):
-    options = SIDE_BY_SIDE._replace(smooth=False)
-    kalman = told(walk, options)
-    cloud = told(walk, options._replace(method=sw.Particles(2000, 3)))
-    (error, _), _ = errors(truth, cloud)
-    (best, stddev), _ = errors(truth, kalman)
-    assert np.mean(np.abs(error)) < np.mean(np.abs(best)) + 0.005
-    late = np.isfinite(kalman.strides.width) & (np.arange(kalman.strides.width.size) > 10)
-    gap = np.asarray(cloud.strides.width - kalman.strides.width)[late]
-    assert np.mean(np.abs(gap)) < 0.5 * np.mean(stddev)
-    assert float(cloud.diagnostics["effective_size"]) >= 1.0
-    likelihood = [float(estimate.diagnostics["log_likelihood"]) for estimate in (cloud, kalman)]
-    assert likelihood[0] == pytest.approx(likelihood[1], rel=0.05)
-
-
 def test_the_filter_knows_less_than_the_smoother(truth, walk, smoothed):
     filtered = told(walk, SIDE_BY_SIDE._replace(smooth=False), start_heading=(0.0, np.radians(10.0)))
     both = np.isfinite(smoothed.strides.width)
@@ -114,12 +99,6 @@ def test_the_filter_knows_less_than_the_smoother(truth, walk, smoothed):
     assert np.mean(filtered.strides_stddev.width[both]) > 1.1 * np.mean(smoothed.strides_stddev.width[both])
     first, later = sections(truth, filtered)[:2]
     assert later[0][1] < first[0][1]  # as the paper's first section
-
-
-def test_as_printed_the_feet_part_at_the_turn(truth, walk):
-    printed = sections(truth, told(walk, SIDE_BY_SIDE._replace(literal=True, smooth=False)))
-    right = sections(truth, told(walk, SIDE_BY_SIDE._replace(smooth=False)))
-    assert abs(printed[2][1][0]) > 1.0 > 20.0 * abs(right[2][1][0])
 
 
 def test_every_sample_gives_the_same_strides(walk, smoothed):

@@ -1,40 +1,9 @@
 r"""The thigh's and the shin's filter of Udaya Shankar et al. with the matrices of section 8 as they are printed.
 
-They are here to be measured; `duty_model` is what works. Figures: three simulated people with ideal sensors, 14 s,
-50 Hz, RMS to the strapdown angle, σ = 10; the corrected filters stay within 0.8°.
-
-Deviations of `duty_model` from the paper:
-    1. Q's blocks [T⁹/9, T⁴/4, T⁵/5; ·, T³/3, T²/2; ·, ·, T] are indefinite: their least eigenvalue is −2.4·10⁻⁹ σ at
-       T = 20 ms. Integrated white noise has [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T].
-    2. Q of the thigh chains v, θ and ω, which A does not; Q of the shin is printed with 13 rows and 11 columns, of
-       which the first 11 rows are taken here. With A and H repaired, 1 and 2 alone cost 20 to 24° (thigh).
-    3. A second derivative moves the position by T²/2: A of the thigh leaves the term out, that of the shin the half.
-       Not felt in the angles, which no position reaches.
-    4. A of the thigh adds θ to z, and H takes θ from both velocities where the velocity bias v belongs, which no row
-       reaches then. The thigh's angle is lost: 150 to 176°.
-    5. The shin's states stand in the order (θ₁, ω₁, θ₂, ω₂) in A's vector and (θ₁, θ₂, ω₁, ω₂) in H's, and the rows of
-       ẋ and ż never reach the velocity states. The shank's angle is lost: 102 to 121°.
-    6. Rank of the observability matrix: 5 of 9 (thigh) and 4 of 11 (shin) as printed, and still 5 of 9 with A, H and Q
-       repaired: nothing tells a position, or an angle other than by integration. `duty_model` puts sensor and joint on
-       one rigid link and leaves gravity in the accelerometer: 9 of 9 and 11 of 11; 8 and 10 while the gyroscope is
-       off, whose bias nothing tells then.
-    7. Gravity is taken off with the integrated angle, and what is left stays in the sensor's turning axes though A
-       integrates it as ẍ and ż. `duty_model` observes the specific force itself. Not measured apart.
-    8. One reading of the gyroscope comes in three times, as ẋ, ż and ω, with independent noise, and v comes into two of
-       them. `duty_model` observes it once; v is the bias as velocity of the sensor across its link, which is the
-       printed row of ż for a segment that hangs. Not measured apart.
-    9. The shin's velocity in section 4.3 has the thigh's sensor at the knee, d_s1 for the thigh's length a₁. Not
-       measured apart.
-    10. The shin's filter knows of the thigh by those velocities only; `duty_model` gives it angle and rate of the
-        thigh's filter with their variances.
-    11. The gyroscope "in deg/s" would make velocities 57 times too large; all is in radians here too. The sensor's z
-        axis "laterally" would leave the sagittal plane; z is forward.
-    12. While the gyroscope is off, `duty_model` pulls the angle loosely to the vertical, or a gap may turn the segment
-        over and leave it 360° wrong, as it did once in nine simulated recordings.
+Deviations are numbered as in `jgait.estimators.duty_cycled_gyro.model`.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
-gait assessment using wearable sensors", Wireless Health 2010, sections 3.2, 4 and 8;
-tests/estimators/duty_cycled_gyro/test_model.py.
+gait assessment using wearable sensors", Wireless Health 2010, sections 3.2, 4 and 8.
 """
 
 from typing import Any, NamedTuple
