@@ -1,12 +1,14 @@
 """State estimation on named scalar states; knows nothing of gait.
 
 A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run it over a
-recording, `step` online over one sample; how they linearise is an argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
+recording, `infer` one or the other as an argument says, `step` runs online over one sample; how they linearise is an
+argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
+from jgait.filtering.infer import SUMMARY, Inferred, infer
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.sample import draw
@@ -19,8 +21,10 @@ __all__ = [
     "KEEP",
     "KF",
     "UKF",
+    "SUMMARY",
     "Belief",
     "Covariance",
+    "Inferred",
     "IteratedEKF",
     "Method",
     "Model",
@@ -30,6 +34,7 @@ __all__ = [
     "Updated",
     "compiled",
     "draw",
+    "infer",
     "kalman_filter",
     "kalman_smoother",
     "names_of",

@@ -19,6 +19,7 @@ from jgait.filtering.covariance import Covariance
 from jgait.filtering.dense import Correction, advanced, corrected, predicted_moments
 from jgait.filtering.execution import Execution, filtered
 from jgait.filtering.fast import with_gradient_of
+from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
@@ -167,7 +168,7 @@ def step(
         observation: observation tuple of scalars; what the mask hides may be any finite number.
         control: control tuple of scalars, or None.
         dt: time since the sample before [s].
-        mask: observation tuple of bools, one bool, or None.
+        mask: observation tuple of bools, one bool, or None; as of `kalman_filter`.
         method: how to linearise.
 
     Returns:
@@ -178,6 +179,7 @@ def step(
     """
     checks.check_arguments(model, method, (), FIELDS)
     checks.check_values(observation, control, dt)
+    model, observation, mask = without_hidden(model, observation, mask)
     return _step(model, params, belief, observation, control, dt, mask, method)
 
 
@@ -213,7 +215,8 @@ def kalman_filter(
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
         dt: interval [s], scalar or (T,); dt[k] is the time from sample k−1 to k, so dt[0] = 0 puts the initial
             belief at the first sample.
-        mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None.
+        mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None. A leaf that is Python's False
+            instead takes its component out of the model, which computes sooner; it is None in innovations.
         method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.
         initial: belief before the first interval; None takes the model's.
         keep: fields of `Posterior` to return; what is not asked for is neither computed nor stored.
@@ -229,6 +232,7 @@ def kalman_filter(
     """
     checks.check_arguments(model, method, keep, FIELDS, execution)
     checks.check_values(observations, controls, dt)
+    model, observations, mask = without_hidden(model, observations, mask)
     return _filter(
         model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), execution
     )  # fmt: skip

@@ -19,6 +19,7 @@ from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import structure_names
 from jgait.filtering.execution import Execution, Form, smoothed
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
+from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
@@ -51,7 +52,7 @@ def kalman_smoother(
         observations: observation tuple of (T,) arrays; what the mask hides may be any finite number.
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
         dt: interval [s], scalar or (T,), as of `kalman_filter`.
-        mask: observation tuple of (T,) bools, one (T,) bool, or None.
+        mask: observation tuple of (T,) bools, one (T,) bool, or None; as of `kalman_filter`.
         method: how to linearise.
         initial: belief before the first interval; None takes the model's.
         keep: fields of the filter's `Posterior` to return.
@@ -78,6 +79,7 @@ def kalman_smoother(
     if not isinstance(covariance, bool | tuple):
         raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
     checks.check_values(observations, controls, dt)
+    model, observations, mask = without_hidden(model, observations, mask)
     return _smoother(
         model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), covariance, execution,
         form,

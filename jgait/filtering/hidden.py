@@ -1,0 +1,88 @@
+"""Observations that are never there: a mask that is False for good takes them out of the model.
+
+A mask's leaf is False for good where it is Python's or NumPy's scalar False, known while a program is traced. Its
+component is then None in observation, noise and mask, and the filter computes what is left.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from jgait.filtering.covariance import Covariance
+from jgait.filtering.model import Model
+
+
+def without_hidden(model: Model, observation: Any, mask: Any) -> tuple[Model, Any, Any]:
+    """Model, observation and mask without the components that are never there.
+
+    Args:
+        model: state-space model.
+        observation: observation tuple.
+        mask: observation tuple of masks, some perhaps False for good; or anything else, which stays.
+
+    Returns:
+        The three, unchanged where nothing is hidden. Where everything is, one component stays, masked everywhere.
+    """
+    structure = jax.tree.structure(observation)
+    if mask is None or structure != jax.tree.structure(mask):
+        return model, observation, mask
+    leaves = jax.tree.leaves(mask)
+    hidden = [_never(leaf) for leaf in leaves]
+    if not any(hidden):
+        return model, observation, mask
+    if all(hidden):
+        hidden[0] = False
+        leaves[0] = np.zeros(np.shape(jax.tree.leaves(observation)[0]), bool)
+        mask = structure.unflatten(leaves)
+    part = _Part(structure, tuple(hidden))
+    return _reduced(model, part), part(observation), part(mask)
+
+
+def _never(leaf: Any) -> bool:
+    return isinstance(leaf, bool | np.bool_) and not leaf
+
+
+class _Part:
+    """What is left of observation tuples of one structure; hashable, so that a reduced model compiles once."""
+
+    def __init__(self, structure: Any, hidden: tuple[bool, ...]) -> None:
+        self.key = (structure, hidden)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Part) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __call__(self, values: Any) -> Any:
+        structure, hidden = self.key
+        leaves = zip(jax.tree.leaves(values), hidden, strict=True)
+        return structure.unflatten([None if gone else leaf for leaf, gone in leaves])
+
+    def noise(self, values: Any) -> Any:
+        """The same of variances, or of a covariance."""
+        if not isinstance(values, Covariance):
+            return self(values)
+        kept = [i for i, gone in enumerate(self.key[1]) if not gone]
+        pairs = [(values.names[i], values.names[j]) for number, i in enumerate(kept) for j in kept[number:]]
+        like = jax.tree.structure(self(self.key[0].unflatten(range(len(self.key[1])))))
+        return Covariance(tuple(values[pair] for pair in pairs), like)
+
+    def whole(self, values: Any) -> Any:
+        """The full tuple again, 0 where a component is hidden."""
+        structure, hidden = self.key
+        left = iter(jax.tree.leaves(values))
+        return structure.unflatten([0.0 if gone else next(left) for gone in hidden])
+
+
+@lru_cache(maxsize=256)
+def _reduced(model: Model, part: _Part) -> Model:
+    error, residual = model.error_observation, model.residual
+    return model._replace(
+        observation=lambda p, state, control: part(model.observation(p, state, control)),
+        observation_noise=lambda p, state, control: part.noise(model.observation_noise(p, state, control)),
+        residual=None if residual is None else lambda a, b: part(residual(part.whole(a), part.whole(b))),
+        error_observation=None if error is None else lambda *arguments: part(error(*arguments)),
+    )

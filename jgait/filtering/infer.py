@@ -1,0 +1,79 @@
+"""Filter or smooth, as an argument says, with one kind of result."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jgait.filtering.execution import Execution
+from jgait.filtering.filter import Posterior, kalman_filter
+from jgait.filtering.methods import EKF, Method
+from jgait.filtering.model import Belief, Model
+from jgait.filtering.smoother import kalman_smoother
+
+SUMMARY = ("log_likelihood", "nis", "count", "valid")
+"""Fields of the filter's posterior that tell how well the model fits."""
+
+
+class Inferred(NamedTuple):
+    """A filtered or smoothed recording.
+
+    Attributes:
+        mean: in the state's type, time axis in front; smoothed if that was asked for.
+        cov: its covariance.
+        filtered: the filter's posterior, the fields that were asked for.
+    """
+
+    mean: Any
+    cov: Any
+    filtered: Posterior
+
+    @property
+    def log_likelihood(self) -> Any:
+        """Of all observations, each given the past [nat]."""
+        return jnp.sum(self.filtered.log_likelihood)
+
+    @property
+    def nis(self) -> Any:
+        """Mean normalised innovation squared: 1 where the model's noise is that of the observations."""
+        return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
+
+
+def infer(
+    model: Model, params: Any, observations: Any, *, smooth: bool, controls: Any = None, dt: Any = 1.0,
+    mask: Any = None, method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = SUMMARY,
+    covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
+) -> Inferred:  # fmt: skip
+    """Filter a recording, and smooth it if that is asked for.
+
+    Args:
+        model: state-space model, see `kalman_filter`.
+        params: passed on to the model's functions.
+        observations: observation tuple of (T,) arrays.
+        smooth: Rauch–Tung–Striebel smoothing after the filter; static.
+        controls: control tuple of (T,) arrays, or None.
+        dt: interval [s], scalar or (T,).
+        mask: observation tuple of (T,) bools, one (T,) bool, or None; a leaf that is Python's False takes its
+            component out of the model.
+        method: how to linearise.
+        initial: belief before the first interval; None takes the model's.
+        keep: fields of the filter's `Posterior` to return.
+        covariance: which smoothed covariances, see `kalman_smoother`; a filter gives all.
+        execution: how to run it, see `jgait.filtering.execution`.
+
+    Returns:
+        Means, covariances and the filter's posterior.
+
+    Raises:
+        ValueError: see `kalman_filter`.
+    """
+    if smooth:
+        smoothed = kalman_smoother(
+            model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial, keep=keep,
+            covariance=covariance, execution=execution,
+        )  # fmt: skip
+        return Inferred(smoothed.mean, smoothed.cov, smoothed.filtered)
+    posterior = kalman_filter(
+        model, params, observations, controls=controls, dt=dt, mask=mask, method=method, initial=initial,
+        keep=("mean", "cov", *(name for name in keep if name not in ("mean", "cov"))), execution=execution,
+    )  # fmt: skip
+    return Inferred(posterior.mean, posterior.cov, posterior)
