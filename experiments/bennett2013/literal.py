@@ -1,4 +1,4 @@
-"""Bennett's filter as printed: element C of equation 6, and the powers of σ_θ in Q (deviations 1 and 2 of `leg_ekf`)."""
+"""Bennett's filter as printed: element C of equation 6, and powers of σ_θ in Q (deviations 1 and 2 of `leg_ekf`)."""
 
 from functools import partial
 from typing import Any

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import optax
 
-from experiments.common.recordings import available, walks
 from experiments.bennett2013 import literal
+from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from jgait import datasets, params, tune
 from jgait.commands import demo_run as demo

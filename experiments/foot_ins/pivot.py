@@ -19,6 +19,7 @@ from experiments.foot_ins import feet as real
 from experiments.foot_ins.run import QUICK, Ready, rows_of, score, sets, solved
 from jgait import params, tune
 from jgait.estimators import foot_ins
+from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, TRANSFORMS, FootParams
 from jgait.estimators.foot_ins.inputs import capacity
 
@@ -49,7 +50,7 @@ class Lesson(NamedTuple):
 def lesson(item: Ready, samples: int) -> Lesson:
     """What the first samples of a walk teach."""
     foot = real.cut(item.foot, samples)
-    inputs = foot_ins.pad(foot_ins.prepared(foot.recording).inputs, samples)
+    inputs = pad(foot_ins.prepared(foot.recording).inputs, samples)
     signals = getattr(inputs, foot.side)
     # the table's rows, not yet in order: from one foothold to the next
     count, time = int(signals.count), inputs.time
@@ -77,7 +78,7 @@ def learned(items: Sequence[Ready], quick: bool, samples: int | None = None) -> 
     size = QUICK if quick else PIECE
     lessons = [lesson(item, samples or size) for item in items]
     if samples is not None:
-        lessons = [one._replace(inputs=foot_ins.pad(one.inputs, size)) for one in lessons]
+        lessons = [one._replace(inputs=pad(one.inputs, size)) for one in lessons]
     data = _stacked(lessons)
     # the filter compiles sooner than the smoother, and the pivot is nearly the same
     options = DEFAULT._replace(smooth=not quick)

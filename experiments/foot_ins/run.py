@@ -12,6 +12,7 @@ from experiments.common.row import Row
 from experiments.foot_ins import feet as real
 from experiments.foot_ins.feet import Foot, Matched
 from jgait.estimators import foot_ins
+from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
 from jgait.types import Estimate
 
@@ -106,7 +107,7 @@ def estimated(p: FootParams, inputs: Any, options: FootOptions = DEFAULT) -> Est
     samples = inputs.time.size
     # how stances were found is in the inputs
     options = options._replace(detector=DEFAULT.detector)
-    result = jax.tree.map(np.asarray, run_one(p, foot_ins.pad(inputs, bucket(samples)), options))
+    result = jax.tree.map(np.asarray, run_one(p, pad(inputs, bucket(samples)), options))
     rows = np.flatnonzero(result.strides.valid)
     rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
     feet = jax.tree.map(lambda leaf: leaf[:samples], result.feet)

@@ -14,6 +14,7 @@ from experiments.foot_ins import gaitmap
 from experiments.foot_ins.run import QUICK, bucket, run_one
 from jgait import filtering, simulate
 from jgait.estimators import foot_ins
+from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
 from jgait.simulate import sensors
 from jgait.types import Imu, Recording
@@ -153,7 +154,7 @@ def precision(quick: bool) -> list[Row]:
     walk = one_foot(walked(*QUICK_WALK) if quick else walked(WALK_M))
     inputs = foot_ins.prepared(walk).inputs
     samples = inputs.time.size
-    padded = foot_ins.pad(inputs, bucket(samples))
+    padded = pad(inputs, bucket(samples))
     exact, rough = (run_one(FootParams(), given, DEFAULT) for given in (padded, single(padded)))
     if rough.feet.right.position.dtype != np.float32:
         raise TypeError(f"float32 inputs gave {rough.feet.right.position.dtype}")

@@ -16,9 +16,9 @@ from experiments.common.row import Row, show
 from experiments.kose2011 import ways
 from experiments.kose2011.walks import Walk, sets
 from jgait.estimators import waist as waist_ofdri
-from jgait.estimators.interface import bucket
+from jgait.estimators.axes import pad
+from jgait.estimators.run import bucket
 from jgait.estimators.waist import DEFAULT, WaistOptions, WaistParams
-from jgait.estimators.waist.inputs import pad
 from jgait.types import Estimate
 
 SAMPLES = 4096

@@ -16,7 +16,7 @@ from jgait.signal.marks import Marks
 
 
 class PlanarState(NamedTuple):
-    """As `length_steps.StrideState`, in the sagittal plane: angle [rad], velocity and way forward, and the sample before."""
+    """As `length_steps.StrideState`, in the sagittal plane: angle [rad], forward velocity and way, the last sample."""
 
     angle: Any
     velocity: Any

@@ -17,6 +17,7 @@ from experiments.udaya2010 import literal as printed_filters
 from experiments.udaya2010.walked import Walked, neura, people
 from jgait.duty_cycle.fillers.base import Thigh, fillers
 from jgait.estimators import duty_cycled_gyro
+from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import model_params as duty_params
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
@@ -80,7 +81,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
             for part, values, more in ((thigh, thigh.gyr, zero), (shank, rate + shank.bias, excess))
         ]
         told = DutyInputs(*segments, inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance)
-        padded = duty_params.pad(told, 1024 * (1 + len(inputs.time) // 1024))
+        padded = pad(told, 1024 * (1 + len(inputs.time) // 1024))
         p = filter_params(one_side(usual, number))
         got = (_PRINTED if literal else _RUN)(p, padded, options=duty_params.DEFAULT).shank
         part = slice(0, len(inputs.time))

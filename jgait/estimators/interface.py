@@ -1,12 +1,15 @@
-"""What every estimator offers to those who run it on many recordings: decide, pad, and a pure function to map."""
+"""What every estimator offers: decisions on the host, a pure function to compile and map, and what both come to."""
 
-import math
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jgait.estimators.about import About
+from jgait.estimators.axes import pad
+from jgait.estimators.run import bucket, compiled, trimmed
+from jgait.params import check_params
 from jgait.types import Estimate, Recording
 
 
@@ -14,20 +17,19 @@ class Prepared[I](NamedTuple):
     """A recording made ready for the pure part of an estimator.
 
     Attributes:
-        inputs: pytree of NumPy arrays, one of them `time` (T,); recordings of one T and one structure stack.
+        inputs: NamedTuple of NumPy arrays whose fields state their axes, see `jgait.estimators.axes`, one of them
+            `time` (T,); recordings of one T and one structure stack.
         options: what the recording decides at compile time; recordings that share it share a program.
         notes: in words, what was decided or noticed on the way.
         standing: half-open range of samples of quiet standing; None where none was looked for.
+        extra: what the estimator's own `finish` takes; it stays on the host.
     """
 
     inputs: I
     options: Hashable
     notes: tuple[str, ...]
     standing: tuple[int, int] | None = None
-
-
-def _nothing(params: Any, recording: Recording) -> Estimate:
-    raise NotImplementedError("this estimator has no way to estimate one recording")
+    extra: Any = None
 
 
 class Estimator[P, I](NamedTuple):
@@ -38,66 +40,89 @@ class Estimator[P, I](NamedTuple):
         params: default parameters, natural units.
         transforms: their ranges, in the same type.
         prepare: recording → `Prepared`, on the host; raises `RecordingError` for what cannot be used.
-        pad: (inputs, samples) → inputs with invalid samples behind, the estimate before them unchanged.
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
         own: (params, body) → parameters with a person's own measures put in; `body` maps a name as of the
             diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left); pure, arrays welcome.
         about: what the estimator states about itself: measures, options, tables, figures, flags.
-        estimate: (params, recording) → `Estimate` of one recording, without padding; on the host.
+        per_stride: names of the diagnostics with an entry for each stride.
+        finish: (estimate without padding, what was prepared) → the estimate of one recording; on the host.
+        in_parts: (params, inputs, options) → the estimate of a recording so long that it is run in parts, or None of
+            one that is not; on the host.
     """
 
     name: str
     params: P
     transforms: P
     prepare: Callable[[Recording], Prepared[I]]
-    pad: Callable[[I, int], I]
     run: Callable[[P, I, Any], Estimate]
     own: Callable[[P, dict[str, Any]], P]
     about: About = About()
-    estimate: Callable[[P, Recording], Estimate] = _nothing
+    per_stride: tuple[str, ...] = ()
+    finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
+    in_parts: Callable[[P, I, Any], Estimate | None] | None = None
+
+    def pad(self, inputs: I, samples: int) -> I:
+        """The inputs with invalid samples behind them, the estimate before them unchanged; see `axes.pad`."""
+        return pad(inputs, samples)
+
+    def estimate(self, p: P, recording: Recording) -> Estimate:
+        """The estimate of one recording: prepared, padded, computed, without padding.
+
+        Args:
+            p: parameters.
+            recording: as the estimator's package says.
+
+        Returns:
+            An `Estimate` of NumPy arrays; `diagnostics["notes"]` says what was decided or noticed, `standing` is the
+            half-open range of samples of quiet standing, or None.
+
+        Raises:
+            RecordingError: a recording that cannot be used.
+            ValueError: a parameter outside its range.
+        """
+        check_params(p, self.transforms)
+        prepared = self.prepare(recording)
+        return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))
+
+    def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
+        """The estimate of what was prepared; as `estimate`."""
+        inputs, options = prepared.inputs, prepared.options
+        samples = len(inputs.time)  # type: ignore[attr-defined]
+        result = None if self.in_parts is None else self.in_parts(p, inputs, options)
+        if result is None:
+            result = compiled(self.run)(p, pad(inputs, bucket(samples)), options)
+        result = trimmed(result, samples, self.per_stride)
+        facts = {"notes": prepared.notes, "standing": prepared.standing}
+        result = result._replace(diagnostics={**result.diagnostics, **facts})
+        return result if self.finish is None else self.finish(result, prepared)
 
 
-def bucket(samples: int, smallest: int) -> int:
-    """The length to pad to: the smallest one times a power of two, so that few programs are compiled."""
-    return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
-
-
-def lengthened(time: Any, samples: int) -> np.ndarray:
-    """Times (T,) that go on in even steps to some number of samples.
-
-    Raises:
-        ValueError: if that is less than T.
-    """
-    time = np.asarray(time)
-    if samples < time.size:
-        raise ValueError(f"pad only lengthens; got {time.size} samples and {samples} wanted")
-    step = float(np.median(np.diff(time)))
-    return np.concatenate([time, time[-1] + step * np.arange(1, samples - time.size + 1)])
-
-
-def grown[R](
-    record: R, samples: int, rows: int, *, per_sample: Collection[str], per_row: Collection[str] = (),
-    held: Collection[str] = (),
-) -> R:  # fmt: skip
-    """A record of arrays with more behind some of them: padding of signals, and of tables with room for more rows.
+def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict[str, Any]) -> P:
+    """Parameters with a person's own measures put in: those of the same names.
 
     Args:
-        record: NamedTuple of arrays.
-        samples: how many more samples.
-        rows: how many more rows.
-        per_sample: names of the fields (T, …).
-        per_row: names of the fields (K, …).
-        held: names of the fields whose last entry goes on; others go on with zeros.
+        estimator: its name, for the message.
+        measures: names that the estimator takes.
+        p: parameters; of a measure with a value for each leg the parameter is a pair (right, left).
+        body: name → a number or (right, left), as far as known. Where the parameter is one number, the mean counts.
 
-    Returns:
-        The same record; fields that are not named are unchanged.
+    Raises:
+        ValueError: if `body` names anything else, or a measure is not one number or two.
     """
+    unknown = [name for name in body if name not in measures]
+    if unknown:
+        raise ValueError(f"{estimator} takes {', '.join(measures)} of a person; got {unknown[0]!r}")
 
-    def longer(name: str, values: Any) -> np.ndarray:
-        values = np.asarray(values)
-        more = samples if name in per_sample else rows if name in per_row else 0
-        width = [(0, more)] + [(0, 0)] * (values.ndim - 1)
-        return np.pad(values, width, mode="edge" if name in held else "constant") if more else values
+    def number(value: Any) -> Any:
+        return value if isinstance(value, jax.Array) else float(value)
 
-    fields = record._asdict()  # type: ignore[attr-defined]
-    return record._replace(**{name: longer(name, values) for name, values in fields.items()})  # type: ignore[attr-defined]
+    def put(name: str, value: Any) -> Any:
+        both = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
+        if len(both) != 2:
+            raise ValueError(f"{name} must be one number or (right, left); got {len(both)} numbers")
+        own = getattr(p, name)
+        if isinstance(own, tuple):
+            return type(own)(*map(number, both))
+        return number(both[0]) if both[0] is both[1] else 0.5 * (number(both[0]) + number(both[1]))
+
+    return p._replace(**{name: put(name, value) for name, value in body.items()})  # type: ignore[attr-defined]

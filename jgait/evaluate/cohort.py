@@ -150,7 +150,7 @@ def _description(job: Job) -> dict[str, str]:
     return {
         "jgait": __version__,
         "estimator": estimator.name,
-        "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.pad, estimator.run)),
+        "functions": ", ".join(described(f) for f in (estimator.prepare, estimator.run)),
         "params": described(job.params),
         "own": described(job.own),
         "own_function": described(estimator.own),

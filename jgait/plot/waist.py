@@ -90,12 +90,12 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
         RecordingError: as `waist_ofdri.estimate`.
     """
     from jgait.estimators import waist as waist_ofdri
-    from jgait.estimators.interface import bucket
-    from jgait.estimators.waist.inputs import pad
+    from jgait.estimators.axes import pad
+    from jgait.estimators.run import bucket
 
     inputs = waist_ofdri.prepared(recording, options).inputs
     count = np.size(inputs.time)
-    padded = pad(inputs, bucket(count, waist_ofdri.BUCKET))
+    padded = pad(inputs, bucket(count))
     seen = _motion()(p, padded, smooth=smooth, execution=options.execution)
     forward, left, upward = (as_float(values)[:count] for values in (seen.forward, seen.left, seen.upward))
     return Trunk(as_float(inputs.time), forward, left, upward, padded)

@@ -11,14 +11,15 @@ import numpy as np
 from made.notes import note
 
 from jgait import params
+from jgait.estimators.axes import Sampled, Times
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError, Strides, Walk
 
 
 class Inputs(NamedTuple):
-    time: Any
-    speed: Any
-    valid: Any
+    time: Times
+    speed: Sampled
+    valid: Sampled
 
 
 class Params(NamedTuple):
@@ -38,12 +39,6 @@ def prepare(recording: Recording) -> Prepared[Inputs]:
     return Prepared(Inputs(imu.time, imu.gyr[:, 0], imu.mask), recording.sampling_rate_hz > 150.0, (note("prepared"),))
 
 
-def pad(inputs: Inputs, samples: int) -> Inputs:
-    more = samples - inputs.time.size
-    time = np.concatenate([inputs.time, inputs.time[-1] + 0.01 * np.arange(1, more + 1)])
-    return Inputs(time, np.pad(inputs.speed, (0, more)), np.pad(inputs.valid, (0, more)))
-
-
 def run(p: Params, inputs: Inputs, options: Any) -> Estimate:
     """Distance is the sum of speeds; a speed below −5 makes it NaN, as a bad recording does."""
     TRACED.append((inputs.time.shape[0], options))
@@ -59,7 +54,7 @@ def own(p: Params, body: dict[str, Any]) -> Params:
     return p._replace(offset=body["offset"])
 
 
-FAKE = Estimator("fake", Params(), TRANSFORMS, prepare, pad, run, own)
+FAKE = Estimator("fake", Params(), TRANSFORMS, prepare, run, own)
 
 
 def walk(i: int, bad: str = "") -> Walk:

@@ -1,17 +1,18 @@
 """From prepared inputs to strides of the shanks."""
 
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
-from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals, pad
-from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation, AnkleState
+from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
+from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation
 from jgait.estimators.ankle_stride.params import (
     DEFAULT,
     TRANSFORMS,
@@ -20,18 +21,15 @@ from jgait.estimators.ankle_stride.params import (
     check_options,
     with_body,
 )
-from jgait.estimators.ankle_stride.prepare import Preparation, prepare
+from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.foot_ins.model import FootControl, FootModelParams
-from jgait.estimators.interface import Estimator, Prepared, bucket
-from jgait.filtering import Belief, Covariance
+from jgait.estimators.interface import Estimator, Prepared
+from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, subtract, vector
 from jgait.signal import butterworth
 from jgait.types import SIDES, Estimate, Legs, Recording, Strides
-
-BUCKET = 1024
-"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 TOGETHER_S = 0.06
 """[s] Zero velocities so near to each other err together: they count as one, whatever the sampling rate."""
@@ -136,36 +134,15 @@ def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector)
     return ankle_model.standing_belief(attitude, velocity, bias, lever, variances)
 
 
-class _Filtered(NamedTuple):
-    mean: AnkleState
-    cov: Covariance
-    log_likelihood: Any
-    nis: Any
-    valid: Any
-
-
-def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, options: AnkleOptions) -> _Filtered:
+def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, options: AnkleOptions) -> filtering.Inferred:
     zero = jnp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
-    seen = AnkleObservation(Vector(stands, stands, stands), stands if options.level else jnp.zeros_like(stands))
-    settings: dict[str, Any] = {
-        "controls": controls(p, leg, gyr, acc),
-        "dt": leg.dt,
-        "mask": seen,
-        "method": options.method,
-        "initial": prior_of(p, leg, gyr),
-        "execution": options.execution,
-    }
-    observed = AnkleObservation(Vector(zero, zero, zero), zero)
-    if options.smooth:
-        told = ("log_likelihood", "nis", "count", "valid")
-        smooth = filtering.kalman_smoother(ankle_model.MODEL, model_params(p), observed, keep=told, **settings)
-        mean, cov, posterior = smooth.mean, smooth.cov, smooth.filtered
-    else:
-        posterior = filtering.kalman_filter(ankle_model.MODEL, model_params(p), observed, **settings)
-        mean, cov = posterior.mean, posterior.cov
-    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
-    return _Filtered(mean, cov, jnp.sum(posterior.log_likelihood), nis, posterior.valid)
+    return filtering.infer(
+        ankle_model.MODEL, model_params(p), AnkleObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
+        controls=controls(p, leg, gyr, acc), dt=leg.dt,
+        mask=AnkleObservation(Vector(stands, stands, stands), stands if options.level else False),
+        method=options.method, initial=prior_of(p, leg, gyr), execution=options.execution,
+    )  # fmt: skip
 
 
 def _of_leg(
@@ -187,7 +164,7 @@ def _of_leg(
         "gyr_bias": jnp.stack([part[last] for part in found.mean.gyr_bias]),
     }
     named = {f"{name}_{SIDES[side]}": value for name, value in told.items()}
-    return strides, deviations, flags, named, leg.valid & found.valid
+    return strides, deviations, flags, named, leg.valid & found.filtered.valid
 
 
 def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
@@ -238,25 +215,17 @@ def _walked(strides: Strides, time: Any) -> Any:
     return jnp.interp(time, knots, jnp.stack([done - lengths, done], axis=1).ravel())
 
 
-_run_jit = jax.jit(run, static_argnames=("options",))
-
-
-def prepared(recording: Recording, options: AnkleOptions = DEFAULT) -> Preparation:
-    """The inputs of `run` for a recording; raises `RecordingError` as `ankle_calibration.prepare`."""
-    return prepare(recording, options)
-
-
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:
-    """This estimator as a record of functions, for cohorts."""
+    """This estimator as a record of functions."""
+    return Estimator(
+        "ankle_stride", AnkleParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS,
+        _finished,
+    )  # fmt: skip
 
-    def ready(recording: Recording) -> Prepared[AnkleInputs]:
-        preparation = prepared(recording, options)
-        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
 
-    def estimated(p: AnkleParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options)
-
-    return Estimator("ankle_stride", AnkleParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+def prepared(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[AnkleInputs]:
+    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
+    return prepare(recording, options)
 
 
 def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAULT) -> Estimate:
@@ -268,27 +237,20 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
         options: which parts are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `instants_right` and
-        `instants_left` are the samples (n, 2) at which each of a leg's strides begins and ends.
+        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `instants_right` and `instants_left` are
+        the samples (n, 2) at which each of a leg's strides begins and ends.
 
     Raises:
-        RecordingError: see `ankle_calibration.prepare`.
+        RecordingError: see `prepare`.
         ValueError: a parameter outside its range, an option that is none.
     """
-    params.check_params(p, TRANSFORMS)
-    preparation = prepared(recording, options)
-    inputs = preparation.inputs
-    samples = inputs.time.size
-    padded = pad(inputs, bucket(samples, BUCKET))
-    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
-    legs = {side: leg for side, leg in zip(SIDES, (inputs.right, inputs.left), strict=True) if leg is not None}
-    instants = {f"instants_{side}": np.stack([s.begin, s.end], axis=1)[: int(s.count)] for side, s in legs.items()}
-    rows = np.flatnonzero(result.strides.valid)
-    rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
-    strides, deviations = jax.tree.map(lambda column: column[rows], (result.strides, result.strides_stddev))
-    told = {name: value[rows] if name in FLAGS else value for name, value in result.diagnostics.items()}
-    told |= {**instants, "notes": preparation.notes, "standing": preparation.standing}
-    return result._replace(
-        time=result.time[:samples], distance=result.distance[:samples], valid=result.valid[:samples], diagnostics=told,
-        strides=strides, strides_stddev=deviations,
-    )  # fmt: skip
+    return estimator(options).estimate(p, recording)
+
+
+def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
+    """The estimate with the instants at which strides begin and end."""
+    legs = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
+    instants = {
+        f"instants_{side}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)] for side, leg in legs if leg
+    }
+    return result._replace(diagnostics={**result.diagnostics, **instants})

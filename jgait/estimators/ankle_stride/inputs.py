@@ -1,11 +1,20 @@
 """What the ankle's estimator takes: signals and decisions of one or two legs, as arrays that pad, stack and map."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait.estimators.interface import grown, lengthened
+from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
 
 SHORTEST_STRIDE = 10
 """[samples] Less than from one stride to the next at the lowest rate; see `capacity`."""
+
+
+def capacity(samples: int) -> int:
+    """How many strides there is room for in a recording of some samples."""
+    return samples // SHORTEST_STRIDE + 2
+
+
+type PerStride = Annotated[Any, Axis("zero", capacity)]
+"""(K,), one entry a stride; 0 or False behind the last."""
 
 
 class AnkleSignals(NamedTuple):
@@ -41,16 +50,16 @@ class AnkleSignals(NamedTuple):
         count: how many strides there are.
     """
 
-    gyr: Any
-    acc: Any
-    gyr_jump: Any
-    acc_jump: Any
-    gyr_doubt: Any
-    acc_doubt: Any
-    stands: Any
-    restart: Any
-    dt: Any
-    valid: Any
+    gyr: Held
+    acc: Held
+    gyr_jump: Sampled
+    acc_jump: Sampled
+    gyr_doubt: Sampled
+    acc_doubt: Sampled
+    stands: Sampled
+    restart: Sampled
+    dt: Sampled
+    valid: Sampled
     last: Any
     rate_hz: Any
     attitude: Any
@@ -58,15 +67,15 @@ class AnkleSignals(NamedTuple):
     still_time: Any
     mid_shank: Any
     axes: Any
-    begin: Any
-    end: Any
-    swing_begin: Any
-    swing_end: Any
-    leaves: Any
-    lands: Any
-    half: Any
-    clips: Any
-    follows: Any
+    begin: PerStride
+    end: PerStride
+    swing_begin: PerStride
+    swing_end: PerStride
+    leaves: PerStride
+    lands: PerStride
+    half: PerStride
+    clips: PerStride
+    follows: PerStride
     count: Any
 
 
@@ -79,42 +88,10 @@ class AnkleInputs(NamedTuple):
         left: left leg, or None.
     """
 
-    time: Any
+    time: Times
     right: AnkleSignals | None
     left: AnkleSignals | None
 
 
-PER_STRIDE = ("begin", "end", "swing_begin", "swing_end", "leaves", "lands", "half", "clips", "follows")
-_PER_SAMPLE = (
-    "gyr", "acc", "gyr_jump", "acc_jump", "gyr_doubt", "acc_doubt", "stands", "restart", "dt", "valid",
-)  # fmt: skip
-
-
-def capacity(samples: int) -> int:
-    """How many strides there is room for in a recording of some samples."""
-    return samples // SHORTEST_STRIDE + 2
-
-
-def pad(inputs: AnkleInputs, samples: int) -> AnkleInputs:
-    """The same recording with invalid samples behind it, so that recordings of different length stack.
-
-    Args:
-        inputs: of T samples.
-        samples: length wanted, T or more.
-
-    Returns:
-        Inputs of `samples` samples; the estimate at the first T is unchanged.
-
-    Raises:
-        ValueError: if `samples` is less than T.
-    """
-    have = inputs.time.shape[0]
-    time = lengthened(inputs.time, samples)
-    more, rows = samples - have, capacity(samples) - capacity(have)
-
-    def leg(one: AnkleSignals | None) -> AnkleSignals | None:
-        if one is None:
-            return None
-        return grown(one, more, rows, per_sample=_PER_SAMPLE, per_row=PER_STRIDE, held=("gyr", "acc"))
-
-    return AnkleInputs(time, leg(inputs.right), leg(inputs.left))
+PER_STRIDE = fields_of(AnkleSignals, capacity)
+"""Names of the fields of `AnkleSignals` with an entry for each stride."""

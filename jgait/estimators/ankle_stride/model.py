@@ -68,12 +68,6 @@ class AnkleObservation(NamedTuple):
     height: Any
 
 
-class AnkleVelocity(NamedTuple):
-    """The same where nothing is known of the ground: velocity of the ankle [m/s], zero."""
-
-    velocity: Vector
-
-
 def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> AnkleState:
     """Strapdown of the sensor over one interval, and what of its way was the ankle's."""
     moved = foot_model.transition(p, _sensor(s), u.over, dt)
@@ -181,24 +175,3 @@ MODEL = Model(
     error_transition, error_observation, foot_model.error_shift,
 )  # fmt: skip
 """One ankle."""
-
-
-def velocity_alone(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleVelocity:
-    """`observation` without the height."""
-    return AnkleVelocity(observation(p, s, u).velocity)
-
-
-def error_velocity(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleVelocity:
-    """`error_observation` without the height."""
-    return AnkleVelocity(error_observation(p, s, e, u).velocity)
-
-
-def velocity_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleVelocity:
-    """`observation_noise` without the height."""
-    return AnkleVelocity(observation_noise(p, s, u).velocity)
-
-
-ANYWHERE = MODEL._replace(
-    observation=velocity_alone, observation_noise=velocity_noise, error_observation=error_velocity
-)
-"""One ankle on any ground: less to compute than `MODEL` with its height left out."""

@@ -29,7 +29,7 @@ from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params
-from jgait.estimators.ankle_stride.model import AnkleObservation, AnkleVelocity
+from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.online_state import (
     Filters,
     Now,
@@ -96,14 +96,13 @@ def _filter_step(
     driven = control(p, now, vector(row[:3]), vector(mean[:3]), vector(mean[3:]))
     zero, seen = jnp.zeros_like(row[:1]), stands[None]
     speed, still = Vector(zero, zero, zero), Vector(seen, seen, seen)
-    model = ankle_model.MODEL if options.level else ankle_model.ANYWHERE
     told = filtering.kalman_filter(
-        model,
+        ankle_model.MODEL,
         model_params(p),
-        AnkleObservation(speed, zero) if options.level else AnkleVelocity(speed),
+        AnkleObservation(speed, zero),
         controls=jax.tree.map(lambda leaf: leaf[None], driven),
         dt=dt,
-        mask=AnkleObservation(still, seen) if options.level else AnkleVelocity(still),
+        mask=AnkleObservation(still, seen if options.level else False),
         method=options.method,
         initial=initial,
         execution=options.execution,

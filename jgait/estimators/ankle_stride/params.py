@@ -2,9 +2,8 @@
 
 from typing import Any, NamedTuple
 
-import jax
-
 from jgait import filtering, params
+from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
@@ -124,6 +123,10 @@ def check_options(options: AnkleOptions) -> None:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
 
 
+MEASURES = ("lever_ankle", "lever_shank", "leg_length")
+"""Parameters that are measures of a person."""
+
+
 def with_body(p: AnkleParams, body: dict[str, Any]) -> AnkleParams:
     """The parameters with a person's own measures put in.
 
@@ -135,14 +138,4 @@ def with_body(p: AnkleParams, body: dict[str, Any]) -> AnkleParams:
     Raises:
         ValueError: if it names anything else.
     """
-    known = ("lever_ankle", "lever_shank", "leg_length")
-    unknown = [name for name in body if name not in known]
-    if unknown:
-        raise ValueError(f"the ankle's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")
-
-    def one(value: Any) -> Any:
-        if isinstance(value, tuple | list):
-            return 0.5 * (one(value[0]) + one(value[1]))
-        return value if isinstance(value, jax.Array) else float(value)
-
-    return p._replace(**{name: one(value) for name, value in body.items()})
+    return with_measures("the ankle's estimator", MEASURES, p, body)

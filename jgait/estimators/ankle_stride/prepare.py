@@ -4,7 +4,7 @@ Everything here is a decision: which way the sensor looks, where strides are, wh
 reads at rest. Nothing here carries a gradient; what follows (`ankle_stride.run`) is smooth given these decisions.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
 from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.interface import Prepared
 from jgait.events import shank as shank_events
 from jgait.events import shank_baselines, shank_stance
 from jgait.events.rest import longest_still
@@ -45,14 +46,6 @@ CLIPS_FOR = 3
 LEAST_SECONDS = 1.0
 
 
-class Preparation(NamedTuple):
-    """Inputs, and in words what was decided or noticed on the way."""
-
-    inputs: AnkleInputs
-    notes: tuple[str, ...]
-    standing: tuple[int, int] | None
-
-
 def placement_of(recording: Recording, side: str, site: str = "auto") -> str | None:
     """The placement whose sensor tells a side's strides; None if there is none."""
     for kind in ("ankle", "shank") if site == "auto" else (site,):
@@ -61,7 +54,7 @@ def placement_of(recording: Recording, side: str, site: str = "auto") -> str | N
     return None
 
 
-def prepare(recording: Recording, options: AnkleOptions) -> Preparation:
+def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs]:
     """The inputs of `ankle_stride.run` for a recording.
 
     Args:
@@ -93,7 +86,7 @@ def prepare(recording: Recording, options: AnkleOptions) -> Preparation:
         legs[side], said, still = _leg(recording.sensors[placement], time, recording.sampling_rate_hz, name, options)
         notes += ([note] if note else []) + said
         standing = still if standing is None else standing
-    return Preparation(AnkleInputs(time, legs["right"], legs["left"]), tuple(notes), standing)
+    return Prepared(AnkleInputs(time, legs["right"], legs["left"]), options, tuple(notes), standing)
 
 
 def _checked(recording: Recording, names: list[str]) -> np.ndarray:

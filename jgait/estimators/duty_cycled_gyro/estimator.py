@@ -1,13 +1,13 @@
 """From a recording with gaps to joint angles."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait import params
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh, fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
@@ -25,18 +25,14 @@ from jgait.estimators.duty_cycled_gyro.params import (
     GapSegment,
     filter_params,
     one_side,
-    pad,
     params_of,
     transforms_of,
     with_body,
 )
-from jgait.estimators.duty_cycled_gyro.prepare import LOST, Preparation, prepare
-from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
+from jgait.estimators.interface import Estimator, Prepared
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
-
-BUCKET = 512
-"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 __all__ = [
     "DEFAULT",
@@ -178,36 +174,32 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
     return Estimate(inputs.time, legs, None if spread == (None, None) else spread, None, valid, diagnostics)
 
 
-_run_jit = jax.jit(run, static_argnames=("options",))
+def estimator(
+    options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
+) -> Estimator[DutyCycledParams, DutyCycledInputs]:
+    """This estimator as a record of functions; what sleeps is told by masks and the options' schedule.
 
-
-def prepared(
-    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
-) -> Preparation:
-    """The inputs and options of `run` for a recording; arguments and errors as of `duty_gyro_calibration.prepare`."""
-    return prepare(recording, options, gyro_on)
-
-
-def estimator(options: DutyCycledOptions = DEFAULT) -> Estimator[DutyCycledParams, DutyCycledInputs]:
-    """This estimator as a record of functions, for cohorts; what sleeps is told by masks and the options' schedule.
+    Args:
+        options: which parts are on, and the schedule.
+        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
 
     Raises:
         ValueError: no such filler.
     """
-
-    def ready(recording: Recording) -> Prepared[DutyCycledInputs]:
-        preparation = prepared(recording, options)
-        return Prepared(preparation.inputs, preparation.options, preparation.notes, preparation.standing)
-
-    def estimated(p: DutyCycledParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options)
-
     return Estimator(
-        "duty_cycled_gyro", params_of(options), transforms_of(options), ready, pad, run, with_body, ABOUT, estimated
-    )
+        "duty_cycled_gyro", params_of(options), transforms_of(options),
+        partial(prepare, options=options, gyro_on=gyro_on), run, with_body, ABOUT, finish=partial(_finished, options),
+    )  # fmt: skip
 
 
-def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, Any]:
+def prepared(
+    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
+) -> Prepared[DutyCycledInputs]:
+    """The inputs and options of `run` for a recording; arguments and errors as of `prepare`."""
+    return prepare(recording, options, gyro_on)
+
+
+def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:
     """What the worn sensors draw over the recording, and how long a battery feeds them.
 
     Args:
@@ -219,7 +211,7 @@ def energy(preparation: Preparation, options: DutyCycledOptions) -> dict[str, An
         sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and of
         a schedule that is followed for long, `schedule_saving` [1].
     """
-    used, rate_hz, gyro = preparation.used, preparation.options.sampling_rate_hz, options.gyroscope
+    used, rate_hz, gyro = preparation.extra, preparation.options.sampling_rate_hz, options.gyroscope
     seconds = len(preparation.inputs.time) / rate_hz
     drawn = sum(float(power.mask_energy(masks, rate_hz, gyro)) for masks in used.values())
     always = gyro.on * seconds * len(used)
@@ -244,10 +236,10 @@ def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
     return held
 
 
-def _held(result: Estimate, preparation: Preparation) -> list[str]:
+def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[str]:
     """In words, where too little was measured before a gap to fill it."""
     said = []
-    for name in preparation.used:
+    for name in preparation.extra:
         gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
         if gone.size and preparation.options.filler != "hold":
             first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
@@ -285,15 +277,14 @@ def estimate(
             f"the filler {options.filler!r} takes parameters of type {type(ranges.filler).__name__}, see params_of; "
             f"got {type(p.filler).__name__}"
         )
-    params.check_params(p, ranges)
-    preparation = prepared(recording, options, gyro_on)
-    samples = preparation.inputs.time.size
-    padded = pad(preparation.inputs, bucket(samples, BUCKET))
-    result = jax.tree.map(np.asarray, _run_jit(p, padded, preparation.options))
-    result = jax.tree.map(lambda v: v[:samples] if np.ndim(v) else v, result)
-    notes = (*recording.notes, *preparation.notes, *_held(result, preparation))
-    held = [_held_long(result, name, preparation.options.sampling_rate_hz) for name in preparation.used]
-    if preparation.options.filler != "hold":
+    return estimator(options, gyro_on).estimate(p, recording)
+
+
+def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyCycledInputs]) -> Estimate:
+    """The estimate with what the sensors draw, invalid where a rate is held for long."""
+    ran: DutyCycledOptions = made.options
+    if ran.filler != "hold":
+        held = [_held_long(result, name, ran.sampling_rate_hz) for name in made.extra]
         result = result._replace(valid=result.valid & ~np.any(held, axis=0))
-    told = result.diagnostics | energy(preparation, options) | {"notes": notes, "standing": preparation.standing}
-    return result._replace(diagnostics=told)
+    diagnostics = result.diagnostics | energy(made, options)
+    return result._replace(diagnostics=diagnostics | {"notes": (*diagnostics["notes"], *_held(result, made))})

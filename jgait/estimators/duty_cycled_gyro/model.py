@@ -18,9 +18,9 @@ One axis of the gyroscope knows no turns: on the straight part of `neura_sparse`
 2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
 `leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
 
-Deviations from the paper, whose matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are errors
-of the printed filters, three simulated people with ideal sensors, 14 s, 50 Hz, RMS to the strapdown angle, σ = 10; these
-filters stay within 0.8°:
+Deviations from the paper, whose matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are
+errors of the printed filters, three simulated people with ideal sensors, 14 s, 50 Hz, RMS to the strapdown angle,
+σ = 10; these filters stay within 0.8°:
     1. Q's blocks [T⁹/9, T⁴/4, T⁵/5; ·, T³/3, T²/2; ·, ·, T] are indefinite: their least eigenvalue is −2.4·10⁻⁹ σ at
        T = 20 ms. Integrated white noise has [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T].
     2. Q of the thigh chains v, θ and ω, which A does not; Q of the shin is printed with 13 rows and 11 columns, of
@@ -249,7 +249,7 @@ def observe(
         zero + 1.0, zero + 1.0,
     )  # fmt: skip
     arrived = segment.measured & valid
-    felt = arrived if options.gravity else jnp.zeros_like(arrived)
+    felt = arrived if options.gravity else False
     turned = arrived & segment.gyro_on
     unknown, at_rest = valid & ~turned, valid & still
     told = ThighObservation(segment.acc_up, segment.acc_forward, segment.gyr, *(zero,) * 7)
@@ -275,15 +275,11 @@ def _filtered(
 ) -> SegmentEstimate:
     """Filter, or smooth, and read off the segment's angle and rate."""
     observations, controls, mask = told
-    settings = {"controls": controls, "dt": inputs.dt, "mask": mask, "method": options.method, "initial": initial}
-    settings["execution"] = options.execution
-    if options.smooth:
-        smoothed = filtering.kalman_smoother(model, params, observations, **settings)
-        mean, cov, posterior = smoothed.mean, smoothed.cov, smoothed.filtered
-    else:
-        posterior = filtering.kalman_filter(model, params, observations, **settings)
-        mean, cov = posterior.mean, posterior.cov
-    deviation = cov.stddev()
+    found = filtering.infer(
+        model, params, observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
+        method=options.method, initial=initial, execution=options.execution,
+    )  # fmt: skip
+    mean, posterior, deviation = found.mean, found.filtered, found.cov.stddev()
     return SegmentEstimate(
         mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / params.lever,
         posterior.nis, posterior.count, posterior.log_likelihood, posterior.valid,

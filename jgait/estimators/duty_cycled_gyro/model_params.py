@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jgait import filtering, params
-from jgait.estimators.interface import lengthened
+from jgait.estimators.axes import Held, Sampled, Times
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
@@ -254,12 +254,12 @@ class PlanarSegment(NamedTuple):
         variance: gyroscope variance at rest [rad²/s²].
     """
 
-    gyr: Any
-    acc_forward: Any
-    acc_up: Any
-    measured: Any
-    gyro_on: Any
-    excess: Any
+    gyr: Sampled
+    acc_forward: Sampled
+    acc_up: Sampled
+    measured: Sampled
+    gyro_on: Sampled
+    excess: Sampled
     bias: Any
     variance: Any
 
@@ -279,10 +279,10 @@ class DutyInputs(NamedTuple):
 
     thigh: PlanarSegment | None
     shank: PlanarSegment | None
-    time: Any
-    dt: Any
-    still: Any
-    valid: Any
+    time: Times
+    dt: Held
+    still: Sampled
+    valid: Sampled
     start_variance: Any
 
 
@@ -309,7 +309,7 @@ class SegmentEstimate(NamedTuple):
     nis: Any
     count: Any
     log_likelihood: Any
-    valid: Any
+    valid: Sampled
 
 
 class DutyEstimate(NamedTuple):
@@ -343,34 +343,4 @@ def planar(segment: Segment, gyro_on: Any = None, excess: Any = None) -> PlanarS
         np.zeros(samples, segment.gyr.dtype) if excess is None else excess,
         segment.bias[2],
         segment.variance,
-    )
-
-
-def pad(inputs: DutyInputs, samples: int) -> DutyInputs:
-    """The same recording with invalid samples behind it, the estimate before them unchanged.
-
-    Args:
-        inputs: of T samples.
-        samples: length wanted, T or more.
-
-    Raises:
-        ValueError: if `samples` is less than T.
-    """
-    have = np.shape(inputs.time)[0]
-    time = lengthened(inputs.time, samples)
-
-    def longer(values: Any, mode: Any = "constant") -> Any:
-        return values if np.ndim(values) == 0 else np.pad(np.asarray(values), (0, samples - have), mode=mode)
-
-    def segment(one: PlanarSegment | None) -> PlanarSegment | None:
-        return None if one is None else PlanarSegment(*(longer(values) for values in one))
-
-    return DutyInputs(
-        segment(inputs.thigh),
-        segment(inputs.shank),
-        time,
-        longer(inputs.dt, "edge"),
-        longer(inputs.still),
-        longer(inputs.valid),
-        inputs.start_variance,
     )

@@ -3,16 +3,16 @@
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from jgait import params
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
 from jgait.duty_cycle.fillers.neighbours import TRANSFORMS as NEIGHBOURS_TRANSFORMS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
+from jgait.estimators.axes import Held, Sampled, Times
 from jgait.estimators.duty_cycled_gyro import model_params as duty_params
 from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyParams
-from jgait.estimators.interface import grown, lengthened
+from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 
@@ -134,9 +134,7 @@ def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
 
 def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
     """The parameters with a person's own lengths put in, see `leg_params.with_body`; sensors keep their share."""
-    own: Any = leg_params.with_body
-    found: DutyCycledParams = own(p, body)
-    return found
+    return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)
 
 
 def filter_params(p: DutyCycledParams) -> DutyParams:
@@ -157,9 +155,9 @@ class GapSegment(NamedTuple):
         variance: of the gyroscope at rest [rad²/s²].
     """
 
-    gyr: Any
-    acc: Any
-    on: Any
+    gyr: Sampled
+    acc: Held
+    on: Sampled
     bias: Any
     variance: Any
 
@@ -186,30 +184,8 @@ class DutyCycledInputs(NamedTuple):
 
     right: GapLeg | None
     left: GapLeg | None
-    time: Any
-    dt: Any
-    still: Any
-    valid: Any
+    time: Times
+    dt: Held
+    still: Sampled
+    valid: Sampled
     start_variance: Any
-
-
-def pad(inputs: DutyCycledInputs, samples: int) -> DutyCycledInputs:
-    """The same recording with invalid samples behind it, the estimate before them unchanged.
-
-    Args:
-        inputs: of T samples.
-        samples: length wanted, T or more.
-
-    Raises:
-        ValueError: if `samples` is less than T.
-    """
-    time = lengthened(inputs.time, samples)
-    more = samples - np.shape(inputs.time)[0]
-
-    def segment(one: GapSegment) -> GapSegment:
-        return grown(one, more, 0, per_sample=("gyr", "acc", "on"), held=("acc",))
-
-    legs = jax.tree.map(segment, (inputs.right, inputs.left), is_leaf=lambda node: isinstance(node, GapSegment))
-    bare = inputs._replace(right=None, left=None)
-    longer = grown(bare, more, 0, per_sample=("dt", "still", "valid"), held=("dt",))
-    return longer._replace(right=legs[0], left=legs[1], time=time)

@@ -5,7 +5,7 @@ schedule hides is not looked at.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
+from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.estimators.leg_ekf.prepare import orient
 from jgait.events.rest import standing_of_legs
@@ -28,24 +29,6 @@ LOST = 0.1
 
 MOVES = 10.0
 """[rad/s] Stands in for a rate that nobody measured, where it must not be taken for standing."""
-
-
-class Preparation(NamedTuple):
-    """Inputs, what the recording decides at compile time, in words what was noticed, and when gyroscopes were on.
-
-    Attributes:
-        inputs: of `duty_cycled_gyro.run`.
-        options: of `duty_cycled_gyro.run`: what the program depends on, with what the recording decides put in.
-        notes: in words.
-        standing: half-open range of samples that calibrated.
-        used: placement → masks (T,).
-    """
-
-    inputs: DutyCycledInputs
-    options: DutyCycledOptions
-    notes: tuple[str, ...]
-    standing: tuple[int, int]
-    used: dict[str, Masks]
 
 
 def worn(recording: Recording) -> list[str]:
@@ -156,7 +139,9 @@ def _leg(
     return GapLeg(segment_of(found.thigh), segment_of(found.shank)), notes
 
 
-def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Any] | None = None) -> Preparation:
+def prepare(
+    recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Any] | None = None
+) -> Prepared[DutyCycledInputs]:
     """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
 
     Args:
@@ -165,7 +150,7 @@ def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[s
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
 
     Returns:
-        Inputs in segment axes, options, notes in words.
+        Inputs in segment axes, options, notes in words; `extra` maps each placement to the masks (T,) of its gyroscope.
 
     Raises:
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
@@ -206,4 +191,4 @@ def prepare(recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[s
         filler=options.filler, above=options.above, filters=filters,
         sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,
     )  # fmt: skip
-    return Preparation(inputs, told, tuple(notes), (start, stop), used)
+    return Prepared(inputs, told, tuple(notes), (start, stop), used)

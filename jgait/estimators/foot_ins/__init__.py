@@ -30,7 +30,6 @@ decides (stances, footholds, contacts) has none.
 """
 
 from jgait.estimators.foot_ins.estimator import (
-    BUCKET,
     DEFAULT,
     TEXTBOOK,
     TRANSFORMS,
@@ -40,7 +39,6 @@ from jgait.estimators.foot_ins.estimator import (
     estimate,
     estimator,
     model_params,
-    pad,
     prepared,
     prior_of,
     run,
@@ -48,7 +46,6 @@ from jgait.estimators.foot_ins.estimator import (
 )
 
 __all__ = [
-    "BUCKET",
     "DEFAULT",
     "TEXTBOOK",
     "TRANSFORMS",
@@ -58,7 +55,6 @@ __all__ = [
     "estimate",
     "estimator",
     "model_params",
-    "pad",
     "prepared",
     "prior_of",
     "run",

@@ -6,31 +6,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins.about import ABOUT
-from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, pad
+from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import (
     FootControl,
     FootError,
     FootModelParams,
     FootObservation,
-    FootState,
-    FootVelocity,
 )
 from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
-from jgait.estimators.foot_ins.prepare import Preparation, level, prepare
+from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.foot_ins.windows import WINDOW, joined, windows
-from jgait.estimators.interface import Estimator, Prepared, bucket
-from jgait.filtering import Belief, Covariance
+from jgait.estimators.interface import Estimator, Prepared
+from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording
-
-BUCKET = 1024
-"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 LONG = 2**15
 """[samples] From here on "auto" smooths over components: ten times as fast, after twice as long a compilation."""
@@ -97,44 +92,19 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
 
 
-class _Filtered(NamedTuple):
-    """One foot's states, their covariance, and what the filter says of itself."""
-
-    mean: FootState
-    cov: Covariance
-    log_likelihood: Any
-    nis: Any
-    valid: Any
-
-
-def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> _Filtered:
+def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> filtering.Inferred:
     zero = jnp.zeros_like(foot.rate)
-    still = Vector(zero, zero, zero)
-    level = options.level is True
-    model = foot_model.MODEL if level else foot_model.ANYWHERE
-    observed = FootObservation(still, zero) if level else FootVelocity(still)
+    stands = foot.stands & foot.valid
     execution = options.execution
     if execution == "auto":
         execution = "fast" if foot.rate.shape[0] >= LONG and isinstance(options.method, filtering.EKF) else "dense"
-    settings: dict[str, Any] = {
-        "controls": controls(p, foot),
-        "dt": foot.dt,
-        "mask": foot.stands & foot.valid,
-        "method": options.method,
-        "initial": prior_of(p, foot),
-        "execution": execution,
-    }
-    if options.smooth:
-        told = ("log_likelihood", "nis", "count", "valid")
-        if execution == "fast":
-            settings["covariance"] = ("position", "velocity", "attitude")
-        smoothed = filtering.kalman_smoother(model, model_params(p), observed, keep=told, **settings)
-        mean, cov, posterior = smoothed.mean, smoothed.cov, smoothed.filtered
-    else:
-        posterior = filtering.kalman_filter(model, model_params(p), observed, **settings)
-        mean, cov = posterior.mean, posterior.cov
-    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
-    return _Filtered(mean, cov, jnp.sum(posterior.log_likelihood), nis, posterior.valid)
+    return filtering.infer(
+        foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
+        controls=controls(p, foot), dt=foot.dt,
+        mask=FootObservation(Vector(stands, stands, stands), stands if options.level is True else False),
+        method=options.method, initial=prior_of(p, foot),
+        covariance=("position", "velocity", "attitude") if execution == "fast" else True, execution=execution,
+    )  # fmt: skip
 
 
 def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Estimate:
@@ -167,7 +137,8 @@ def _one_foot(p: FootParams, foot: FootSignals, time: Any, options: FootOptions)
     """One foot's way, what the filter says of itself, and where that holds."""
     found = _foot(p, foot, options)
     path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
-    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, foot.valid & foot.known & found.valid
+    valid = foot.valid & foot.known & found.filtered.valid
+    return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, valid
 
 
 class _Found(NamedTuple):
@@ -203,26 +174,24 @@ def _assembled(time: Any, found: list[_Found]) -> Estimate:
     )  # fmt: skip
 
 
-_run_jit = jax.jit(run, static_argnames=("options",))
 _one_foot_jit = jax.jit(_one_foot, static_argnames=("options",))
 
 
-def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Preparation:
-    """The inputs of `run` for a recording; raises `RecordingError` as `foot_calibration.prepare`."""
-    return prepare(recording, options.detector)
-
-
 def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInputs]:
-    """This estimator as a record of functions, for cohorts."""
+    """This estimator as a record of functions."""
 
     def ready(recording: Recording) -> Prepared[FootInputs]:
-        preparation = prepared(recording, options)
-        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
+        # a detector has done its work then: the program does not depend on it
+        return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
 
-    def estimated(p: FootParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options)
+    return Estimator(
+        "foot_ins", FootParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows
+    )
 
-    return Estimator("foot_ins", FootParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+
+def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:
+    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
+    return estimator(options).prepare(recording)
 
 
 def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT) -> Estimate:
@@ -234,28 +203,21 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
         options: which parts are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `footholds_right` and
-        `footholds_left` are the samples at which each foot stands stillest.
+        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `footholds_right` and `footholds_left`
+        are the samples at which each foot stands stillest.
 
     Raises:
-        RecordingError: see `foot_calibration.prepare`.
+        RecordingError: see `prepare`.
         ValueError: a parameter outside its range.
     """
-    params.check_params(p, TRANSFORMS)
-    preparation = prepared(recording, options)
-    samples = preparation.inputs.time.size
-    # a detector has done its work by now: it need not be compiled for
-    options = options._replace(detector=DEFAULT.detector)
-    result = _in_windows(p, preparation.inputs, options)
-    if result is None:
-        padded = pad(preparation.inputs, bucket(samples, BUCKET))
-        result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
-    trimmed = _trimmed(result, samples)
-    feet = zip(SIDES, (preparation.inputs.right, preparation.inputs.left), strict=True)
+    return estimator(options).estimate(p, recording)
+
+
+def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
+    """The estimate with the footholds of each foot."""
+    feet = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
     footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
-    told = {"notes": preparation.notes, "standing": preparation.standing}
-    diagnostics = {**trimmed.diagnostics, **footholds, **told}
-    return trimmed._replace(diagnostics=diagnostics)
+    return result._replace(diagnostics={**result.diagnostics, **footholds})
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
@@ -278,20 +240,4 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         whole = joined(foot, np.asarray(inputs.time), parts, level, one)
         rows = whole.path.strides.length.shape[0]
         found.append(_Found(side, whole.path, {"nis": whole.nis}, whole.valid, rows))
-    return jax.tree.map(np.asarray, _assembled(jnp.asarray(inputs.time), found))
-
-
-def _trimmed(result: Estimate, samples: int) -> Estimate:
-    """Without padding: samples behind the recording, and rows that are no stride; strides in order of time."""
-    padded = result.time.size
-
-    def shorter(leaf: Any) -> Any:
-        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
-
-    own = {name: jax.tree.map(shorter, getattr(result, name))
-           for name in ("time", "distance", "valid", "diagnostics", "feet", "feet_stddev")}  # fmt: skip
-    rows = np.flatnonzero(result.strides.valid)
-    rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
-    tables = {name: jax.tree.map(lambda column: column[rows], getattr(result, name))
-              for name in ("strides", "strides_stddev")}  # fmt: skip
-    return result._replace(**own, **tables)
+    return _assembled(jnp.asarray(inputs.time), found)

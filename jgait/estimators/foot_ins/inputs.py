@@ -1,11 +1,20 @@
 """What the foot estimator takes: signals and decisions of one or two feet, as arrays that pad, stack and map."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait.estimators.interface import grown, lengthened
+from jgait.estimators.axes import Axis, Held, Sampled, Times
 
 SHORTEST_STANCE_TO_STANCE = 20
 """[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
+
+
+def capacity(samples: int) -> int:
+    """How many footholds there is room for in a recording of some samples."""
+    return samples // SHORTEST_STANCE_TO_STANCE + 2
+
+
+type PerFoothold = Annotated[Any, Axis("hold", capacity)]
+"""(K,), one entry a foothold; the last one goes on behind it."""
 
 
 class FootSignals(NamedTuple):
@@ -38,29 +47,29 @@ class FootSignals(NamedTuple):
         count: how many footholds there are.
     """
 
-    gyr: Any
-    acc: Any
-    gyr_jump: Any
-    acc_jump: Any
-    gyr_doubt: Any
-    acc_doubt: Any
-    rate: Any
-    stands: Any
-    restart: Any
-    dt: Any
-    valid: Any
+    gyr: Held
+    acc: Held
+    gyr_jump: Sampled
+    acc_jump: Sampled
+    gyr_doubt: Sampled
+    acc_doubt: Sampled
+    rate: Sampled
+    stands: Sampled
+    restart: Sampled
+    dt: Sampled
+    valid: Sampled
     attitude: Any
     gyr_bias: Any
     acc_bias: Any
     up: Any
     still_time: Any
-    foothold: Any
-    leaves: Any
-    arrives: Any
-    final_contact: Any
-    initial_contact: Any
-    whole: Any
-    known: Any
+    foothold: PerFoothold
+    leaves: PerFoothold
+    arrives: PerFoothold
+    final_contact: PerFoothold
+    initial_contact: PerFoothold
+    whole: PerFoothold
+    known: Sampled
     count: Any
 
 
@@ -73,44 +82,6 @@ class FootInputs(NamedTuple):
         left: left foot, or None.
     """
 
-    time: Any
+    time: Times
     right: FootSignals | None
     left: FootSignals | None
-
-
-_PER_SAMPLE = (
-    "gyr", "acc", "gyr_jump", "acc_jump", "gyr_doubt", "acc_doubt", "rate", "stands", "restart", "dt", "valid", "known",
-)  # fmt: skip
-_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
-
-
-def capacity(samples: int) -> int:
-    """How many footholds there is room for in a recording of some samples."""
-    return samples // SHORTEST_STANCE_TO_STANCE + 2
-
-
-def pad(inputs: FootInputs, samples: int) -> FootInputs:
-    """The same recording with invalid samples behind it, so that recordings of different length stack.
-
-    Args:
-        inputs: of T samples.
-        samples: length wanted, T or more.
-
-    Returns:
-        Inputs of `samples` samples; the estimate at the first T is unchanged.
-
-    Raises:
-        ValueError: if `samples` is less than T.
-    """
-    have = inputs.time.shape[0]
-    time = lengthened(inputs.time, samples)
-    more, rows = samples - have, capacity(samples) - capacity(have)
-
-    def foot(one: FootSignals | None) -> FootSignals | None:
-        if one is None:
-            return None
-        return grown(
-            one, more, rows, per_sample=_PER_SAMPLE, per_row=_PER_FOOTHOLD, held=("gyr", "acc", *_PER_FOOTHOLD)
-        )
-
-    return FootInputs(time, foot(inputs.right), foot(inputs.left))

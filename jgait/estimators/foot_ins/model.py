@@ -74,12 +74,6 @@ class FootObservation(NamedTuple):
     height: Any
 
 
-class FootVelocity(NamedTuple):
-    """The same where nothing is known of the ground: velocity beside that of the pivot [m/s], zero."""
-
-    velocity: Vector
-
-
 class FootModelParams(NamedTuple):
     """What the model needs to know.
 
@@ -271,24 +265,3 @@ MODEL = Model(
     (turn_error, move_error), error_observation, error_shift,
 )  # fmt: skip
 """One foot."""
-
-
-def velocity_alone(p: FootModelParams, s: FootState, u: FootControl) -> FootVelocity:
-    """`observation` without the height."""
-    return FootVelocity(observation(p, s, u).velocity)
-
-
-def error_velocity(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootVelocity:
-    """`error_observation` without the height."""
-    return FootVelocity(error_observation(p, s, e, u).velocity)
-
-
-def velocity_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootVelocity:
-    """`observation_noise` without the height."""
-    return FootVelocity(observation_noise(p, s, u).velocity)
-
-
-ANYWHERE = MODEL._replace(
-    observation=velocity_alone, observation_noise=velocity_noise, error_observation=error_velocity
-)
-"""One foot on any ground: a third less to compute than `MODEL` with its height left out."""

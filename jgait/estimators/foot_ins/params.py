@@ -2,9 +2,8 @@
 
 from typing import Any, NamedTuple
 
-import jax
-
 from jgait import filtering, params
+from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
 
 
@@ -95,8 +94,4 @@ def with_body(p: FootParams, body: dict[str, Any]) -> FootParams:
     Raises:
         ValueError: if it names anything else.
     """
-    unknown = [name for name in body if name != "pivot_height"]
-    if unknown:
-        raise ValueError(f"the foot estimator takes pivot_height of a person; got {unknown[0]!r}")
-    own = {name: value if isinstance(value, jax.Array) else float(value) for name, value in body.items()}
-    return p._replace(**own)
+    return with_measures("the foot estimator", ("pivot_height",), p, body)

@@ -5,12 +5,12 @@ here carries a gradient; what follows (`foot_ins.run`) is smooth given these dec
 """
 
 import itertools
-from typing import NamedTuple
 
 import numpy as np
 
 from jgait.estimators.checks import common_time
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
+from jgait.estimators.interface import Prepared
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
@@ -45,14 +45,6 @@ REACH = 0.3
 """[s] A stride is timed from at most this long before the foot is seen to leave, to as long after it arrives."""
 
 
-class Preparation(NamedTuple):
-    """Inputs, and in words what was decided or noticed on the way."""
-
-    inputs: FootInputs
-    notes: tuple[str, ...]
-    standing: tuple[int, int] | None
-
-
 def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, ...]:
     """The sides whose foot wears a sensor.
 
@@ -67,7 +59,7 @@ def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, 
     return sides
 
 
-def prepare(recording: Recording, detector: str = "adaptive") -> Preparation:
+def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootInputs]:
     """The inputs of `foot_ins.run` for a recording.
 
     Args:
@@ -87,7 +79,7 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Preparation:
         feet[side], said, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
         notes += said
         standing = rests if standing is None else standing
-    return Preparation(FootInputs(time, feet["right"], feet["left"]), tuple(notes), standing)
+    return Prepared(FootInputs(time, feet["right"], feet["left"]), None, tuple(notes), standing)
 
 
 def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jgait.estimators.axes import Axis, axes_of
 from jgait.estimators.foot_ins.inputs import FootSignals, capacity
 from jgait.estimators.foot_ins.readout import Path
 from jgait.types import FootTrajectory
@@ -25,9 +26,7 @@ WINDOW = 2**16
 OVERLAP = 4096
 """[samples] Some twenty strides at 200 Hz."""
 
-_PER_FOOTHOLD = ("foothold", "leaves", "arrives", "final_contact", "initial_contact", "whole")
 _TIMES = ("start", "final_contact", "end", "standing", "standing_end")
-_OF_FOOT = ("attitude", "gyr_bias", "acc_bias", "up", "still_time", "count")
 
 
 class Window(NamedTuple):
@@ -88,24 +87,23 @@ def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndar
     missing = WINDOW - (window.stop - window.start)
     rows = capacity(WINDOW)
     fields: dict[str, Any] = {}
-    for name, values in foot._asdict().items():
-        values = np.asarray(values)
-        if name in _OF_FOOT:
+    for name, axis in axes_of(FootSignals).items():
+        values = np.asarray(getattr(foot, name))
+        if axis is None:
             fields[name] = values
-        elif name in _PER_FOOTHOLD:
+        elif axis.length is capacity:
             own = values[window.holds]
             if name != "whole":
                 own = np.clip(own - window.start, 0, WINDOW - 1).astype(np.int32)
-            fields[name] = np.pad(own, (0, rows - len(own)), mode="edge")
+            fields[name] = axis.padded(own, rows - len(own))
         else:
-            widths = [(0, missing)] + [(0, 0)] * (values.ndim - 1)
-            fields[name] = np.pad(values[part], widths, mode="edge" if name in ("gyr", "acc") else "constant")
+            fields[name] = axis.padded(values[part], missing)
     fields["count"] = np.asarray(len(window.holds), np.int32)
     if window.start:
         at = window.start
         up = np.asarray(foot.acc)[max(at - 2, 0) : at + 3].mean(axis=0) - foot.acc_bias
         fields |= {"attitude": level(up), "up": up / np.linalg.norm(up)}
-        fields["dt"][0] = 0.0
+        fields["dt"] = np.concatenate([[0.0], fields["dt"][1:]])
     return FootSignals(**fields)
 
 
@@ -130,12 +128,10 @@ def joined(
         level: specific force → q_ws.
         estimate: (inputs of a window, its times) → path, nis, valid (T,); compiled once.
     """
-    step = float(np.median(np.diff(time)))
 
     def one(window: Window) -> Any:
         own = time[window.start : window.stop] - time[window.start]
-        more = own[-1] + step * np.arange(1, WINDOW - own.size + 1)
-        path, nis, valid = estimate(cut(foot, window, level), np.concatenate([own, more]))
+        path, nis, valid = estimate(cut(foot, window, level), Axis("onwards").padded(own, WINDOW - own.size))
         path, nis, valid = jax.tree.map(np.asarray, (path, nis, valid))
         later = {name: getattr(path.strides, name) + time[window.start] for name in _TIMES}
         return path._replace(strides=path.strides._replace(**later)), nis, valid

@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait import filtering, params
-from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait import filtering
+from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inclination import Vector
-from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment, has_gravity, pad
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.params import (
     DEFAULT,
@@ -26,11 +26,8 @@ from jgait.estimators.leg_ekf.params import (
     with_body,
 )
 from jgait.estimators.leg_ekf.prepare import prepare
-from jgait.filtering import Belief, Covariance, Model, Posterior
+from jgait.filtering import Belief, Covariance, Model
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
-
-BUCKET = 512
-"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 __all__ = [
     "DEFAULT",
@@ -100,9 +97,12 @@ def observe(
     inputs: LegInputs,
     options: LegOptions,
 ) -> tuple[LegObservation, LegControl, LegObservation]:
-    """What the leg filter is told: observation, control and mask; for a whole recording or for one sample."""
+    """What the leg filter takes: observation, control and mask; for a whole recording or for one sample.
+
+    What the options leave out is masked for good, so that the filter computes without it.
+    """
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
-    zero, off = jnp.zeros_like(inputs.dt), jnp.zeros_like(inputs.valid)
+    zero = jnp.zeros_like(inputs.dt)
     if inclinations is not None:
         thigh, shank = inclinations
         # Errors of the inclination persist for about a second: as white noise they weigh one over the interval.
@@ -116,9 +116,9 @@ def observe(
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (leg.thigh.gyr[..., 2], leg.shank.gyr[..., 2])
-        tilted = inputs.still & inputs.valid if options.standing else off
+        tilted = inputs.still & inputs.valid if options.standing else False
     measured = leg.thigh.measured & leg.shank.measured & inputs.valid
-    closed = inputs.valid if options.closure else off
+    closed = inputs.valid if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
     return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
 
@@ -135,48 +135,19 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOpt
     )
 
 
-def told(
-    p: LegParams,
-    leg: LegSignals,
-    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
-    inputs: LegInputs,
-    options: LegOptions,
-) -> tuple[Model, Any, LegControl, Any]:
-    """The model, corrected or as printed, and what it is told: observation, control and mask.
-
-    Where the options leave nothing to observe but rates, the model observes nothing else, and computes sooner.
-    """
-    model = leg_model.LITERAL if options.literal else leg_model.MODEL
-    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
-    if options.gravity or options.closure or options.standing:
-        return model, observations, controls, mask
-    rates = (leg_model.LegRates(*both[:2]) for both in (observations, mask))
-    return leg_model.only_rates(model), next(rates), controls, next(rates)
-
-
-def _leg(
-    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions
-) -> tuple[LegState, Covariance, Posterior]:
-    """Mean and covariance of one leg's state, and the filter's posterior."""
+def _leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
+    """One leg's states."""
     inclinations = None
     if options.gravity:
         segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
         pair = _each(lambda segment: _incline(p, segment, inputs, options), options, segments)
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
-    model, observations, controls, mask = told(p, leg, inclinations, inputs, options)
-    settings = {
-        "controls": controls,
-        "dt": inputs.dt,
-        "mask": mask,
-        "method": options.method,
-        "initial": prior_of(p, leg, inputs.start_variance, options),
-        "execution": options.execution,
-    }
-    if options.smooth:
-        smoothed = filtering.kalman_smoother(model, model_params(p, leg), observations, **settings)
-        return smoothed.mean, smoothed.cov, smoothed.filtered
-    posterior = filtering.kalman_filter(model, model_params(p, leg), observations, **settings)
-    return posterior.mean, posterior.cov, posterior
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    return filtering.infer(
+        model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
+        method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
+        keep=("cov", *filtering.SUMMARY), execution=options.execution,
+    )  # fmt: skip
 
 
 def trajectory_of(state: LegState) -> LegTrajectory:
@@ -225,13 +196,14 @@ def walked(p: LegParams, legs: Legs, still: Any, options: LegOptions) -> Any:
     return p.distance_scale * sum(ways[1:], ways[0]) / len(ways)
 
 
-def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estimate:
+def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: Model = leg_model.MODEL) -> Estimate:
     """Estimate from prepared inputs: pure, for jit, vmap and grad.
 
     Args:
         p: parameters.
         inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
         options: which improvements are on; static under jit.
+        model: of one leg; another than the library's for comparison.
 
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
@@ -240,7 +212,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT) -> Estim
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
     signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
-    results = _each(lambda one: _one_leg(one, inputs, options), options, (own, signals))
+    results = _each(lambda one: _one_leg(one, inputs, options, model), options, (own, signals))
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}
@@ -264,42 +236,32 @@ class _LegResult(NamedTuple):
     valid: Any
 
 
-def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions) -> _LegResult:
+def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions, model: Model) -> _LegResult:
     p, leg = worn
-    mean, cov, posterior = _leg(p, leg, inputs, options)
+    found = _leg(p, leg, inputs, options, model)
+    filtered = found.filtered.cov if options.smooth else None
     return _LegResult(
-        trajectory_of(mean),
-        deviation_of(p, mean, cov, posterior.cov if options.smooth else None),
-        jnp.sum(posterior.log_likelihood),
-        jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0),
-        posterior.valid,
-    )
-
-
-_run_jit = jax.jit(run, static_argnames=("options",))
-
-
-def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Preparation:
-    """The inputs of `run` for a recording, under the options' preprocessing.
-
-    Raises:
-        RecordingError: see `leg_calibration.prepare`.
-    """
-    return prepare(recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis)
+        trajectory_of(found.mean), deviation_of(p, found.mean, found.cov, filtered), found.log_likelihood, found.nis,
+        found.filtered.valid,
+    )  # fmt: skip
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
-    """This estimator as a record of functions, for cohorts; without accelerometers gravity is left out."""
+    """This estimator as a record of functions; without accelerometers gravity is left out."""
 
     def ready(recording: Recording) -> Prepared[LegInputs]:
-        preparation = prepared(recording, options)
-        gravity = options.gravity and has_gravity(preparation.inputs)
-        return Prepared(preparation.inputs, options._replace(gravity=gravity), preparation.notes, preparation.standing)
+        found = prepare(
+            recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis
+        )
+        gravity = options.gravity and has_gravity(found.inputs)
+        return found._replace(options=options._replace(gravity=gravity))
 
-    def estimated(p: LegParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options)
+    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, run, with_body, ABOUT)
 
-    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+
+def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
+    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
+    return estimator(options).prepare(recording)
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:
@@ -313,19 +275,10 @@ def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) 
         options: which improvements are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way.
+        An `Estimate`; `diagnostics["notes"]` says what was decided on the way.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
         ValueError: a parameter outside its range.
     """
-    params.check_params(p, TRANSFORMS)
-    preparation = prepared(recording, options)
-    if options.gravity and not has_gravity(preparation.inputs):
-        options = options._replace(gravity=False)
-    samples = preparation.inputs.time.size
-    padded = pad(preparation.inputs, bucket(samples, BUCKET))
-    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
-    result = jax.tree.map(lambda v: v[:samples] if jnp.ndim(v) else v, result)
-    diagnostics = dict(result.diagnostics, notes=(*recording.notes, *preparation.notes), standing=preparation.standing)
-    return result._replace(diagnostics=diagnostics)
+    return estimator(options).estimate(p, recording)

@@ -197,15 +197,15 @@ def run(
     Returns:
         The inclination at every sample.
     """
-    still = still if standing else jnp.zeros_like(still)
     mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
-    observations, mask = observe(gyr, acc, still, measured)
-    solve = filtering.kalman_smoother if smooth else filtering.kalman_filter
-    belief = solve(
+    observations, mask = observe(gyr, acc, still if standing else None, measured)
+    known = still if standing else jnp.zeros_like(still)
+    belief = filtering.infer(
         MODEL,
         params,
         observations,
-        controls=InclinationControl(mean, still, measured),
+        smooth=smooth,
+        controls=InclinationControl(mean, known, measured),
         dt=dt,
         mask=mask,
         initial=prior(bias, start_variance),
@@ -228,7 +228,10 @@ def prior(bias: Vector, start_variance: Any) -> Belief:
 
 
 def observe(gyr: Vector, acc: Vector, still: Any, measured: Any) -> tuple[InclinationObservation, Any]:
-    """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing."""
-    at_rest = still & measured
+    """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing.
+
+    Without knowledge of standing (`still` None) the bias is never observed.
+    """
+    at_rest = False if still is None else still & measured
     mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
     return InclinationObservation(acc, gyr), mask

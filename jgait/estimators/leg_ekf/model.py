@@ -39,7 +39,7 @@ class LegState(NamedTuple):
 
 
 class LegObservation(NamedTuple):
-    """What the leg filter can be told.
+    """What the leg filter can observe.
 
     Attributes:
         thigh_gyro: sagittal rate of the thigh [rad/s], ω₁ + β₁.
@@ -56,18 +56,6 @@ class LegObservation(NamedTuple):
     closure_y: Any
     thigh_inclination: Any
     shin_inclination: Any
-
-
-class LegRates(NamedTuple):
-    """What the paper's leg filter is told: the first two of `LegObservation`.
-
-    Attributes:
-        thigh_gyro: sagittal rate of the thigh [rad/s].
-        shin_gyro: sagittal rate of the shin [rad/s].
-    """
-
-    thigh_gyro: Any
-    shin_gyro: Any
 
 
 class LegModelParams(NamedTuple):
@@ -170,18 +158,6 @@ def observation_noise(params: LegModelParams, state: LegState, control: LegContr
     )
 
 
-def observation_of_rates(params: LegModelParams, state: LegState, control: LegControl) -> LegRates:
-    """Equation 9 alone."""
-    every = observation(params, state, control)
-    return LegRates(every.thigh_gyro, every.shin_gyro)
-
-
-def noise_of_rates(params: LegModelParams, state: LegState, control: LegControl) -> LegRates:
-    """R of the gyroscopes alone."""
-    del state, control
-    return LegRates(params.gyro_variance_thigh, params.gyro_variance_shin)
-
-
 def initial(params: LegModelParams) -> Belief:
     """Standing straight: θ₁ = −π/2, all else 0, the ankle where the forward kinematics puts it."""
     return standing_belief(params, STANDING, 0.0, 0.0, 0.0, 1e-4)
@@ -212,8 +188,3 @@ def standing_belief(
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
 """The corrected reading, the default."""
-
-
-def only_rates(model: Model) -> Model:
-    """The same leg, told its rates and nothing else: a third of the work where nothing else is known."""
-    return model._replace(observation=observation_of_rates, observation_noise=noise_of_rates)

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 
 from jgait import filtering
 from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.estimator import (
     LegOptions,
     LegParams,
     deviation_of,
     model_params,
+    observe,
     prior_of,
-    told,
     trajectory_of,
     vector,
 )
@@ -76,7 +77,7 @@ def _incline(
     measured = segment.measured & inputs.valid
     still = inputs.still if options.standing else jnp.zeros_like(inputs.still)
     mean = Vector(*(0.5 * (a + b) for a, b in zip(rate, before, strict=True)))
-    observation, mask = inclination.observe(rate, vector(segment.acc), still, measured)
+    observation, mask = inclination.observe(rate, vector(segment.acc), still if options.standing else None, measured)
     result = filtering.step(
         inclination.MODEL, p.inclination, belief, observation,
         control=inclination.InclinationControl(mean, still, measured), dt=inputs.dt, mask=mask,
@@ -103,9 +104,9 @@ def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs
         thigh, upper = _incline(p, state.thigh, state.rates[0], sample.thigh, inputs, options)
         shank, lower = _incline(p, state.shank, state.rates[1], sample.shank, inputs, options)
         inclinations = (upper, lower)
-    model, observation, control, mask = told(p, sample, inclinations, inputs, options)
+    observation, control, mask = observe(p, sample, inclinations, inputs, options)
     result = filtering.step(
-        model, model_params(p, sample), state.leg, observation,
+        leg_model.MODEL, model_params(p, sample), state.leg, observation,
         control=control, dt=inputs.dt, mask=mask, method=options.method,
     )  # fmt: skip
     belief = result.belief

@@ -2,10 +2,8 @@
 
 from typing import Any, NamedTuple
 
-import jax
-import numpy as np
-
 from jgait import filtering, params
+from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
 from jgait.filtering.execution import Execution
 
@@ -120,6 +118,10 @@ def one_side(p: LegParams, side: int) -> LegParams:
     return LegParams(*(value[side] if isinstance(value, BySide) else value for value in p))
 
 
+MEASURES = ("thigh_length", "shank_length")
+"""Parameters that are measures of a person."""
+
+
 def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
     """The parameters with a person's own lengths put in.
 
@@ -130,14 +132,4 @@ def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
     Raises:
         ValueError: if it names anything else, or a measure is not one number or two.
     """
-    unknown = [name for name in body if name not in ("thigh_length", "shank_length")]
-    if unknown:
-        raise ValueError(f"the leg estimator takes thigh_length and shank_length of a person; got {unknown[0]!r}")
-
-    def both(name: str, value: Any) -> BySide:
-        sides = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
-        if len(sides) != 2:
-            raise ValueError(f"{name} must be one number or (right, left); got {len(sides)} numbers")
-        return BySide(*(v if isinstance(v, jax.Array) else float(v) for v in sides))
-
-    return p._replace(**{name: both(name, value) for name, value in body.items()})
+    return with_measures("the leg estimator", MEASURES, p, body)

@@ -10,7 +10,8 @@ import numpy as np
 from scipy import ndimage
 
 from jgait.estimators.checks import common_time
-from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Preparation, Segment
+from jgait.estimators.interface import Prepared
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.events.rest import standing_of_legs
 from jgait.mounting.leg import leg_mounting
 from jgait.signal.windows import true_runs
@@ -148,7 +149,7 @@ def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, li
 
 def prepare(
     recording: Recording, *, rate_hz: float | None = None, median: int = 1, perpendicular: bool = True
-) -> Preparation:
+) -> Prepared[LegInputs]:
     """Check a recording and turn it into the inputs of `leg_ekf.run`.
 
     Args:
@@ -193,4 +194,4 @@ def prepare(
     variance = np.asarray(1e-4 if still[0] else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance)
     notes += more
-    return Preparation(inputs, tuple(notes), (start, stop))
+    return Prepared(inputs, None, tuple(notes), (start, stop))

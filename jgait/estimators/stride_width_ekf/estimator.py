@@ -2,27 +2,22 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jgait import filtering, params
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
-from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.interface import Estimator, Prepared, with_measures
 from jgait.estimators.stride_width_ekf import model as stride_width_model
 from jgait.estimators.stride_width_ekf import readout as stride_width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
-from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged, pad
+from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
-from jgait.filtering import Belief, Covariance
+from jgait.filtering import Belief, Model
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
-
-BUCKET = 128
-"""Recordings are padded to this many moments times a power of two, so that few programs are compiled."""
 
 SWAP = 6.0
 """Evidence from which on the feet are said to be exchanged, or not to be [nat]."""
@@ -37,7 +32,6 @@ __all__ = [
     "estimate",
     "estimate_from_feet",
     "estimator",
-    "pad",
     "prepare_from_feet",
     "run",
     "with_body",
@@ -57,47 +51,37 @@ def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
     return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
 
 
-def _filtered(p: WidthParams, inputs: WidthInputs, options: WidthOptions, *, smooth: bool) -> Any:
-    """What the filter, or the smoother over it, gives."""
-    model = stride_width_model.LITERAL if options.literal else stride_width_model.MODEL
+def _filtered(
+    p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: Model, *, smooth: bool
+) -> filtering.Inferred:
     across = inputs.distance + p.range_offset
-    settings: dict[str, Any] = {
-        "controls": WidthControl(inputs.right, inputs.left),
-        "mask": inputs.seen & inputs.valid,
-        "initial": prior_of(p, inputs),
-    }
-    told = WidthObservation(across, jnp.zeros_like(across) + p.passing_offset)
-    settings |= {"method": options.method, "execution": options.execution}
-    take: Any = filtering.kalman_smoother if smooth else filtering.kalman_filter
-    return take(model, model_params(p), told, **settings)
+    return filtering.infer(
+        model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset), smooth=smooth,
+        controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid, method=options.method,
+        initial=prior_of(p, inputs), execution=options.execution,
+    )  # fmt: skip
 
 
-def _belief(p: WidthParams, inputs: WidthInputs, options: WidthOptions) -> tuple[WidthState, Covariance, Any]:
-    found = _filtered(p, inputs, options, smooth=options.smooth)
-    return (found.mean, found.cov, found.filtered) if options.smooth else (found.mean, found.cov, found)
-
-
-def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, posterior: Any) -> Any:
+def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found: filtering.Inferred) -> Any:
     """How many nats better the ranges are explained by the feet as labelled than exchanged.
 
     Where even the better explanation leaves innovations larger than they should be, they count for less.
     """
-    other = _filtered(p, exchanged(inputs), options, smooth=False)
-    gained = jnp.sum(posterior.log_likelihood) - jnp.sum(other.log_likelihood)
-    return gained / jnp.maximum(jnp.minimum(_nis(posterior), _nis(other)), 1.0)
+    other = _filtered(p, exchanged(inputs), options, stride_width_model.MODEL, smooth=False)
+    gained = found.log_likelihood - other.log_likelihood
+    return gained / jnp.maximum(jnp.minimum(found.nis, other.nis), 1.0)
 
 
-def _nis(posterior: Any) -> Any:
-    return jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
-
-
-def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) -> Estimate:
+def run(
+    p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT, model: Model = stride_width_model.MODEL
+) -> Estimate:
     """Estimate from prepared inputs: pure, for jit, vmap and grad.
 
     Args:
         p: parameters.
         inputs: from `prepare_from_feet`; stacked along a new first axis for `jax.vmap`.
         options: how to estimate; static under jit.
+        model: of both feet; another than the library's for comparison.
 
     Returns:
         Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (places in one world,
@@ -105,7 +89,8 @@ def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) ->
         [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; `ranges` used;
         `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
     """
-    mean, cov, posterior = _belief(p, inputs, options)
+    found = _filtered(p, inputs, options, model, smooth=options.smooth)
+    mean, cov = found.mean, found.cov
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     diagnostics = {
         **stride_width_readout.distances(p, mean, cov),
@@ -113,15 +98,15 @@ def run(p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT) ->
         "turning": inputs.turning,
         "width_valid": jnp.isfinite(values.width) & (spread.width <= options.widest_stddev),
         "ranges": jnp.sum(inputs.seen & inputs.valid),
-        "log_likelihood": jnp.sum(posterior.log_likelihood),
+        "log_likelihood": found.log_likelihood,
+        "nis": found.nis,
     }
-    diagnostics["nis"] = _nis(posterior)
-    if options.check_swap and not options.literal:  # as printed, turns come out wrong with either labels
-        diagnostics["swap_evidence"] = _evidence(p, inputs, options, posterior)
+    if options.check_swap:
+        diagnostics["swap_evidence"] = _evidence(p, inputs, options, found)
     deviation = cov.stddev()
     heights = (inputs.height_right, inputs.height_left)
     feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)
-    valid = inputs.valid & posterior.valid
+    valid = inputs.valid & found.filtered.valid
     return Estimate(
         inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
     )  # fmt: skip
@@ -134,9 +119,6 @@ def _feet(state: WidthState, heights: tuple[Any, Any]) -> Feet:
     return Feet(FootTrajectory(right, None, None), FootTrajectory(left, None, None))
 
 
-_run_jit = jax.jit(run, static_argnames=("options",))
-
-
 def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
     """The parameters with a person's own measure put in.
 
@@ -147,37 +129,34 @@ def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
     Raises:
         ValueError: if it names anything else.
     """
-    unknown = [name for name in body if name not in ("range_offset", "passing_offset")]
-    if unknown:
-        raise ValueError(
-            f"the stride width estimator takes range_offset and passing_offset of a person; got {unknown[0]!r}"
-        )
-    return p._replace(**body)
+    return with_measures("the stride width estimator", ("range_offset", "passing_offset"), p, body)
 
 
 def estimator(
-    options: WidthOptions = DEFAULT,
-    foot_params: FootParams = FootParams(),
-    foot_options: FootOptions = foot_ins.DEFAULT,
+    options: WidthOptions = DEFAULT, foot_params: FootParams = FootParams(),
+    foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
-    """This estimator as a record of functions, for cohorts: trajectories are made while a recording is prepared.
+    """This estimator as a record of functions: trajectories are made while a recording is prepared.
 
     Args:
         options: how to estimate widths.
         foot_params: of the trajectories.
         foot_options: how to estimate them.
+        start_heading: see `prepare_from_feet`.
     """
 
     def ready(recording: Recording) -> Prepared[WidthInputs]:
-        own, stances = feet_of(recording, foot_params, foot_options)
+        own, stances = feet_of(recording._replace(notes=()), foot_params, foot_options)
         assert own.feet is not None
-        found = prepare_from_feet(own.time, own.feet, stances, recording.feet_range, options)
-        return found._replace(notes=(*own.diagnostics["notes"], *found.notes), standing=own.diagnostics["standing"])
+        found = prepare_from_feet(
+            own.time, own.feet, stances, recording.feet_range, options, start_heading=start_heading
+        )
+        notes = (*own.diagnostics["notes"], *found.notes)
+        return found._replace(notes=notes, standing=own.diagnostics["standing"], extra=(own, stances))
 
-    def estimated(p: WidthParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options, foot_params=foot_params, foot_options=foot_options)
-
-    return Estimator("stride_width_ekf", WidthParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+    return Estimator(
+        "stride_width_ekf", WidthParams(), TRANSFORMS, ready, run, with_body, ABOUT, ("width_valid",), _finished
+    )
 
 
 def estimate(
@@ -202,12 +181,7 @@ def estimate(
         RecordingError: see `foot_ins.estimate` and `prepare_from_feet`.
         ValueError: a parameter outside its range.
     """
-    own, stances = feet_of(recording, foot_params, foot_options)
-    assert own.feet is not None
-    together = estimate_from_feet(
-        p, own.time, own.feet, stances, recording.feet_range, options, start_heading=start_heading
-    )
-    return merged(own, stances, together)
+    return estimator(options, foot_params, foot_options, start_heading).estimate(p, recording)
 
 
 def estimate_from_feet(
@@ -233,22 +207,14 @@ def estimate_from_feet(
         ValueError: a parameter outside its range.
     """
     params.check_params(p, TRANSFORMS)
-    prepared = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
-    moments = prepared.inputs.time.size
-    padded = pad(prepared.inputs, bucket(moments, BUCKET))
-    result = _run_jit(p, jax.tree.map(jnp.asarray, padded), options)
-    rows = int(np.sum(prepared.inputs.strides.valid))
-    by_stride = {"width_valid": result.diagnostics["width_valid"][:rows]}
-    strides, spread = (jax.tree.map(lambda v: v[:rows], of) for of in (result.strides, result.strides_stddev))
-    result = result._replace(strides=None, strides_stddev=None)
-    result = jax.tree.map(lambda v: v[:moments] if jnp.ndim(v) else v, result)
-    notes = (*prepared.notes, *_about_swap(result.diagnostics))
-    diagnostics = {**result.diagnostics, **by_stride, "notes": notes}
-    return result._replace(diagnostics=diagnostics, strides=strides, strides_stddev=spread)
+    made = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)
+    return estimator(options).solve(p, made)
 
 
-def _about_swap(diagnostics: dict[str, Any]) -> tuple[str, ...]:
-    evidence = diagnostics.get("swap_evidence")
-    if evidence is None or float(evidence) > -SWAP:
-        return ()
-    return (f"left and right foot seem to be exchanged: so the ranges are {-float(evidence):.0f} nats likelier",)
+def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
+    """The estimate with a note on feet that seem to be exchanged, put onto the feet's own if it was made from them."""
+    evidence = result.diagnostics.get("swap_evidence")
+    if evidence is not None and float(evidence) <= -SWAP:
+        note = f"left and right foot seem to be exchanged: so the ranges are {-float(evidence):.0f} nats likelier"
+        result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
+    return result if made.extra is None else merged(*made.extra, result)

@@ -46,15 +46,14 @@ def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Esti
     trusted = np.zeros(len(found), bool)
     trusted[known] = np.asarray(together.diagnostics["width_valid"])[found[known]]
     by_moment = ("z1", "z2", "z1_stddev", "z2_stddev", "double_support", "turning")
-    moments = {name: np.asarray(together.diagnostics[name]) for name in by_moment}
-    rest = {name: value for name, value in together.diagnostics.items() if name not in (*by_moment, "notes")}
+    moments = {name: together.diagnostics[name] for name in by_moment}
+    rest = {name: value for name, value in together.diagnostics.items() if name not in by_moment}
     diagnostics = {
         **own.diagnostics,
-        **{name: np.asarray(value) for name, value in rest.items()},
+        **rest,
         **moments,
         "moment_time": np.asarray(together.time),
         "width_valid": trusted,
-        "notes": (*own.diagnostics["notes"], *together.diagnostics["notes"]),
     }
     return own._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
 

@@ -1,9 +1,10 @@
 """What the stride width estimator takes: moments at which something happens, as arrays that pad, stack and map."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.axes import Axis, Held, Sampled
 from jgait.estimators.stride_width_ekf.model import FootControl
 
 
@@ -57,54 +58,18 @@ class WidthInputs(NamedTuple):
         valid: (N,) bool, False for padding.
     """
 
-    time: np.ndarray
-    right: FootControl
-    left: FootControl
-    height_right: np.ndarray
-    height_left: np.ndarray
-    distance: np.ndarray
-    seen: np.ndarray
-    turning: np.ndarray
-    double_support: np.ndarray
+    time: Held
+    right: Annotated[FootControl, Axis()]
+    left: Annotated[FootControl, Axis()]
+    height_right: Held
+    height_left: Held
+    distance: Sampled
+    seen: Sampled
+    turning: Sampled
+    double_support: Sampled
     start_heading: np.ndarray
-    strides: StrideRows
-    valid: np.ndarray
-
-
-def pad(inputs: WidthInputs, moments: int) -> WidthInputs:
-    """The same recording with invalid moments and rows behind it, so that recordings of different length stack.
-
-    Args:
-        inputs: of N moments.
-        moments: number wanted, N or more.
-
-    Returns:
-        Inputs of `moments` moments, the feet at rest after the first N; the estimate there is unchanged.
-
-    Raises:
-        ValueError: if `moments` is less than N.
-    """
-    have = inputs.time.shape[0]
-    if moments < have:
-        raise ValueError(f"pad only lengthens; got {have} moments and {moments} wanted")
-
-    def longer(values: np.ndarray, *, edge: bool = False) -> np.ndarray:
-        return np.pad(np.asarray(values), (0, moments - have), mode="edge" if edge else "constant")
-
-    return WidthInputs(
-        longer(inputs.time, edge=True),
-        FootControl(*map(longer, inputs.right)),
-        FootControl(*map(longer, inputs.left)),
-        longer(inputs.height_right, edge=True),
-        longer(inputs.height_left, edge=True),
-        longer(inputs.distance),
-        longer(inputs.seen),
-        longer(inputs.turning),
-        longer(inputs.double_support),
-        inputs.start_heading,
-        StrideRows(*map(longer, inputs.strides)),
-        longer(inputs.valid),
-    )
+    strides: Annotated[StrideRows, Axis()]
+    valid: Sampled
 
 
 def exchanged(inputs: WidthInputs) -> WidthInputs:

@@ -29,7 +29,6 @@ Parameters whose gradient is zero by construction:
 """
 
 from jgait.estimators.waist.estimator import (
-    BUCKET,
     DEFAULT,
     FLAGS,
     PAPER,
@@ -46,7 +45,6 @@ from jgait.estimators.waist.estimator import (
 )
 
 __all__ = [
-    "BUCKET",
     "DEFAULT",
     "FLAGS",
     "PAPER",

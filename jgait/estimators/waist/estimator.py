@@ -1,18 +1,17 @@
 """From prepared inputs to contacts, steps and distance of the waist."""
 
+from functools import partial
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait import params
-from jgait.estimators.interface import Estimator, Prepared, bucket
+from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT
-from jgait.estimators.waist.inputs import WaistInputs, pad
+from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -22,13 +21,10 @@ from jgait.estimators.waist.params import (
     check_options,
     with_body,
 )
-from jgait.estimators.waist.prepare import Preparation, prepare
+from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import Walked, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.types import Estimate, Legs, Recording, Strides
-
-BUCKET = 1024
-"""Recordings are padded to this many samples times a power of two, so that few programs are compiled."""
 
 TURNING = 0.35
 """[rad] A stride over which the walk turns by more (20°) is flagged as part of a turn."""
@@ -143,31 +139,41 @@ def _strides(inputs: WaistInputs, found: Intervals, walked: Walked, there: Any) 
     return strides, deviations, flags
 
 
-_run_jit = jax.jit(run, static_argnames=("options",))
-
-
-def prepared(recording: Recording, options: WaistOptions = DEFAULT) -> Preparation:
-    """The inputs of `run` for a recording; raises `RecordingError` as `waist_calibration.prepare`."""
-    return prepare(recording, options)
-
-
 def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistInputs]:
-    """This estimator as a record of functions, for cohorts."""
-
-    def ready(recording: Recording) -> Prepared[WaistInputs]:
-        preparation = prepared(recording, options)
-        return Prepared(preparation.inputs, options, preparation.notes, preparation.standing)
-
-    def estimated(p: WaistParams, recording: Recording) -> Estimate:
-        return estimate(p, recording, options)
-
-    return Estimator("waist", WaistParams(), TRANSFORMS, ready, pad, run, with_body, ABOUT, estimated)
+    """This estimator as a record of functions."""
+    return Estimator(
+        "waist", WaistParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished
+    )
 
 
 def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:
     """The paper's pipeline as an estimator of its own, `waist_ofdri`."""
     about = ABOUT._replace(title=f"{ABOUT.title}, by the paper's pipeline", default=PAPER)
     return estimator(options)._replace(name="waist_ofdri", about=about)
+
+
+def prepared(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[WaistInputs]:
+    """The inputs of `run` for a recording; raises `RecordingError` as `prepare`."""
+    return prepare(recording, options)
+
+
+def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
+    """Contacts, strides and distance of one recording.
+
+    Args:
+        p: parameters.
+        recording: a sensor at the waist, on the lower back or on the pelvis.
+        options: which parts are on.
+
+    Returns:
+        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `initial_contact` and
+        `initial_contact_side` (0 right, 1 left) are the contacts in order [s].
+
+    Raises:
+        RecordingError: see `prepare`.
+        ValueError: a parameter outside its range, an option that is none.
+    """
+    return estimator(options).estimate(p, recording)
 
 
 DOUBTFUL = 0.25
@@ -183,37 +189,11 @@ def _doubts(result: Estimate, options: WaistOptions) -> tuple[str, ...]:
     return (f"the distance{of} of {way:.1f} m is only known to within {2.0 * spread:.1f} m: it should not be used",)
 
 
-def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
-    """Contacts, strides and distance of one recording.
-
-    Args:
-        p: parameters.
-        recording: a sensor at the waist, on the lower back or on the pelvis.
-        options: which parts are on.
-
-    Returns:
-        An `Estimate`; `diagnostics["notes"]` says in words what was decided on the way, `initial_contact` and
-        `initial_contact_side` (0 right, 1 left) are the contacts in order [s].
-
-    Raises:
-        RecordingError: see `waist_calibration.prepare`.
-        ValueError: a parameter outside its range, an option that is none.
-    """
-    params.check_params(p, TRANSFORMS)
-    preparation = prepared(recording, options)
-    samples = preparation.inputs.time.size
-    padded = pad(preparation.inputs, bucket(samples, BUCKET))
-    result = jax.tree.map(np.asarray, _run_jit(p, padded, options))
-    rows = np.flatnonzero(result.strides.valid)
-    strides, deviations = jax.tree.map(lambda column: column[rows], (result.strides, result.strides_stddev))
-    told = {name: value[rows] if name in FLAGS else value for name, value in result.diagnostics.items()}
-    contacts = np.flatnonzero(told.pop("initial_contact_valid"))
+def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
+    """The estimate with its contacts alone, and with a note where its distance cannot be relied on."""
+    diagnostics = dict(result.diagnostics)
+    contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side"):
-        told[name] = told[name][contacts]
-    told["distance_stddev"] = told["distance_stddev"][:samples]
-    notes = (*preparation.notes, *_doubts(result, options))
-    told |= {"notes": notes, "standing": preparation.standing}
-    return result._replace(
-        time=result.time[:samples], distance=result.distance[:samples], valid=result.valid[:samples], diagnostics=told,
-        strides=strides, strides_stddev=deviations,
-    )  # fmt: skip
+        diagnostics[name] = diagnostics[name][contacts]
+    diagnostics["notes"] = (*diagnostics["notes"], *_doubts(result, made.options))
+    return result._replace(diagnostics=diagnostics)

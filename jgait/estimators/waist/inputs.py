@@ -1,11 +1,23 @@
 """What the waist's estimator takes: a sensor's signals and decisions, as arrays that pad, stack and map."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait.estimators.interface import grown, lengthened
+from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
 
 SHORTEST_STEP = 5
 """[samples] Less than from one node to the next at the lowest rate; see `capacity`."""
+
+
+def capacity(samples: int) -> int:
+    """How many nodes there is room for in a recording of some samples."""
+    return samples // SHORTEST_STEP + 4
+
+
+type PerNode = Annotated[Any, Axis("zero", capacity)]
+"""(K,), one entry a node; 0 or False behind the last."""
+
+type HeldNode = Annotated[Any, Axis("hold", capacity)]
+"""(K,), one entry a node; the last one goes on behind it."""
 
 
 class WaistInputs(NamedTuple):
@@ -44,64 +56,34 @@ class WaistInputs(NamedTuple):
         count: how many nodes there are.
     """
 
-    time: Any
-    gyr: Any
-    acc: Any
-    still: Any
-    measured: Any
-    valid: Any
-    dt: Any
+    time: Times
+    gyr: Held
+    acc: Held
+    still: Sampled
+    measured: Sampled
+    valid: Sampled
+    dt: Sampled
     last: Any
     rate_hz: Any
     gyr_bias: Any
     attitude: Any
     start_variance: Any
-    at: Any
-    contact: Any
-    side: Any
-    contacts: Any
-    steps: Any
-    moves: Any
-    stands: Any
-    fresh: Any
-    stride: Any
-    cycle_begin: Any
-    cycle_end: Any
+    at: HeldNode
+    contact: HeldNode
+    side: PerNode
+    contacts: PerNode
+    steps: PerNode
+    moves: PerNode
+    stands: PerNode
+    fresh: PerNode
+    stride: PerNode
+    cycle_begin: PerNode
+    cycle_end: PerNode
     cycles: Any
-    stood: Any
-    alone: Any
+    stood: PerNode
+    alone: PerNode
     count: Any
 
 
-PER_NODE = (
-    "at", "contact", "side", "contacts", "steps", "moves", "stands", "fresh", "stride", "cycle_begin", "cycle_end",
-    "stood", "alone",
-)  # fmt: skip
-_PER_SAMPLE = ("gyr", "acc", "still", "measured", "valid", "dt")
-
-
-def capacity(samples: int) -> int:
-    """How many nodes there is room for in a recording of some samples."""
-    return samples // SHORTEST_STEP + 4
-
-
-def pad(inputs: WaistInputs, samples: int) -> WaistInputs:
-    """The same recording with invalid samples behind it, so that recordings of different length stack.
-
-    Args:
-        inputs: of T samples.
-        samples: length wanted, T or more.
-
-    Returns:
-        Inputs of `samples` samples; the estimate at the first T is unchanged.
-
-    Raises:
-        ValueError: if `samples` is less than T.
-    """
-    have = inputs.time.shape[0]
-    time = lengthened(inputs.time, samples)
-    longer = grown(
-        inputs, samples - have, capacity(samples) - capacity(have), per_sample=_PER_SAMPLE, per_row=PER_NODE,
-        held=("gyr", "acc", "at", "contact"),
-    )  # fmt: skip
-    return longer._replace(time=time)
+PER_NODE = fields_of(WaistInputs, capacity)
+"""Names of the fields with an entry for each node."""

@@ -4,16 +4,16 @@ Everything here is a decision: which way the sensor looks, where the person stan
 Nothing here carries a gradient; what follows (`waist_ofdri.run`) is smooth given these decisions.
 """
 
-from typing import NamedTuple
-
 import jax
 import numpy as np
 
+from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time
-from jgait.estimators.interface import bucket
+from jgait.estimators.interface import Prepared
+from jgait.estimators.run import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
-from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity, pad
+from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
@@ -44,14 +44,6 @@ MIRRORED = 20.0
 NO_NODES = waist_bouts.nodes([])
 
 
-class Preparation(NamedTuple):
-    """Inputs, and in words what was decided or noticed on the way."""
-
-    inputs: WaistInputs
-    notes: tuple[str, ...]
-    standing: tuple[int, int] | None
-
-
 def placement_of(recording: Recording, site: str = "auto") -> str:
     """The placement whose sensor is used.
 
@@ -66,7 +58,7 @@ def placement_of(recording: Recording, site: str = "auto") -> str:
     raise RecordingError(f"waist_ofdri needs {need}; the recording has {sorted(recording.sensors)}")
 
 
-def prepare(recording: Recording, options: WaistOptions) -> Preparation:
+def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs]:
     """The inputs of `waist_ofdri.run` for a recording.
 
     Args:
@@ -93,7 +85,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Preparation:
         up = as_float(whole.acc).mean(axis=0)
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
-        return Preparation(nobody, (*notes, f"{name} does not walk"), None)
+        return Prepared(nobody, options, (*notes, f"{name} does not walk"), None)
     notes.append(f"{name}: {trunk_axes.described(axes)}; corrected")
     if not axes.sure:
         notes.append(f"{name}: it is not sure which way is forward")
@@ -104,7 +96,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Preparation:
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
     notes += waist_bouts.said(nodes, len(contacts.time))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
-    return Preparation(_assembled(whole, axes, time, mask, rate, rested, nodes), tuple(notes), standing)
+    return Prepared(_assembled(whole, axes, time, mask, rate, rested, nodes), options, tuple(notes), standing)
 
 
 def _checked(recording: Recording, name: str) -> np.ndarray:

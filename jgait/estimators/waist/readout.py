@@ -125,10 +125,10 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, opti
     unsure = ~inputs.stood | _turned(inputs, found)
     dtype = found.gained.dtype
     zero = jnp.zeros_like(found.gained)
-    speed, spread, heard = zero, zero + 1.0, jnp.zeros_like(there)
+    speed, variance, heard = zero, zero + 1.0, False
     if options.updated:
         speed, _ = integrated_speed(p, inputs, seen, found)
-        spread = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
+        variance = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
         heard = inputs.steps & ~unsure & there
     controls = WaistControl(
         gained=found.gained,
@@ -138,36 +138,27 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, opti
         pendulum=found.pendulum,
         pendulum_variance=_step_variance(p, inputs, found),
         update=speed,
-        update_variance=spread,
+        update_variance=variance,
         duration=found.duration,
     )
     stepped = inputs.steps & there & (found.pendulum > 0.0)
     mask = WaistObservation(stepped, heard, inputs.stands & there)
     observed = WaistObservation(zero, zero, zero)
     known = model_params(p, jnp.any(inputs.still))
-    settings: dict[str, Any] = {
-        "controls": controls, "dt": found.duration, "mask": mask, "initial": waist_model.initial(known),
-        "execution": options.execution,
-    }  # fmt: skip
-    if options.smooth:
-        smooth = filtering.kalman_smoother(
-            waist_model.MODEL, known, observed, keep=("log_likelihood", "nis", "count", "valid"), **settings
-        )
-        mean, cov, posterior = smooth.mean, smooth.cov, smooth.filtered
-    else:
-        posterior = filtering.kalman_filter(waist_model.MODEL, known, observed, **settings)
-        mean, cov = posterior.mean, posterior.cov
-    spread = cov.stddev()
+    inferred = filtering.infer(
+        waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=found.duration, mask=mask,
+        initial=waist_model.initial(known), execution=options.execution,
+    )  # fmt: skip
+    mean, deviation = inferred.mean, inferred.cov.stddev()
     last = jnp.maximum(inputs.count - 1, 0)
-    nis = jnp.sum(posterior.nis) / jnp.maximum(jnp.sum(posterior.count), 1.0)
     told = {
         "pendulum_constant": jnp.exp(mean.log_constant[last]),
-        "pendulum_constant_stddev": jnp.exp(mean.log_constant[last]) * spread.log_constant[last],
+        "pendulum_constant_stddev": jnp.exp(mean.log_constant[last]) * deviation.log_constant[last],
         "acc_bias": mean.bias[last],
-        "log_likelihood": jnp.sum(posterior.log_likelihood),
-        "nis": nis,
+        "log_likelihood": inferred.log_likelihood,
+        "nis": inferred.nis,
     }
-    return Walked(mean.distance, spread.distance, mean.step, mean.stride, spread.stride, unsure, told)
+    return Walked(mean.distance, deviation.distance, mean.step, mean.stride, deviation.stride, unsure, told)
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked:

@@ -10,7 +10,8 @@ from jgait import estimators
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import FLAGS, TRANSFORMS, UNUSED, AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import prepare as ankle_calibration
-from jgait.estimators.ankle_stride.inputs import capacity, pad
+from jgait.estimators.ankle_stride.inputs import capacity
+from jgait.estimators.axes import pad
 from jgait.types import Imu, Recording, RecordingError
 
 MILLIMETRE = 1e-3

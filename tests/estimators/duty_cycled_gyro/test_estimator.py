@@ -13,9 +13,9 @@ from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf
+from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import DEFAULT, PAPER, TRANSFORMS, DutyCycledOptions, DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.estimator import _fill, _planar
-from jgait.estimators.duty_cycled_gyro.params import pad
 from jgait.params import names
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL

@@ -10,6 +10,7 @@ from made.observability import observability_matrix, observability_rank
 from jgait import filtering, params, simulate
 from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
+from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DEFAULT,
@@ -22,7 +23,6 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ShinState,
     ThighObservation,
     ThighState,
-    pad,
     planar,
 )
 from jgait.geometry.vectors import GRAVITY

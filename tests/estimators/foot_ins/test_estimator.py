@@ -6,6 +6,7 @@ from made.foot import foot
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
+from jgait.estimators.axes import pad
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.params import TEXTBOOK, TRANSFORMS
@@ -169,7 +170,7 @@ def test_both_feet_share_a_program_and_an_estimate(straight):
 
 def test_contract_padding_vmap_precision_and_gradient(straight):
     made, plain = straight
-    inputs = foot_ins.pad(foot_ins.prepared(made.recording).inputs, 1024)
+    inputs = pad(foot_ins.prepared(made.recording).inputs, 1024)
     few = jax.tree.map(lambda *v: np.stack(v), inputs, inputs)
     many = jax.jit(jax.vmap(lambda one: foot_ins.run(STILL, one)))(few)
     rows = np.flatnonzero(np.asarray(many.strides.valid[1]))
@@ -185,7 +186,7 @@ def test_contract_padding_vmap_precision_and_gradient(straight):
 def test_gradients_are_those_of_finite_differences():
     made = foot(strides=2, rest=0.7, stance=0.5, roll=0.03)
     inputs = foot_ins.prepared(made.recording).inputs
-    inputs = foot_ins.pad(inputs, 256 * int(np.ceil(inputs.time.size / 256)))
+    inputs = pad(inputs, 256 * int(np.ceil(inputs.time.size / 256)))
 
     @jax.jit
     def loss(free):

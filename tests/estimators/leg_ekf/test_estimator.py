@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from jgait.estimators import leg_ekf
+from jgait.estimators.axes import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import online as leg_online
-from jgait.estimators.leg_ekf.inputs import LegInputs, pad
+from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.filtering import EKF, UKF, IteratedEKF
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDEAL

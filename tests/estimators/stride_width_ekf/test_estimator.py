@@ -10,8 +10,8 @@ from made.footsteps import OFFSET, WIDTH, distances, drifting, footsteps, widths
 
 from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
+from jgait.estimators.axes import pad
 from jgait.estimators.stride_width_ekf import model, readout
-from jgait.estimators.stride_width_ekf.inputs import pad
 from jgait.filtering import CKF, EKF, UKF
 from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings

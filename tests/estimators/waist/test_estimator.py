@@ -7,8 +7,9 @@ from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, wa
 
 from jgait import estimators
 from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.axes import pad
 from jgait.estimators.waist import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
-from jgait.estimators.waist.inputs import capacity, pad
+from jgait.estimators.waist.inputs import capacity
 from jgait.types import Imu, Recording, RecordingError
 
 SAMPLES = 1024  # of everything that the compiled programs see

@@ -7,11 +7,12 @@ import pytest
 from made.trunk import cut, walk
 
 from jgait.estimators import waist as waist_ofdri
+from jgait.estimators.axes import pad
 from jgait.estimators.waist import UNUSED, WaistOptions, WaistParams
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
-from jgait.estimators.waist.inputs import PER_NODE, pad
+from jgait.estimators.waist.inputs import PER_NODE
 
 SAMPLES = 1024  # of everything that the compiled programs see
 MOTION = jax.jit(waist_motion.motion_and_likelihood)

@@ -1,0 +1,100 @@
+"""How the fields of an estimator's inputs are padded: each field states its first axis once, in its annotation.
+
+gyr: Held       one entry a sample, the last one goes on
+begin: Annotated[Any, Axis("zero", capacity)]      one entry a stride, with room for more
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
+
+import jax
+import numpy as np
+
+
+def one_each(samples: int) -> int:
+    """An axis with one entry a sample."""
+    return samples
+
+
+class Axis(NamedTuple):
+    """The first axis of a field.
+
+    Attributes:
+        fill: what is put behind the last entry: "zero" (False), "one" (True), "hold" (the last entry again), or
+            "onwards" (even steps).
+        length: number of samples → length of the axis.
+    """
+
+    fill: Literal["zero", "one", "hold", "onwards"] = "zero"
+    length: Callable[[int], int] = one_each
+
+    def padded(self, values: np.ndarray, more: int) -> np.ndarray:
+        """An array with so many more entries."""
+        if not more:
+            return values
+        if self.fill == "onwards":
+            step = float(np.median(np.diff(values)))
+            return np.concatenate([values, values[-1] + step * np.arange(1, more + 1)])
+        width = [(0, more)] + [(0, 0)] * (values.ndim - 1)
+        if self.fill == "hold":
+            return np.pad(values, width, mode="edge")
+        return np.pad(values, width, constant_values=int(self.fill == "one"))
+
+
+type Sampled = Annotated[Any, Axis()]
+"""(T, …), one entry a sample; 0 or False in padding."""
+
+type Held = Annotated[Any, Axis("hold")]
+"""(T, …), one entry a sample; the last one goes on in padding."""
+
+type Times = Annotated[Any, Axis("onwards")]
+"""(T,) [s]; goes on in even steps in padding."""
+
+
+@functools.cache
+def axes_of(record: type) -> dict[str, Axis | None]:
+    """The axis of each field of a NamedTuple; None of a field that is not padded."""
+
+    def axis(hint: Any) -> Axis | None:
+        hint = getattr(hint, "__value__", hint)
+        return next((mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Axis)), None)
+
+    return {name: axis(hint) for name, hint in get_type_hints(record, include_extras=True).items()}
+
+
+def pad[I](inputs: I, samples: int) -> I:
+    """The same recording with invalid samples behind it, so that recordings of different length stack.
+
+    Args:
+        inputs: NamedTuple of arrays and of further such tuples, or None, whose fields state their axes; `time` is (T,).
+        samples: length wanted, T or more.
+
+    Returns:
+        Inputs of `samples` samples; the estimate at the first T is unchanged.
+
+    Raises:
+        ValueError: if `samples` is less than T.
+    """
+    have = int(np.shape(inputs.time)[0])  # type: ignore[attr-defined]
+    if samples < have:
+        raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
+    padded: I = _grown(inputs, have, samples)
+    return padded
+
+
+def _grown(record: Any, have: int, samples: int) -> Any:
+    changed = {}
+    for name, axis in axes_of(type(record)).items():
+        value = getattr(record, name)
+        if axis is not None:
+            more, padded = axis.length(samples) - axis.length(have), axis.padded
+            changed[name] = jax.tree.map(lambda v, more=more, padded=padded: padded(np.asarray(v), more), value)
+        elif isinstance(value, tuple) and hasattr(value, "_fields"):
+            changed[name] = _grown(value, have, samples)
+    return record._replace(**changed)
+
+
+def fields_of(record: type, length: Callable[[int], int]) -> tuple[str, ...]:
+    """Names of the fields whose first axis has this length."""
+    return tuple(name for name, axis in axes_of(record).items() if axis is not None and axis.length is length)

@@ -1,0 +1,53 @@
+"""What is done with every estimator's inputs and result: a few lengths, one compiled program, no padding left."""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from jgait.types import Estimate
+
+BUCKET = 512
+"""[samples] Recordings are padded to this times a power of two, so that few programs are compiled."""
+
+
+def bucket(samples: int, smallest: int = BUCKET) -> int:
+    """The length to pad to: the smallest one times a power of two."""
+    return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
+
+
+@functools.cache
+def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
+    """The compiled form of an estimator's `run`, with its options static; the same for the same function."""
+    return jax.jit(run, static_argnames=("options",))
+
+
+def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Estimate:
+    """An estimate without its padding, as NumPy arrays; strides in the order of their ends.
+
+    Args:
+        result: of padded inputs.
+        samples: how many are not padding.
+        per_stride: names of diagnostics with an entry for each stride.
+    """
+    result = jax.tree.map(np.asarray, result)
+    padded = np.size(result.time)
+
+    def shorter(leaf: Any) -> Any:
+        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
+
+    by_stride = {name: result.diagnostics[name] for name in per_stride if name in result.diagnostics}
+    rest = {name: value for name, value in result.diagnostics.items() if name not in by_stride}
+    tables = (result.strides, result.strides_stddev, by_stride)
+    if result.strides is not None:
+        rows = np.flatnonzero(result.strides.valid)
+        rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
+        tables = jax.tree.map(lambda column: column[rows], tables)
+    bare = result._replace(strides=None, strides_stddev=None, diagnostics=rest)
+    short = jax.tree.map(shorter, bare)
+    return short._replace(
+        strides=tables[0], strides_stddev=tables[1], diagnostics={**short.diagnostics, **tables[2]}
+    )  # fmt: skip
