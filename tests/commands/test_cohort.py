@@ -257,7 +257,7 @@ def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table,
     words = ("tune", lonely, "--paper", "--free", "gyro_noise", "--loss", "likelihood", "--steps", 3)
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
-    assert "it needs two people, and there is one" in said
+    assert "it needs two people, and there is only a single person" in said
     assert "1 number was learned from 1 person" in said
     assert not (tmp_path / "out" / "held_out.csv").exists()
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0
