@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from jgait.evaluate import Cohort
 
 DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps", "stride_duration_s")
-"""Quantities that figures are drawn of, where two people or more have them."""
+"""Quantities with figures, where two people or more have them."""
 
 BY_SUBJECT = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
 """Quantities of the table of people."""
@@ -41,56 +41,56 @@ MOST_RECORDINGS = 2000
 """Rows of the table of recordings; more make a page slow."""
 
 FEW_PEOPLE = 10
-"""Below so many people limits of agreement are said to be wide."""
+"""Smallest number of people without a warning that the limits of agreement are uncertain."""
 
 
 def of_cohort(
-    found: "Cohort",
+    cohort: "Cohort",
     *,
     title: str = "cohort",
     failures: Sequence[tuple[str, str]] | None = None,
     made: Made | None = None,
 ) -> Report:
-    """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and what failed.
+    """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and failures.
 
     Args:
-        found: as `jgait.evaluate.cohort` gives it.
+        cohort: as `jgait.evaluate.cohort` gives it.
         title: what the cohort is called.
-        failures: (recording, reason) of what could not be used; None: those of `found`.
-        made: how it was made; without it the page cannot say.
+        failures: (recording, reason) of what could not be used; None: those of `cohort`.
+        made: how the results were made; None leaves this out.
 
     Returns:
         The page; `save` writes it.
 
     Raises:
-        ValueError: if nobody is in it, neither used nor failed.
+        ValueError: if the cohort has no recording, neither used nor failed.
         ImportError: without the extra `cli`.
     """
     made = Made() if made is None else made
     if failures is None:
-        failures = list(zip(found.failures["recording"], found.failures["reason"], strict=True))
+        failures = list(zip(cohort.failures["recording"], cohort.failures["reason"], strict=True))
     failures = [(without_folders(str(name)), without_folders(str(reason))) for name, reason in failures]
-    if not len(found.recordings) and not failures:
+    if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
-    paired = found.paired()
-    agreement = found.agreement()
-    raised = flags.ordered([*_failed(found, failures), *_few(found, paired), *_notes(found, made)])
-    used, people = len(found.recordings), found.recordings["subject"].nunique()
+    paired = cohort.paired()
+    agreement = cohort.agreement()
+    raised = flags.ordered([*_failed(cohort, failures), *_few(cohort, paired), *_notes(cohort, made)])
+    used, people = len(cohort.recordings), cohort.recordings["subject"].nunique()
     facts = [
         ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
-        ("Recorded time", f"{number(float(found.recordings['seconds'].sum()), 0)} s", "of the recordings used"),
+        ("Recorded time", f"{number(float(cohort.recordings['seconds'].sum()), 0)} s", "of the recordings used"),
         *_headline(paired, agreement),
     ]  # fmt: skip
     sections = [
         _agreement(agreement), Section("Bland–Altman", _how(), _figures(paired)) if len(paired) else None,
-        _people(found, paired, failures), _recordings(found), _failures(failures), _parameters(made),
+        _people(cohort, paired, failures), _recordings(cohort), _failures(failures), _parameters(made),
     ]  # fmt: skip
     about = about_of(made.estimator).title
     lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
     numbers = {
         "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": dict(failures),
         "agreement": agreement.astype(object).to_dict("index"), "flags": [flag._asdict() for flag in raised],
-        "people_table": found.by_subject().to_dict("records"), "made": made.numbers(),
+        "people_table": cohort.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
         Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised,
@@ -98,50 +98,50 @@ def of_cohort(
     ))  # fmt: skip
 
 
-def _failed(found: "Cohort", failures: Sequence[tuple[str, str]]) -> list[Flag]:
-    """That recordings could not be used."""
+def _failed(cohort: "Cohort", failures: Sequence[tuple[str, str]]) -> list[Flag]:
+    """The flag of recordings that could not be used."""
     if not failures:
         return []
-    whole = len(found.recordings) + len(failures)
+    whole = len(cohort.recordings) + len(failures)
     meaning = (
-        "They are in none of the numbers; their reasons stand below. If recordings fail because of how somebody "
-        "walks, those who are left are no fair sample."
+        "They are in none of the numbers; the reasons are listed below. If recordings fail because of how a person "
+        "walks, the remaining recordings are a biased sample."
     )
-    grade = "check" if len(found.recordings) else "stop"
+    grade = "check" if len(cohort.recordings) else "stop"
     return [Flag(grade, f"{len(failures)} of {whole} recordings could not be used", meaning)]
 
 
-def _few(found: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
-    """That there is no reference, or few people."""
-    told = paired.loc[paired["estimate"].notna()]
-    without = len(found.recordings) - told["recording"].nunique()
+def _few(cohort: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
+    """The flags of a missing reference and of few people."""
+    compared = paired.loc[paired["estimate"].notna()]
+    without = len(cohort.recordings) - compared["recording"].nunique()
     raised = []
-    if len(found.recordings) and without == len(found.recordings):
-        meaning = "How well the numbers agree with the truth cannot be said from this cohort."
+    if len(cohort.recordings) and without == len(cohort.recordings):
+        meaning = "This cohort cannot show how well the numbers agree with the truth."
         raised.append(Flag("check", "No recording has a reference", meaning))
     elif without:
         meaning = "They are in the table of recordings and in none of the comparisons."
-        raised.append(Flag("info", f"{without} of {len(found.recordings)} recordings have no reference", meaning))
-    people = told["subject"].nunique()
+        raised.append(Flag("info", f"{without} of {len(cohort.recordings)} recordings have no reference", meaning))
+    people = compared["subject"].nunique()
     if 0 < people < FEW_PEOPLE:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
         raised.append(Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning))
     return raised
 
 
-def _notes(found: "Cohort", made: Made) -> list[Flag]:
+def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
     """What readers and estimators noted, gathered by what it means: how many recordings, and one of the notes."""
     seen: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
-    for text in found.recordings["notes"]:
+    for text in cohort.recordings["notes"]:
         own = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(text)}
         seen.update(own.keys())
         example = own | example
     gathered = [
-        Flag(grade, f"{count} of {len(found.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
+        Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
         for (grade, meaning), count in seen.most_common()
     ]
-    # what one of many lacks stops that one and not the cohort
+    # what a single recording lacks does not stop the cohort
     gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]
     return [*flags.explained(made.notes), *gathered]
 
@@ -153,17 +153,17 @@ def _noted(text: Any) -> list[Flag]:
 
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
     """Bias and limits of the first quantity that is drawn, and the distance's relative error."""
-    told = []
+    facts = []
     for name in DRAWN[:2]:
         if name in agreement.index and np.isfinite(agreement.loc[name, ["bias", "loa_low"]].to_numpy(float)).all():
             words, unit = readable(name)
             row = agreement.loc[name]
             limits = f"95 % limits of agreement {_span(row['loa_low'], row['loa_high'])} {unit}"
-            told.append((f"{words.capitalize()}: bias", f"{significant(row['bias'])} {unit}", limits))
+            facts.append((f"{words.capitalize()}: bias", f"{significant(row['bias'])} {unit}", limits))
     relative = paired.loc[paired["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):
-        told.append(("Distance: mean |error|", f"{number(100.0 * float(relative.mean()), 1)} %", "of the reference"))
-    return told
+        facts.append(("Distance: mean |error|", f"{number(100.0 * float(relative.mean()), 1)} %", "of the reference"))
+    return facts
 
 
 def _how() -> str:
@@ -235,30 +235,31 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     return made
 
 
-def _people(found: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[str, str]]) -> Section:
-    """A row a person: recordings used and failed, and mean errors."""
-    whose = dict(zip(found.failures["recording"], found.failures["subject"], strict=True))
+def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[str, str]]) -> Section:
+    """One row for each person: recordings used and failed, and mean errors."""
+    whose = dict(zip(cohort.failures["recording"], cohort.failures["subject"], strict=True))
     lost = Counter(str(whose.get(name, "")) for name, _ in failures)
-    used = found.recordings.groupby("subject")["recording"].count()
-    told = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
+    used = cohort.recordings.groupby("subject")["recording"].count()
+    quantities = [name for name in BY_SUBJECT if paired.loc[paired["quantity"] == name, "error"].notna().any()]
     errors = {
-        name: paired[paired["quantity"] == name].groupby("subject")[["error", "abs_error"]].mean() for name in told
+        name: paired[paired["quantity"] == name].groupby("subject")[["error", "abs_error"]].mean()
+        for name in quantities
     }
     rows = []
     for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
         cells = [Cell(subject), _count(used.get(subject, 0)), _count(lost.get(subject, 0))]
-        for name in told:
-            own = errors[name].loc[subject] if subject in errors[name].index else {"error": None, "abs_error": None}
-            cells += [cell(own["error"], 3), cell(own["abs_error"], 3)]
+        for name in quantities:
+            mean = errors[name].loc[subject] if subject in errors[name].index else {"error": None, "abs_error": None}
+            cells += [cell(mean["error"], 3), cell(mean["abs_error"], 3)]
         rows.append(cells)
     heads = []
-    for name in told:
+    for name in quantities:
         words, unit = readable(name)
         heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
     caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
     unknown = lost.get("", 0)
     failed = f"{unknown} of the recordings that failed" if unknown > 1 else "One recording that failed"
-    text = f"{failed} could not be read far enough to know whose it was." if unknown else ""
+    text = f"{failed} could not be read far enough to find out to whom it belongs." if unknown else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 
@@ -266,18 +267,18 @@ def _count(value: Any) -> Cell:
     return Cell(str(int(value)), float(value))
 
 
-def _recordings(found: "Cohort") -> Section:
-    """A row a recording: how long, how much of it gave a result, what was noted."""
-    way = found.quantities[found.quantities["quantity"] == "distance_m"].set_index("recording")
+def _recordings(cohort: "Cohort") -> Section:
+    """One row for each recording: its length, the share with results, its notes."""
+    way = cohort.quantities[cohort.quantities["quantity"] == "distance_m"].set_index("recording")
     rows = []
-    for one in found.recordings.head(MOST_RECORDINGS).itertuples():
-        known = way.loc[one.recording] if one.recording in way.index else {"estimate": None, "reference": None}
+    for row in cohort.recordings.head(MOST_RECORDINGS).itertuples():
+        known = way.loc[row.recording] if row.recording in way.index else {"estimate": None, "reference": None}
         rows.append([
-            Cell(without_folders(str(one.recording))), Cell(str(one.subject)), cell(one.seconds, 1),
-            cell(100.0 * float(one.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
-            Cell("; ".join(line for flag in _noted(one.notes) for line in flag.text.splitlines())),
+            Cell(without_folders(str(row.recording))), Cell(str(row.subject)), cell(row.seconds, 1),
+            cell(100.0 * float(row.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
+            Cell("; ".join(line for flag in _noted(row.notes) for line in flag.text.splitlines())),
         ])  # fmt: skip
-    left = len(found.recordings) - len(rows)
+    left = len(cohort.recordings) - len(rows)
     text = f"The first {len(rows)}; {left} more are in the tables of jgait evaluate." if left else ""
     columns = ("recording", "person", "duration [s]", "results for [%]", "distance [m]", "reference [m]", "notes")
     caption = "All recordings that were used. A click on a heading sorts."
@@ -296,5 +297,5 @@ def _parameters(made: Made) -> Section | None:
     table = made.table()
     if table is None:
         return None
-    text = "Measures of a person that the cohort states stand in for these, person by person."
+    text = "Measures of a person that the cohort states replace these values, person by person."
     return Section("Parameters", text, [table])

@@ -1,4 +1,4 @@
-"""The figures of one recording's page, each with words for those who do not see it and for those who do not read it."""
+"""The figures of the page of a recording, each with a caption, and a text for readers who cannot see it."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, as_float
 
 CLOSE = 8.0
-"""[s] How much of a longer recording the close-up of angles shows."""
+"""[s] Length of the close-up of angles in a longer recording."""
 
 BAND = "The band is ± two standard deviations, as the estimator states them."
 
@@ -49,7 +49,7 @@ def _special(figure: EstimateFigure, made: EstimatedRecording) -> Picture:
 
 
 def middle(estimate: Estimate) -> tuple[float, float] | None:
-    """From and to [s] of a close-up in the middle of the way; None where all of it is short enough."""
+    """From and to [s] of a close-up in the middle of the walked distance; None for a short recording."""
     time = as_float(estimate.time)
     if time[-1] - time[0] <= 1.5 * CLOSE:
         return None
@@ -60,7 +60,7 @@ def middle(estimate: Estimate) -> tuple[float, float] | None:
 
 
 def _worn(pair: Any) -> str:
-    return " and ".join(side for side, one in zip(SIDES, pair, strict=True) if one is not None)
+    return " and ".join(side for side, part in zip(SIDES, pair, strict=True) if part is not None)
 
 
 def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
@@ -73,7 +73,7 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
             values = np.rad2deg(as_float(getattr(leg, f"{joint}_angle"))[valid])
             if values.size:
                 spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
-    said = "; ".join(spans).replace("-", "−")
+    ranges = "; ".join(spans).replace("-", "−")
     dashed = "" if reference is None else " Dashed: the reference."
     close = middle(estimate)
     made = []
@@ -84,8 +84,8 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
         made.append(picture(figure, alt, caption))
     figure = plot.joint_angles(estimate, reference)
     caption = f"Hip and knee angles of the whole recording; flexion is positive, upright standing is 0. {BAND}{dashed}"
-    made.append(picture(figure, f"Hip and knee flexion over time: {said}", caption))
-    caption = f"Where the ankle goes, seen from the side with the hip at the origin; forward is to the right.{dashed}"
+    made.append(picture(figure, f"Hip and knee flexion over time: {ranges}", caption))
+    caption = f"Path of the ankle, seen from the side with the hip at the origin; forward is to the right.{dashed}"
     alt = f"Path of the {_worn(estimate.legs)} ankle relative to the hip"
     made.append(picture(plot.foot_path(estimate, reference, seconds=close), alt, caption))
     return made
@@ -97,7 +97,7 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     worn = _worn(estimate.feet)
     shown = reference if reference is not None and reference.feet is not None else None
     together = estimate.strides is not None and "width_valid" in estimate.diagnostics
-    caption = "Where the feet's sensors went, seen from above; marks are footholds."
+    caption = "Paths of the sensors on the feet, seen from above; marks are footholds."
     caption += "" if together else " Each foot starts at the origin; how far apart the feet are is not known."
     made = [picture(plot.foot_paths(estimate, shown), f"Path of the {worn} foot from above", caption)]
     caption = "Height of the sensor along the way; marks are footholds. Heights are drawn larger than lengths."
@@ -110,7 +110,7 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     if estimate.feet is not None and None not in estimate.feet and np.isfinite(as_float(estimate.strides.width)).any():
         caption = (
             "Both feet in one world, with stride widths as lines between the footholds: from above, in straight "
-            "parts, and over time. Hollow marks are not to be trusted."
+            "parts, and over time. Hollow marks are unreliable."
         )
         made.append(picture(plot.two_feet(estimate), "Stride widths from above and over time", caption))
     return made

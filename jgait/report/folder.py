@@ -1,4 +1,4 @@
-"""What `jgait evaluate` left in a folder, as it was in memory."""
+"""Read the results of `jgait evaluate` from a folder."""
 
 import ast
 import json
@@ -21,7 +21,7 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
 
     Raises:
         FileNotFoundError: if a table is not there.
-        ValueError: if one of them lacks a column, or holds words where numbers belong.
+        ValueError: if one of them lacks a column, or has words in the place of numbers.
     """
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
     failed = _strings(folder / "failures.csv", ("recording", "reason"))
@@ -34,7 +34,7 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
 def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, Any]:
     import pandas as pd
 
-    # As text: a subject may be called NA.
+    # as text: NA can be the name of a subject
     text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
     lacking = [name for name in columns if name not in text]
     if lacking:
@@ -51,29 +51,29 @@ def _table(path: Path, name: str) -> Any:
 
 
 def _whose(run: Path) -> dict[str, str]:
-    """Recording that failed → whose it is, of the batches in the folder `run`."""
-    found: dict[str, str] = {}
+    """Recording that failed → its subject, from the batches in the folder `run`."""
+    subjects: dict[str, str] = {}
     for part in sorted(run.glob("part-*-*/failures.csv")):
         rows = _strings(part, ("recording", "subject"))
-        found |= dict(zip(rows["recording"], rows["subject"], strict=True))
-    return found
+        subjects |= dict(zip(rows["recording"], rows["subject"], strict=True))
+    return subjects
 
 
 def made(folder: Path) -> Made:
-    """How an evaluation was made, as it left it in its folder.
+    """How an evaluation was made, as its folder states it.
 
     Args:
         folder: that `jgait evaluate` wrote.
 
     Raises:
         OSError: if it cannot be read.
-        ValueError: if it does not say.
+        ValueError: if the folder does not state it.
     """
     from jgait import estimators
 
     about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
     if not isinstance(about, dict) or "estimator" not in about:
-        raise ValueError("run/cohort.json does not say how an evaluation was made")
+        raise ValueError("run/cohort.json does not state how the evaluation was made")
     name = str(about["estimator"])
     default = estimators.get(name).params if name in estimators.names() else None
     values = values_of(str(about.get("params", "")))
@@ -83,7 +83,7 @@ def made(folder: Path) -> Made:
 
 def values_of(text: str) -> dict[str, float]:
     """Name → number of a NamedTuple as `jgait.evaluate` prints it; what is no number is left out."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
 
     def walk(node: ast.expr, prefix: str) -> None:
         if isinstance(node, ast.Call):
@@ -95,13 +95,13 @@ def values_of(text: str) -> dict[str, float]:
         except ValueError:
             return
         if isinstance(value, int | float):
-            found[prefix] = float(value)
+            values[prefix] = float(value)
 
     try:
         walk(ast.parse(text, mode="eval").body, "")
     except SyntaxError:
         return {}
-    return found
+    return values
 
 
 def _filled(default: Any, values: dict[str, float]) -> Any:

@@ -1,4 +1,4 @@
-"""How a result was made: version, estimator, parameters with their units, and what of them is not the default."""
+"""How a result was made: version, estimator, parameters with their units, and which differ from the default."""
 
 import datetime
 from pathlib import Path
@@ -19,7 +19,7 @@ class Made(NamedTuple):
         params: its parameters, a NamedTuple in natural units, or None.
         default: what they are by default, in the same type, or None.
         pipeline: which variant of the estimator, such as "the paper's".
-        file: name of the file or data set that it comes from.
+        file: name of the file or data set.
         command: that makes the page again.
         notes: in words, what was assumed on the way.
         version: of jgait that computed it.
@@ -36,35 +36,35 @@ class Made(NamedTuple):
 
     def settings(self) -> list[tuple[str, str]]:
         """Name → value, for the end of the page."""
-        told = {
+        values = {
             "jgait": self.version, "estimator": self.estimator, "pipeline": self.pipeline, "data": Path(self.file).name,
             "page made on": datetime.date.today().isoformat(),
         }  # fmt: skip
-        return [(name, value) for name, value in told.items() if value]
+        return [(name, value) for name, value in values.items() if value]
 
     def changed(self) -> dict[str, tuple[float, float]]:
         """Name → (value, default) of every parameter that is not at its default."""
-        own, usual = flat(self.params), flat(self.default)
-        return {name: (own[name], usual[name]) for name in own if name in usual and own[name] != usual[name]}
+        used, usual = flat(self.params), flat(self.default)
+        return {name: (used[name], usual[name]) for name in used if name in usual and used[name] != usual[name]}
 
     def numbers(self) -> dict[str, Any]:
-        """The same for programs."""
-        told = {name: getattr(self, name) for name in ("estimator", "pipeline", "command", "version")}
-        return {**told, "file": Path(self.file).name, "parameters": flat(self.params), "changed": list(self.changed())}
+        """The same as JSON numbers."""
+        texts = {name: getattr(self, name) for name in ("estimator", "pipeline", "command", "version")}
+        return {**texts, "file": Path(self.file).name, "parameters": flat(self.params), "changed": list(self.changed())}
 
     def table(self) -> Table | None:
         """All parameters with units, those that are not at their default first; None where none are known."""
         from jgait import io
 
-        own, usual, changed = flat(self.params), flat(self.default), self.changed()
-        if not own:
+        used, usual, changed = flat(self.params), flat(self.default), self.changed()
+        if not used:
             return None
         units = io.units(self.params)
         rows = []
-        for name in sorted(own, key=lambda one: one not in changed):
+        for name in sorted(used, key=lambda known: known not in changed):
             default = Cell(significant(usual[name], 4)) if name in usual else Cell("–")
             words = "not the default" if name in changed else ""
-            rows.append([Cell(name), Cell(significant(own[name], 4)), default, Cell(units.get(name, "")), Cell(words)])
+            rows.append([Cell(name), Cell(significant(used[name], 4)), default, Cell(units.get(name, "")), Cell(words)])
         return Table("Parameters of the estimator", ("parameter", "value", "default", "unit", ""), rows, words=2)
 
 

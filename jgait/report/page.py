@@ -1,4 +1,4 @@
-"""What a page is made of, and how it becomes one self-contained HTML file."""
+"""The parts of a page, and the self-contained HTML file that is made of them."""
 
 import base64
 import hashlib
@@ -28,12 +28,12 @@ FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\
 
 
 class Flag(NamedTuple):
-    """Something to know before a number is relied on.
+    """A fact that a reader should know before using a number.
 
     Attributes:
         grade: "stop", "check", "corrected" or "info"; see `GRADES`.
-        text: what was found, a line each.
-        meaning: what that means for the numbers, in a sentence.
+        text: the facts, a line each.
+        meaning: what these facts mean for the numbers, in a sentence.
     """
 
     grade: str
@@ -46,7 +46,7 @@ GRADES = {"stop": "Do not rely on this", "check": "Check", "corrected": "Correct
 
 
 class Cell(NamedTuple):
-    """One cell: what it says, and the number by which its column is sorted (None: by its text)."""
+    """A cell: its text, and the number by which its column is sorted (None: by its text)."""
 
     text: str
     value: float | None = None
@@ -92,14 +92,14 @@ class Content(NamedTuple):
     Attributes:
         title: name of the recording or the cohort.
         kind: above it, what the page is.
-        lead: a sentence that says what was done.
+        lead: a sentence that states what was done.
         facts: (name, value with its unit, what to know of it) of the most important numbers.
         verdict: the flags in a sentence.
         flags: the gravest first.
         sections: the rest, in order.
         settings: how it was made: name → value.
         command: that makes it again, "" where it is not known.
-        numbers: what a program may want to know, anything that JSON holds.
+        numbers: for programs, as JSON numbers.
     """
 
     title: str
@@ -119,7 +119,7 @@ class Report:
 
     Attributes:
         html: the whole page, which asks for nothing from outside.
-        numbers: what it says, for programs; JSON holds all of it.
+        numbers: the content of the page as JSON numbers.
     """
 
     def __init__(self, content: Content) -> None:
@@ -154,7 +154,7 @@ class Report:
 
 
 def rendered(content: Content) -> str:
-    """The page as HTML: own style and script, pictures inside, and a policy that lets nothing in or out.
+    """The page as HTML: with its style, script and pictures, and a policy that forbids all connections.
 
     Args:
         content: of the page.
@@ -233,8 +233,8 @@ def cell(value: Any, digits: int, spread: Any = None) -> Cell:
     """A number, with its standard deviation where there is one."""
     if value is None or not math.isfinite(value):
         return Cell("–", math.nan)
-    told = spread is not None and math.isfinite(spread)
-    return Cell(number(value, digits) + (f" ± {number(spread, digits)}" if told else ""), float(value))
+    known = spread is not None and math.isfinite(spread)
+    return Cell(number(value, digits) + (f" ± {number(spread, digits)}" if known else ""), float(value))
 
 
 def without_folders(text: str) -> str:

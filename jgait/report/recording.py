@@ -23,13 +23,13 @@ CURVES = {
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
-    """The page of one recording: summary, doubts, means by side, figures with bands, all strides, how it was made.
+    """The page of one recording: summary, warnings, means by side, figures with bands, all strides, how it was made.
 
     Args:
         estimate: of one recording, as an estimator's `estimate` gives it.
-        recording: what it was made of.
-        reference: what an independent measurement says, drawn dashed and compared, or None.
-        made: how the estimate was made; without it the page cannot say.
+        recording: the signals.
+        reference: an independent measurement, drawn dashed and compared, or None.
+        made: how the estimate was made; None leaves this out.
 
     Returns:
         The page; `save` writes it.
@@ -41,7 +41,7 @@ def of_estimate(
     if np.ndim(estimate.time) != 1:
         raise ValueError(f"a report is of one recording, time of shape (T,); got shape {np.shape(estimate.time)}")
     made = Made() if made is None else made
-    of = strides.found(estimate)
+    of = strides.strides_of(estimate)
     rows = strides.means(of)
     notes = (*recording.notes, *estimate.diagnostics.get("notes", ()), *made.notes)
     raised = [
@@ -69,7 +69,7 @@ def of_estimate(
 
 
 def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
-    """Distance walked [m] and its standard deviation where one is stated; None where nothing is known of it."""
+    """Distance walked [m] and its standard deviation where one is stated; None where the distance is not known."""
     if estimate.distance is None:
         return None
     way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
@@ -82,10 +82,10 @@ def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
 
 
 def _facts(
-    estimate: Estimate, recording: Recording, of: strides.Found, rows: list[dict[str, Any]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, Any]],
     total: tuple[float, float | None] | None,
 ) -> list[tuple[str, str, str]]:  # fmt: skip
-    """The most important numbers, with units, and what to know of each."""
+    """The most important numbers with their units, each with an explanation."""
     rate = f"at {significant(recording.sampling_rate_hz, 4)} Hz"
     facts = [("Duration", f"{number(float(estimate.time[-1] - estimate.time[0]), 1)} s", rate)]
     if total is not None:
@@ -101,21 +101,21 @@ def _facts(
             measure = known[row["name"]]
             name = measure.words.capitalize()
             words = f"mean ± SD of {row['all']['n']} strides"
-            facts.append((name, f"{strides.told(row['all'], measure)} {measure.unit}", words))
+            facts.append((name, f"{strides.mean_text(row['all'], measure)} {measure.unit}", words))
     placed = ", ".join(_place(name) for name in recording.sensors)
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 
 
-def _strides(of: strides.Found, rows: list[dict[str, Any]]) -> list[Section]:
-    """The means, or that there are none."""
+def _strides(of: strides.ReportStrides, rows: list[dict[str, Any]]) -> list[Section]:
+    """The means, or a sentence that there are none."""
     if rows:
         return [Section("Gait at a glance", "", [strides.mean_table(of, rows)])]
     if len(of.table):
-        return [Section("Gait at a glance", "No stride is regular: means would say nothing, and are not given.")]
+        return [Section("Gait at a glance", "No stride is regular, so that there are no means.")]
     return [Section("Gait at a glance", "No strides were found in this recording.")]
 
 
-def _all_strides(of: strides.Found) -> list[Section]:
+def _all_strides(of: strides.ReportStrides) -> list[Section]:
     return [Section("Stride by stride", "", [strides.stride_table(of)])] if len(of.table) else []
 
 
@@ -124,14 +124,14 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
     from jgait.evaluate.scores import score
 
     rows = []
-    for name, (own, known) in score(estimate, Walk(recording, reference, {})).quantities.items():
-        if not np.isfinite([own, known]).all():
+    for name, (value, known) in score(estimate, Walk(recording, reference, {})).quantities.items():
+        if not np.isfinite([value, known]).all():
             continue
         words, unit = readable(name)
         if "_rmse_" in name:
-            rows.append([Cell(words), Cell("–"), Cell("–"), Cell(significant(own)), Cell(unit)])
+            rows.append([Cell(words), Cell("–"), Cell("–"), Cell(significant(value)), Cell(unit)])
         else:
-            cells = (significant(value) for value in (own, known, own - known))
+            cells = (significant(number) for number in (value, known, value - known))
             rows.append([Cell(words), *map(Cell, cells), Cell(unit)])
     caption = (
         "This recording against an independent measurement; of whole curves, their root mean square difference, "
@@ -155,7 +155,7 @@ def readable(name: str) -> tuple[str, str]:
 
 
 def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
-    """Sensors, parameters, and how well the model fits."""
+    """Sensors, parameters, and the fit of the model."""
     rows = []
     for name, imu in recording.sensors.items():
         mask = np.asarray(imu.mask, bool)
@@ -170,8 +170,8 @@ def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
     if fits:
         each = ", ".join(f"{significant(v)} ({n.removeprefix('nis').strip('_') or 'all'})" for n, v in fits.items())
         text = (
-            f"Fit of the model, as mean normalised innovation squared: {each}. About 1 where the noise stated is "
-            "right, less where it is too large, more where the measurements surprise the filter."
+            f"Fit of the model, as mean normalised innovation squared: {each}. About 1 where the stated noise is "
+            "right, below 1 where it is too large, above 1 where the measurements differ more from the model."
         )
     return Section("Sensors and parameters", text, parts)
 
@@ -183,10 +183,10 @@ def _place(name: str) -> str:
 
 
 def _numbers(
-    estimate: Estimate, recording: Recording, of: strides.Found, rows: list[dict[str, Any]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, Any]],
     total: tuple[float, float | None] | None, raised: list[flags.Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
-    """What the page says, for programs."""
+    """The content of the page as JSON numbers."""
     return {
         "kind": "recording",
         "recording": Path(recording.name).name,

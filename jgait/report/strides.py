@@ -1,4 +1,4 @@
-"""The strides of a report: one table whatever the estimator, what is special about each, means by side."""
+"""The strides of a report: one table for all estimators, special strides, means by side."""
 
 import itertools
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 KNEE_SWING = np.deg2rad(20.0)
-"""[rad] How far the knee bends beyond what lies around it, at least, when a leg swings."""
+"""[rad] Smallest prominence of a maximum of knee flexion that counts as a swing."""
 
 SHORTEST, LONGEST = 0.6, 2.5
-"""[s] A cycle of a walking leg; what lasts longer has standing in it."""
+"""[s] Shortest and longest cycle of a walking leg; longer ones contain standing."""
 
 FEWEST = 3
-"""Strides of each side from which on sides are compared."""
+"""Smallest number of strides of each side for a comparison of the sides."""
 
 
 class Measure(NamedTuple):
-    """A column of the table of strides: its name, what a reader calls it, and how it is written."""
+    """A column of the table of strides: its name, its heading, and its number format."""
 
     name: str
     words: str
@@ -57,7 +57,7 @@ MEASURES = (
     Measure("knee_flexion_deg", "largest knee flexion", "°", 0, ratio=False),
     Measure("knee_stance_deg", "smallest knee flexion", "°", 0, ratio=False),
 )
-"""What is told of strides, in the order in which it is shown."""
+"""The columns of the table of strides, in order."""
 
 CYCLES = (
     "Cycles of each leg, from the largest bend of the swinging knee to the next; the length is how far the distance "
@@ -68,7 +68,7 @@ NOT_AVERAGED = ("turn_deg", "stride_height_m")
 NOT_BY_STRIDE = ("cadence_spm",)
 
 
-class Found(NamedTuple):
+class ReportStrides(NamedTuple):
     """The strides of an estimate.
 
     Attributes:
@@ -86,7 +86,7 @@ class Found(NamedTuple):
     cycles: bool
 
 
-def found(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> Found:
+def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:
     """The strides of an estimate, or the cycles of its leg angles.
 
     A cycle of a leg goes from the largest bend of a swinging knee to the next; its length is how far the distance
@@ -106,7 +106,7 @@ def found(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> F
         table = table.assign(cadence_spm=120.0 / duration)
     special = [marks[flag.name] for flag in flags if flag.name in marks and not flag.regular]
     regular = ~np.logical_or.reduce(special) if special else np.ones(len(table), bool)
-    return Found(table, marks, flags, regular, cycles)
+    return ReportStrides(table, marks, flags, regular, cycles)
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
@@ -147,15 +147,15 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
     return table
 
 
-def stride_table(of: Found) -> Table:
+def stride_table(of: ReportStrides) -> Table:
     """All strides, a row each, with standard deviations and remarks."""
     shown = [m for m in MEASURES if m.name not in NOT_BY_STRIDE and m.name in of.table]
-    told = [m for m in shown if of.table[m.name].notna().any()]
+    known = [m for m in shown if of.table[m.name].notna().any()]
     rows: list[list[Cell]] = []
     for k, stride in enumerate(of.table.to_dict("records")):
         start = stride.get("start_s", stride.get("standing_s"))
         cells = [Cell(str(k + 1), k + 1.0), Cell(stride["side"]), cell(start, 2)]
-        for measure in told:
+        for measure in known:
             name, _, unit = measure.name.rpartition("_")
             spread = stride.get(f"{name}_std_{unit}")
             spread = None if spread is None else measure.scale * spread
@@ -166,10 +166,10 @@ def stride_table(of: Found) -> Table:
     caption = CYCLES if of.cycles else "Strides, from one contact of a foot to its next."
     caption += " ± is one standard deviation, as the estimator states it." if spread else ""
     caption += " A click on a heading sorts."
-    return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in told), "remarks"), rows, True, 1)
+    return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in known), "remarks"), rows, True, 1)
 
 
-def means(of: Found) -> list[dict[str, Any]]:
+def means(of: ReportStrides) -> list[dict[str, Any]]:
     """Mean, standard deviation and number over the regular strides, of all and of each side.
 
     Args:
@@ -210,15 +210,15 @@ def _mean(values: np.ndarray) -> dict[str, Any] | None:
     return {"mean": float(np.mean(values)), "sd": sd, "n": int(values.size)}
 
 
-def told(one: dict[str, Any] | None, measure: Measure) -> str:
+def mean_text(mean: dict[str, Any] | None, measure: Measure) -> str:
     """A mean with its standard deviation between strides."""
-    if one is None:
+    if mean is None:
         return "–"
-    spread = "" if one["sd"] is None else f" ± {number(measure.scale * one['sd'], max(measure.digits, 1))}"
-    return number(measure.scale * one["mean"], measure.digits) + spread
+    spread = "" if mean["sd"] is None else f" ± {number(measure.scale * mean['sd'], max(measure.digits, 1))}"
+    return number(measure.scale * mean["mean"], measure.digits) + spread
 
 
-def mean_table(of: Found, rows: list[dict[str, Any]]) -> Table:
+def mean_table(of: ReportStrides, rows: list[dict[str, Any]]) -> Table:
     """Means of all regular strides and of each side, and how the sides differ."""
     known = {m.name: m for m in MEASURES}
     sides = [name for name in SIDES if any(row[name] is not None for row in rows)]
@@ -226,7 +226,11 @@ def mean_table(of: Found, rows: list[dict[str, Any]]) -> Table:
     made = []
     for row in rows:
         measure = known[row["name"]]
-        cells = [Cell(measure.heading), Cell(told(row["all"], measure)), *(Cell(told(row[s], measure)) for s in sides)]
+        cells = [
+            Cell(measure.heading),
+            Cell(mean_text(row["all"], measure)),
+            *(Cell(mean_text(row[s], measure)) for s in sides),
+        ]
         if both:
             cells.append(Cell(_difference(row, measure)))
         made.append([*cells, Cell(str(row["all"]["n"]))])

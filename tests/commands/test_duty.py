@@ -1,7 +1,6 @@
 """Sleeping gyroscopes on the command line: tables, totals, the figure, and what is refused."""
 
 import json
-from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -11,6 +10,7 @@ from typer.testing import CliRunner
 from jgait import io, plot
 from jgait.cli import app
 from jgait.commands.console import console
+from jgait.commands.pipeline import Choice
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.duty_cycled_gyro import about
@@ -18,7 +18,6 @@ from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 RUNNER = CliRunner(env={"COLUMNS": "200"})
 RATE = 50.0
-MODULE = import_module("jgait.estimators.duty_cycled_gyro.estimator")  # the package has a function of that name
 
 
 @pytest.fixture(autouse=True)
@@ -81,13 +80,14 @@ def flags(samples=2000):
 def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
     seen = {}
 
-    def estimate(p, recording, options):
+    def estimate(choice, p, recording):
         # The estimator itself is tried in its own tests, and takes long to compile.
+        options = choice.settings["options"]
         seen.update(options=options, sensors=set(recording.sensors), p=p)
         assert duty_cycled_gyro.prepared(recording, options).options.gaps
         return made(flags())
 
-    monkeypatch.setattr(MODULE, "estimate", estimate)
+    monkeypatch.setattr(Choice, "estimate", estimate)
     out = tmp_path / "out"
     words = ("--method", "duty_cycled_gyro", "--duty", 0.5, "--filler", "ridge", "--warm-up", 5, "--thigh", 0.4)
     code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json")
@@ -131,7 +131,7 @@ def test_options_of_sleep_are_its_alone(csv, option):
 
 
 def test_without_a_leg_of_both_segments_there_is_no_table_of_legs(csv, tmp_path, monkeypatch):
-    monkeypatch.setattr(MODULE, "estimate", lambda *_: made(flags(), joints=False))
+    monkeypatch.setattr(Choice, "estimate", lambda *_: made(flags(), joints=False))
     code, said = run(csv, "--estimator", "duty_cycled_gyro", "--paper", "--out", tmp_path / "out")
     assert code == 0 and "no --duty: gyroscopes sleep only where the file has no samples" in said, said
     assert "gaps filled by replicate" in said and "│ – │ – │ – │ – │" in said

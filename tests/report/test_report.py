@@ -172,7 +172,7 @@ def feet():
 
 def test_feet_say_which_widths_and_half_strides_do_not_count(feet):
     page = feet
-    found = strides.found(walking_feet())
+    found = strides.strides_of(walking_feet())
     assert list(np.flatnonzero(found.marks["half"])) == [5] and list(np.flatnonzero(found.marks["width"])) == [1]
     means = means_of(page)
     assert means["stride_width_m"]["all"] == {"mean": pytest.approx(0.2), "sd": pytest.approx(0.0), "n": 4}
