@@ -36,13 +36,15 @@ def wavelets(quick: bool) -> list[Row]:
             apart += [np.abs(a - b).max() for a, (_, b) in zip(ours.details, reversed(theirs), strict=True)]
             # changed coefficients are no transform of any signal, and the ways back differ
             changed = [(rng.normal(size=SAMPLES), rng.normal(size=SAMPLES)) for _ in range(levels)]
-            made = wavelet.Transform(jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed)))
+            made = wavelet.Decomposition(
+                jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed))
+            )
             apart.append(np.abs(wavelet.inverse(made, name) - pywt.iswt(changed, name)).max())
             worst, count = max(worst, float(max(apart))), count + 1
     three, ten = wavelet.transform(x, "db5", 3), wavelet.transform(x, "db5", 10)
     none = jnp.zeros_like(ten.approximation)
-    few = wavelet.inverse(wavelet.Transform(none, three.details), "db5")
-    many = wavelet.inverse(wavelet.Transform(none, (*ten.details[:3], *(none,) * 7)), "db5")
+    few = wavelet.inverse(wavelet.Decomposition(none, three.details), "db5")
+    many = wavelet.inverse(wavelet.Decomposition(none, (*ten.details[:3], *(none,) * 7)), "db5")
     print(f"wavelets: at most {worst:.1e} from pywavelets over {count} wavelets and levels")
     split = "there and back, signals and coefficients of standard deviation 1"
     return [

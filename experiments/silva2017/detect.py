@@ -44,7 +44,7 @@ _jimenez = jax.jit(shank_baselines.jimenez, static_argnums=1)
 _feliz = jax.jit(shank_baselines.feliz, static_argnums=1)
 
 
-def found(leg: Leg, detector: str = "swings") -> shank_events.Found:
+def found(leg: Leg, detector: str = "swings") -> shank_events.ShankEvents:
     """What a detector found, strides only; the baselines' instants are both start and end."""
     rows = leg.axes.rows
     rate, count = np.asarray(leg.imu.gyr) @ rows[1], len(leg.imu.time)
@@ -56,12 +56,12 @@ def found(leg: Leg, detector: str = "swings") -> shank_events.Found:
         "Feliz": lambda: _feliz(padded(np.asarray(leg.imu.gyr)), leg.rate_hz),
     }
     told = calls[detector]()
-    if isinstance(told, shank_events.Found):
+    if isinstance(told, shank_events.ShankEvents):
         there = np.flatnonzero(np.asarray(told.stride)[:count])
-        return shank_events.Found(*(np.asarray(field)[there] for field in told))
+        return shank_events.ShankEvents(*(np.asarray(field)[there] for field in told))
     at = np.flatnonzero(np.asarray(told)[:count])
     none = np.zeros(len(at))
-    return shank_events.Found(none == 0.0, at / leg.rate_hz, at / leg.rate_hz, at / leg.rate_hz, none, none)
+    return shank_events.ShankEvents(none == 0.0, at / leg.rate_hz, at / leg.rate_hz, at / leg.rate_hz, none, none)
 
 
 def pairs(ours: np.ndarray, theirs: np.ndarray) -> list[tuple[int, int]]:

@@ -47,7 +47,7 @@ class Signals(NamedTuple):
     dt: Any
 
 
-def _events(leg: Leg) -> tuple[np.ndarray, np.ndarray, shank_stance.Stances, np.ndarray, np.ndarray]:
+def _events(leg: Leg) -> tuple[np.ndarray, np.ndarray, shank_stance.ShankStances, np.ndarray, np.ndarray]:
     """Swings [samples] and stances around them, and signals in the segment's axes, up as in stance."""
     gyr = np.asarray(_smooth(padded(np.asarray(leg.imu.gyr)), shank_stance.CUTOFF_HZ, leg.rate_hz))
     acc = np.asarray(_smooth(padded(np.asarray(leg.imu.acc)), shank_stance.CUTOFF_HZ, leg.rate_hz))
@@ -58,7 +58,7 @@ def _events(leg: Leg) -> tuple[np.ndarray, np.ndarray, shank_stance.Stances, np.
     return start, end, stood, acc, np.asarray(leg.imu.mask)
 
 
-def reference_lengths(leg: Leg, end: np.ndarray, stood: shank_stance.Stances) -> tuple[np.ndarray, np.ndarray]:
+def reference_lengths(leg: Leg, end: np.ndarray, stood: shank_stance.ShankStances) -> tuple[np.ndarray, np.ndarray]:
     """Length of each of our strides by the reference, NaN where there is none, and whether it is a whole one."""
     reference = leg.reference
     length, full = np.full(len(end), np.nan), np.zeros(len(end), bool)

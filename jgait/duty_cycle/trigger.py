@@ -122,7 +122,7 @@ class _Sums(NamedTuple):
 class _State(NamedTuple):
     """From one sample to the next."""
 
-    filler: gap_neighbours.State
+    filler: gap_neighbours.NeighboursState
     on: Any  # whether the next sample is powered
     age: Any  # for how many samples it has been
     stride: _Stride
@@ -284,7 +284,7 @@ def _planned(errors: Array, price: Array, lead: int, prices: Array) -> tuple[Arr
     return first[0][0], first[1][0]
 
 
-def _disagreement(before: gap_neighbours.State, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
+def _disagreement(before: gap_neighbours.NeighboursState, told: Array, p: Neighbours, dt: Any, signals: Array) -> Array:
     """Weighted variance of the neighbours' rates [rad²/s²]."""
     spread = before._replace(rate=(before.rate - told) ** 2)
     return gap_neighbours.step(p, dt, spread, signals, jnp.zeros_like(told), jnp.asarray(False))[1]

@@ -26,7 +26,7 @@ WAITING = 3
 """Batches of recordings that may wait for their buckets to fill, before the fullest runs as it is."""
 
 
-class Job(NamedTuple):
+class CohortJob(NamedTuple):
     """What is done with each recording; see `cohort`."""
 
     estimator: Estimator
@@ -79,7 +79,7 @@ def padded_length(samples: int) -> int:
     return -(-samples // quarter) * quarter
 
 
-def prepared(job: Job, name: str, item: Any) -> Ready | Failed:
+def prepared(job: CohortJob, name: str, item: Any) -> Ready | Failed:
     """Read and prepare one recording; whatever is wrong with it is its own failure.
 
     A missing package is the installation's fault and not the recording's, so ImportError passes through.
@@ -108,7 +108,7 @@ def prepared(job: Job, name: str, item: Any) -> Ready | Failed:
         return Failed(name, subject, reason_of(error))
 
 
-def _params(job: Job, walk: Walk) -> Any:
+def _params(job: CohortJob, walk: Walk) -> Any:
     params = job.params(walk) if callable(job.params) else job.params
     if job.own is not None:
         params = job.estimator.own(params, job.own(walk))
@@ -169,7 +169,7 @@ def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
         thread.join()
 
 
-def evaluated(job: Job, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
+def evaluated(job: CohortJob, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
     """Run named items; the tables of each batch as soon as it is finished.
 
     While one batch computes, the next is read and prepared, and the one before is scored.
@@ -192,7 +192,7 @@ def evaluated(job: Job, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
         yield tables([], failures)
 
 
-def _full(job: Job, items: Iterable[tuple[str, Any]], failures: list[Failed]) -> Generator[list[Ready]]:
+def _full(job: CohortJob, items: Iterable[tuple[str, Any]], failures: list[Failed]) -> Generator[list[Ready]]:
     """Buckets as they fill; at the end, or when too many wait, the rest as they are."""
     waiting: dict[Any, list[Ready]] = {}
     with closing(ahead((prepared(job, *item) for item in items), job.batch, job.x64)) as ready:
@@ -216,14 +216,14 @@ def program(run: Callable[..., Estimate], options: Any, mesh: Any) -> Callable[.
     return compiled(mapped if mesh is None else sharded(mapped, mesh))
 
 
-def _started(job: Job, bucket: list[Ready]) -> Any:
+def _started(job: CohortJob, bucket: list[Ready]) -> Any:
     """Begin to compute a batch; a small one is filled up with copies."""
     rows = bucket + [bucket[0]] * (job.batch - len(bucket))
     params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *((row.params, row.inputs) for row in rows))
     return program(job.estimator.run, bucket[0].options, job.mesh)(params, inputs)
 
 
-def _finished(job: Job, bucket: list[Ready], result: Any, failures: list[Failed]) -> Cohort:
+def _finished(job: CohortJob, bucket: list[Ready], result: Any, failures: list[Failed]) -> Cohort:
     """Score a batch when it is computed; takes the failures along."""
     result = jax.device_get(result)
     good: list[tuple[Ready, Estimate, Scores]] = []

@@ -9,7 +9,7 @@ import jax
 
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import devices, scores
-from jgait.evaluate.buckets import Job, evaluated
+from jgait.evaluate.buckets import CohortJob, evaluated
 from jgait.evaluate.dask import on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, Memory, described
@@ -112,7 +112,7 @@ def cohort(
         batch = min(batch, max(1, -(-len(items) // processes)))
     if local is not None:
         batch = -(-batch // local.size) * local.size
-    job = Job(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
+    job = CohortJob(estimator, params, own, read, score, batch, local, bool(jax.config.jax_enable_x64))
     rank = jax.process_index() if processes > 1 else 0
     store = Memory() if out is None else Folder(Path(out), _description(job), rank)
     named = _named(items, read is not None, store.done(), rank, processes)
@@ -144,7 +144,7 @@ def _named(
             yield name, item
 
 
-def _description(job: Job) -> dict[str, str]:
+def _description(job: CohortJob) -> dict[str, str]:
     """What the results in a folder depend on, in words; how they are computed (batch, devices) is not part of it."""
     estimator = job.estimator
     return {

@@ -6,20 +6,20 @@ from typing import Any
 
 import jax
 
-from jgait.evaluate.buckets import Failed, Job, evaluated, tables
+from jgait.evaluate.buckets import CohortJob, Failed, evaluated, tables
 from jgait.evaluate.store import Cohort, joined
 
 QUEUED = 3
 """Tasks for each thread of the cluster that are submitted at a time; the other items wait unread."""
 
 
-def task(job: Job, items: list[tuple[str, Any]]) -> Cohort:
+def task(job: CohortJob, items: list[tuple[str, Any]]) -> Cohort:
     """Evaluate a group of items in a worker, in the precision of whoever sent them."""
     with jax.enable_x64(job.x64):
         return joined(evaluated(job, items))
 
 
-def on_dask(job: Job, items: Iterable[tuple[str, Any]], client: Any) -> Generator[Cohort]:
+def on_dask(job: CohortJob, items: Iterable[tuple[str, Any]], client: Any) -> Generator[Cohort]:
     """A task for each group of `job.batch` items; the tables of each as it is finished.
 
     A task whose worker dies is run again by Dask, elsewhere. If its workers keep dying, its items are tried one by
@@ -57,7 +57,7 @@ def on_dask(job: Job, items: Iterable[tuple[str, Any]], client: Any) -> Generato
         yield _killed(item[0]) if part is None else part
 
 
-def _same(job: Job) -> Job:
+def _same(job: CohortJob) -> CohortJob:
     return job
 
 

@@ -65,7 +65,7 @@ LOBES = Detector(cutoff_hz=6.0, threshold=np.deg2rad(70.0), least_angle=np.deg2r
 """The detector of swings."""
 
 
-class Found(NamedTuple):
+class ShankEvents(NamedTuple):
     """What a detector says at every sample, (T,) or, online, a scalar.
 
     Attributes:
@@ -85,7 +85,7 @@ class Found(NamedTuple):
     angle: Any
 
 
-class State(NamedTuple):
+class ShankState(NamedTuple):
     """What a detector remembers from one sample to the next.
 
     Attributes:
@@ -111,7 +111,7 @@ class State(NamedTuple):
     slackened: Any
 
 
-def begin(rate: ArrayLike, time: ArrayLike) -> State:
+def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
     """The state before anything happened.
 
     Args:
@@ -121,7 +121,7 @@ def begin(rate: ArrayLike, time: ArrayLike) -> State:
     x, t = jnp.asarray(rate), jnp.asarray(time)
     nothing, no = jnp.zeros_like(x), jnp.zeros_like(x, dtype=bool)
     none = jnp.zeros_like(x, dtype=jnp.int32)
-    return State(none + FLAT, none, x, t, t, t, nothing, nothing, t, no)
+    return ShankState(none + FLAT, none, x, t, t, t, nothing, nothing, t, no)
 
 
 class _Sample(NamedTuple):
@@ -134,7 +134,7 @@ class _Sample(NamedTuple):
     rising: Any
 
 
-def _look(s: State, x: Any, t: Any) -> _Sample:
+def _look(s: ShankState, x: Any, t: Any) -> _Sample:
     change = x - s.rate
     rising = jnp.where(change > 0.0, 1, jnp.where(change < 0.0, -1, s.rising)).astype(jnp.int32)
     crossing = (x >= 0.0) != (s.rate >= 0.0)
@@ -143,7 +143,7 @@ def _look(s: State, x: Any, t: Any) -> _Sample:
     return _Sample((s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising)
 
 
-def _swing_on(d: Detector, s: State, x: Any, t: Any) -> tuple[State, Any]:
+def _swing_on(d: Detector, s: ShankState, x: Any, t: Any) -> tuple[ShankState, Any]:
     """The state with this sample's swing in it, and whether the shank has come to rest."""
     peak = jnp.maximum(s.peak, jnp.abs(x))
     angle = s.angle + 0.5 * (t - s.time) * (jnp.maximum(-x, 0.0) + jnp.maximum(-s.rate, 0.0))
@@ -153,7 +153,7 @@ def _swing_on(d: Detector, s: State, x: Any, t: Any) -> tuple[State, Any]:
     return s._replace(peak=peak, angle=angle, slack=slack, slackened=slackened), resting
 
 
-def _fresh(s: State, where: Any, start: Any) -> State:
+def _fresh(s: ShankState, where: Any, start: Any) -> ShankState:
     """The state with a new swing where it begins."""
     return s._replace(
         start=jnp.where(where, start, s.start),
@@ -163,7 +163,7 @@ def _fresh(s: State, where: Any, start: Any) -> State:
     )
 
 
-def phase_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple[State, Found]:
+def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
     """One sample of the paper's machine; times of the filtered rate, its delay still in them.
 
     Args:
@@ -189,13 +189,13 @@ def phase_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple
     phase = jnp.where(swings_now, SWING, phase)
     phase = jnp.where(over, jnp.where(stride, HEEL_STRIKE, FLAT), phase)
     phase = jnp.where(heel & seen.maximum, FLAT, phase).astype(jnp.int32)
-    after = State(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
+    after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
     push_off = jnp.where(leaves | (toe_off & seen.maximum), s.time, s.push_off)
     after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t, push_off=push_off)
-    return _fresh(after, swings_now, seen.zero), Found(stride, s.push_off, s.start, end, swung.peak, swung.angle)
+    return _fresh(after, swings_now, seen.zero), ShankEvents(stride, s.push_off, s.start, end, swung.peak, swung.angle)
 
 
-def swing_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple[State, Found]:
+def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
     """One sample of the detector of swings; arguments and result as of `phase_step`."""
     x, t = jnp.asarray(rate), jnp.asarray(time)
     seen = _look(s, x, t)
@@ -206,9 +206,9 @@ def swing_step(d: Detector, s: State, rate: ArrayLike, time: ArrayLike) -> tuple
     stride = over & (swung.peak > d.threshold) & (swung.angle > d.least_angle)
     end = jnp.where(seen.crossing, seen.zero, swung.slack)
     phase = jnp.where(starts, SWING, jnp.where(over, FLAT, s.phase)).astype(jnp.int32)
-    after = State(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
+    after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
     after = after._replace(phase=phase, rising=seen.rising, rate=x, time=t)
-    return _fresh(after, starts, seen.zero), Found(stride, s.start, s.start, end, swung.peak, swung.angle)
+    return _fresh(after, starts, seen.zero), ShankEvents(stride, s.start, s.start, end, swung.peak, swung.angle)
 
 
 def check_rate(sampling_rate_hz: float) -> None:
@@ -221,7 +221,7 @@ def check_rate(sampling_rate_hz: float) -> None:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
 
 
-def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, start_s: ArrayLike = 0.0) -> Found:
+def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, start_s: ArrayLike = 0.0) -> ShankEvents:
     """The paper's state machine over a recording, filter and machine in one scan.
 
     Args:
@@ -249,11 +249,11 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, star
         return (filtered, state), found
 
     first = (butterworth.at_rest(cascade, values[0]), begin(values[0], time[0]))
-    found: Found = lax.scan(one, first, (values, time))[1]
+    found: ShankEvents = lax.scan(one, first, (values, time))[1]
     return found._replace(push_off=found.push_off - late, start=found.start - late, end=found.end - late)
 
 
-def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_s: ArrayLike = 0.0) -> Found:
+def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_s: ArrayLike = 0.0) -> ShankEvents:
     """The detector of swings over a recording, on the rate filtered both ways: offline.
 
     Args:
@@ -282,7 +282,7 @@ def _rates(rate: ArrayLike) -> Array:
     return values
 
 
-def gathered(found: Found, capacity: int) -> Found:
+def gathered(found: ShankEvents, capacity: int) -> ShankEvents:
     """The strides alone, in the order in which they were found; maps over recordings.
 
     Args:
@@ -294,4 +294,4 @@ def gathered(found: Found, capacity: int) -> Found:
     """
     index = jnp.nonzero(found.stride, size=capacity, fill_value=-1)[0]
     there = index >= 0
-    return Found(there, *(jnp.where(there, values[index], 0.0) for values in found[1:]))
+    return ShankEvents(there, *(jnp.where(there, values[index], 0.0) for values in found[1:]))

@@ -27,7 +27,7 @@ CUTOFF_HZ = 4.0
 """[Hz] Of the rates that are looked at, filtered both ways."""
 
 
-class Stances(NamedTuple):
+class ShankStances(NamedTuple):
     """The instants around each swing.
 
     Attributes:
@@ -41,7 +41,7 @@ class Stances(NamedTuple):
     standing: np.ndarray
 
 
-def stances(rate: Any, speed: Any, start: Any, end: Any, sampling_rate_hz: float) -> Stances:
+def stances(rate: Any, speed: Any, start: Any, end: Any, sampling_rate_hz: float) -> ShankStances:
     """The instants around each swing at which the ankle stands.
 
     Args:
@@ -78,7 +78,7 @@ def stances(rate: Any, speed: Any, start: Any, end: Any, sampling_rate_hz: float
         if high is not None:
             before[k] = _still(norm, high, -1, sampling_rate_hz, limit=low)
             standing[k, 0] = True
-    return Stances(before, after, standing)
+    return ShankStances(before, after, standing)
 
 
 def _still(norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | None) -> int:

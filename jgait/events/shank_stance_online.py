@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 
-class State(NamedTuple):
+class StanceSearch(NamedTuple):
     """What is remembered from one sample to the next.
 
     Attributes:
@@ -42,14 +42,16 @@ class Phase(NamedTuple):
     leaves: Any
 
 
-def begin(rate: ArrayLike) -> State:
+def begin(rate: ArrayLike) -> StanceSearch:
     """The state before the first swing; `rate` is the first one [rad/s]."""
     x = jnp.asarray(rate)
     none = jnp.zeros_like(x, dtype=jnp.int32)
-    return State(jnp.zeros_like(x, dtype=bool), none, x, x, none)
+    return StanceSearch(jnp.zeros_like(x, dtype=bool), none, x, x, none)
 
 
-def step(s: State, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Any, landing: Any) -> tuple[State, Any]:
+def step(
+    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Any, landing: Any
+) -> tuple[StanceSearch, Any]:
     """One sample.
 
     Args:
@@ -71,4 +73,4 @@ def step(s: State, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Any, l
     lower = rises | ((x < s.least) & ~phase.leaves)
     least, at = jnp.where(lower, x, s.least), jnp.where(lower, now, s.at)
     found = s.seeks & ~lands & (now - at >= hold)
-    return State((s.seeks | phase.over) & ~found, since, most, least, at), found
+    return StanceSearch((s.seeks | phase.over) & ~found, since, most, least, at), found

@@ -141,7 +141,7 @@ def shoe(
     return window.root(turning + (gyr_scale / acc_scale) ** 2 * (spread + off * off))
 
 
-class Detector(NamedTuple):
+class RestDetector(NamedTuple):
     """One way to tell standing.
 
     Attributes:
@@ -156,10 +156,10 @@ class Detector(NamedTuple):
 
 
 DETECTORS = {
-    "shoe": Detector(shoe, 1.0, "rad/s"),
-    "ared": Detector(lambda gyr, acc, hz, *, gravity, **others: ared(gyr, hz, **others), 0.8, "rad/s"),
-    "variance": Detector(lambda gyr, acc, hz, *, gravity, **others: variance(acc, hz, **others), 1.0, "m/s²"),
-    "magnitude": Detector(lambda gyr, acc, hz, **others: magnitude(acc, hz, **others), 0.8, "m/s²"),
+    "shoe": RestDetector(shoe, 1.0, "rad/s"),
+    "ared": RestDetector(lambda gyr, acc, hz, *, gravity, **others: ared(gyr, hz, **others), 0.8, "rad/s"),
+    "variance": RestDetector(lambda gyr, acc, hz, *, gravity, **others: variance(acc, hz, **others), 1.0, "m/s²"),
+    "magnitude": RestDetector(lambda gyr, acc, hz, **others: magnitude(acc, hz, **others), 0.8, "m/s²"),
 }
 """By name. The thresholds hardly ever call a moving foot still; they lose the ends of stances, where the shoe rolls."""
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jgait.filtering.inputs import Prepared
+from jgait.filtering.inputs import PreparedInputs
 from jgait.filtering.linear_algebra import (
     backward_substitution,
     cholesky,
@@ -196,7 +196,7 @@ def advanced(
     return predicted, after, correction._replace(valid=correction.valid & prediction.finite)
 
 
-def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
+def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
     """The filter's one scan: fields of `Posterior` by name, as vectors and matrices over time."""
 
     def body(before: Moments, sample: Any) -> tuple[Moments, dict[str, Any]]:
@@ -212,7 +212,7 @@ def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str,
     return lax.scan(body, ready.start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
 
-def smoothed_scan(ready: Prepared, kept: dict[str, Any], method: Method) -> tuple[Any, Any]:
+def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -> tuple[Any, Any]:
     """Rauch–Tung–Striebel smoothing of what `scanned` kept as "mean" and "cov": mean (T, k), covariance (T, n, n)."""
     filtered = Moments(kept["mean"], kept["cov"])
     last = jax.tree.map(lambda leaf: leaf[-1], filtered)

@@ -12,7 +12,7 @@ from jgait.filtering.model import Belief, Model
 from jgait.filtering.vectors import Moments, VectorModel, dense_matrix, on_vectors, stacked
 
 
-class Prepared(NamedTuple):
+class PreparedInputs(NamedTuple):
     """A filter's arguments in vectors and matrices."""
 
     vm: VectorModel
@@ -48,10 +48,10 @@ class Inputs(NamedTuple):
     dtype: Any
     length: int
 
-    def vectors(self) -> Prepared:
+    def vectors(self) -> PreparedInputs:
         """The same in vectors and matrices."""
         shape = (self.length,)
-        return Prepared(
+        return PreparedInputs(
             on_vectors(self.cm, self.dtype),
             Moments(stacked(self.mean, self.dtype), dense_matrix(self.cov, self.dtype)),
             jnp.stack(self.measured, axis=-1),

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.dense import LOG_2PI, affine_transition
-from jgait.filtering.inputs import Prepared
+from jgait.filtering.inputs import PreparedInputs
 from jgait.filtering.linear_algebra import (
     backward_substitution,
     cholesky,
@@ -35,7 +35,7 @@ from jgait.filtering.methods import EKF, KF, linearise
 from jgait.filtering.vectors import Moments, VectorModel
 
 
-class Affine(NamedTuple):
+class AffineElement(NamedTuple):
     """One interval and the sample at its end, in deviations δ from the states linearised about.
 
     δ ← F δ + u + N(0, Q), and the residual e = H δ + N(0, R); `seen` counts its components.
@@ -69,15 +69,15 @@ class BackwardElement(NamedTuple):
     L: Any
 
 
-class _Filtered(NamedTuple):
+class _FilteredElement(NamedTuple):
     """The samples, and deviations and covariances over time at each one, before and after its measurement."""
 
-    samples: Affine
+    samples: AffineElement
     predicted: Moments
     after: Moments
 
 
-def parallel_filter(ready: Prepared, about: Any = None) -> dict[str, Any]:
+def parallel_filter(ready: PreparedInputs, about: Any = None) -> dict[str, Any]:
     """The Kalman filter, or the extended one linearised about a given trajectory, in parallel over time.
 
     A sample whose numbers break down is taken for one without transition or without measurement and marked. The
@@ -100,7 +100,7 @@ def parallel_filter(ready: Prepared, about: Any = None) -> dict[str, Any]:
     return _told(about[1], _filtered(ready, *about))
 
 
-def parallel_smoother(ready: Prepared, about: Any = None) -> dict[str, Any]:
+def parallel_smoother(ready: PreparedInputs, about: Any = None) -> dict[str, Any]:
     """The Rauch–Tung–Striebel smoother of `parallel_filter`, in parallel over time.
 
     Args:
@@ -125,7 +125,7 @@ def parallel_smoother(ready: Prepared, about: Any = None) -> dict[str, Any]:
     return {"mean": points + smoothed.g, "cov": smoothed.L, "filtered": _told(points, filtered)}
 
 
-def _about(ready: Prepared, about: Any) -> tuple[KF | EKF, Any]:
+def _about(ready: PreparedInputs, about: Any) -> tuple[KF | EKF, Any]:
     """How to linearise, and about which states (T, k)."""
     vm, start = ready.vm, ready.start.mean
     if vm.curved:
@@ -141,10 +141,10 @@ def _about(ready: Prepared, about: Any) -> tuple[KF | EKF, Any]:
     return EKF(), jnp.asarray(about, start.dtype)
 
 
-def _filtered(ready: Prepared, method: KF | EKF, points: Any) -> _Filtered:
+def _filtered(ready: PreparedInputs, method: KF | EKF, points: Any) -> _FilteredElement:
     start = ready.start
 
-    def sample(x: Any, at: Any, measured: Any, control: Any, dt: Any, seen: Any) -> Affine:
+    def sample(x: Any, at: Any, measured: Any, control: Any, dt: Any, seen: Any) -> AffineElement:
         return _affine(ready.vm, Moments(x, jnp.zeros_like(start.cov)), at, measured, control, dt, seen, method)
 
     origins = jnp.concatenate([start.mean[None, :], points[:-1]])
@@ -157,12 +157,12 @@ def _filtered(ready: Prepared, method: KF | EKF, points: Any) -> _Filtered:
     scanned = lax.associative_scan(jax.vmap(_joined), elements)
     before, after = Moments(scanned.b[:-1], scanned.C[:-1]), Moments(scanned.b[1:], scanned.C[1:])
     samples = samples._replace(good=samples.good & positive)
-    return _Filtered(samples, jax.vmap(_moved)(samples, before), after)
+    return _FilteredElement(samples, jax.vmap(_moved)(samples, before), after)
 
 
 def _affine(
     vm: VectorModel, origin: Moments, at: Any, measured: Any, control: Any, dt: Any, seen: Any, method: KF | EKF
-) -> Affine:
+) -> AffineElement:
     """A sample's transition linearised about the origin, and its observation about the state `at`."""
     prediction = affine_transition(vm, origin, control, dt, method)
     expected = vm.observation(at, control)
@@ -176,14 +176,14 @@ def _affine(
     eye = jnp.eye(seen.shape[0], dtype=at.dtype)
     R = jnp.where(seen[:, None] & seen[None, :], vm.observation_noise(at, control), eye)
     finite = jnp.all(jnp.isfinite(e)) & jnp.all(jnp.isfinite(H)) & jnp.all(jnp.isfinite(R))
-    return Affine(
+    return AffineElement(
         prediction.matrix, prediction.mean - at, prediction.noise,
         jnp.where(finite, H, 0.0), jnp.where(finite, e, 0.0), jnp.where(finite, R, eye),
         jnp.sum(jnp.where(seen, 1.0, 0.0).astype(at.dtype)), finite & prediction.finite,
     )  # fmt: skip
 
 
-def _element(s: Affine) -> tuple[Element, Any]:
+def _element(s: AffineElement) -> tuple[Element, Any]:
     """One sample as an element, and False where its measurement is left out because R + H Q Hᵀ is not positive."""
     cross = product(s.H, s.Q)
     lower, positive = cholesky(product(cross, s.H.T) + s.R)
@@ -279,15 +279,15 @@ def _inverse(p: Any) -> Any:
     return 0.5 * (result + result.T)
 
 
-def _moved(s: Affine, before: Moments) -> Moments:
+def _moved(s: AffineElement, before: Moments) -> Moments:
     return Moments(product(s.F, before.mean) + s.u, congruence(s.F, before.cov) + s.Q)
 
 
-def _told(points: Any, filtered: _Filtered) -> dict[str, Any]:
+def _told(points: Any, filtered: _FilteredElement) -> dict[str, Any]:
     """Fields of `Posterior`, each sample from its own prediction."""
     samples, predicted, after = filtered
 
-    def told(s: Affine, predicted: Moments, after: Moments) -> dict[str, Any]:
+    def told(s: AffineElement, predicted: Moments, after: Moments) -> dict[str, Any]:
         S = congruence(s.H, predicted.cov) + s.R
         lower, positive = cholesky(S)
         sound = jnp.all(jnp.isfinite(after.mean)) & jnp.all(jnp.isfinite(after.cov))
@@ -311,7 +311,7 @@ def _told(points: Any, filtered: _Filtered) -> dict[str, Any]:
     return moments | jax.vmap(told)(samples, predicted, after)
 
 
-def _backward_element(now: Moments, ahead: Affine, predicted: Moments) -> BackwardElement:
+def _backward_element(now: Moments, ahead: AffineElement, predicted: Moments) -> BackwardElement:
     """A filtered belief as an element, with the transition to the next sample and the prediction there."""
     gain = solve_covariance(predicted.cov, product(ahead.F, now.cov)).T
     left = jnp.eye(now.cov.shape[0], dtype=now.cov.dtype) - product(gain, ahead.F)

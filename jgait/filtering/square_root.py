@@ -24,7 +24,7 @@ from jax import lax
 
 from jgait.filtering.dense import LOG_2PI, Correction, affine_observation, affine_transition
 from jgait.filtering.factors import added, changed, covariance, reduced, rooted, squares, triangularised
-from jgait.filtering.inputs import Prepared
+from jgait.filtering.inputs import PreparedInputs
 from jgait.filtering.linear_algebra import backward_substitution, forward_substitution, product
 from jgait.filtering.methods import Method
 from jgait.filtering.vectors import Moments, VectorModel
@@ -67,7 +67,7 @@ class _Move(NamedTuple):
     good: Any
 
 
-class _Terms(NamedTuple):
+class _RootTerms(NamedTuple):
     """One linear update from the prior: the factor ends at [L + change, extra]; the others as in `dense._Terms`."""
 
     delta: Any
@@ -149,7 +149,7 @@ def corrected_root(
 def _linear_update(
     vm: VectorModel, prior: Root, measured: Any, control: Any, seen: Any, noise: Any, method: Method,
     at: Any, around: Any,
-) -> _Terms:  # fmt: skip
+) -> _RootTerms:  # fmt: skip
     """Update the prior with the observation linearised at error `at` (n,) with covariance `around` (n, n)."""
     x, factor = prior.mean, prior.factor
     size = seen.shape[0]
@@ -179,7 +179,7 @@ def _linear_update(
     gained = forward_substitution(total, innovation + product(matrix, at))
     white = forward_substitution(total, innovation)
     log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(total)))
-    return _Terms(
+    return _RootTerms(
         product(cross, gained), left[:, size:], left[:, :size], innovation, jnp.sqrt(squares(total)),
         jnp.sum(white * white), log_det, good,
     )  # fmt: skip
@@ -191,7 +191,7 @@ def _regular(lower: Any) -> Any:
     return jnp.where(eye & (lower <= 0.0), 1.0, lower)
 
 
-def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
+def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
     """`dense.scanned` on factors: fields of `Posterior` by name, as vectors and matrices over time.
 
     Args:
@@ -221,7 +221,7 @@ def scanned(ready: Prepared, method: Method, keep: tuple[str, ...]) -> dict[str,
     return lax.scan(body, start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
 
-def smoothed_scan(ready: Prepared, kept: dict[str, Any], method: Method) -> dict[str, Any]:
+def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -> dict[str, Any]:
     """Rauch–Tung–Striebel smoothing on factors.
 
         [X 0; Y Z] = tria [A L, (Ω + Q)^½; L, 0],  G = Y X⁻¹,  L_s = tria [Z, G L_s']

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
-from jgait.io.clock import Clock, make_clock
+from jgait.io.clock import SampleTimes, make_clock
 from jgait.notes import NO_RANGE, Kind
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
@@ -96,7 +96,7 @@ def recording_from_arrays(
     return recording._replace(notes=notes, feet_range=read)
 
 
-def _range(values: Any, scale: float, clock: Clock, samples: int, name: str) -> RangeReadings:
+def _range(values: Any, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
     """A range on the clock of the sensors, masked where nothing was heard."""
     distance = as_float(values)
     if distance.shape != (samples,):
@@ -125,7 +125,7 @@ def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | Non
     return int(samples or 0)
 
 
-def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: Clock) -> Imu:
+def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: SampleTimes) -> Imu:
     """One sensor in SI on the clock, what is missing masked."""
     rate = as_float(signals["gyr"]) * scales["gyr"]
     force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]

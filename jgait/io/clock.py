@@ -26,7 +26,7 @@ GAPS_FILLED = Kind(
 )  # fmt: skip
 
 
-class Clock(NamedTuple):
+class SampleTimes(NamedTuple):
     """When each sample was taken.
 
     Attributes:
@@ -44,7 +44,7 @@ class Clock(NamedTuple):
 
 def make_clock(
     samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
-) -> Clock:
+) -> SampleTimes:
     """The clock from a time column, a sampling rate, or both.
 
     Missing samples are inserted where the time jumps by more than one and a half sample times; they have no row.
@@ -75,7 +75,7 @@ def make_clock(
                 f"{name} has no column called 'time', so {{argument}} is needed; got neither",
                 argument="sampling_rate_hz",
             )
-        return Clock(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
+        return SampleTimes(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
     stamps = as_float(time)
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
@@ -95,7 +95,7 @@ def make_clock(
             argument="sampling_rate_hz",
         )
     filled, rows = _fill_gaps(seconds, 1.0 / rate, name, notes)
-    return Clock(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
+    return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
 
 
 def check_order(stamps: np.ndarray, name: str) -> None:

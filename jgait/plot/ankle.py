@@ -45,7 +45,7 @@ EVENTS: tuple[tuple[str, str, Style], ...] = (
     ("start", "swing begins", {"marker": "D", "color": BLUE}),
     ("end", "swing ends: a stride", {"marker": "v", "color": RED}),
 )
-"""Field of `shank_events.Found`, what it is, and its mark."""
+"""Field of `shank_events.ShankEvents`, what it is, and its mark."""
 
 SHOWN_S = 4.0
 """[s] About the middle stride, if no time is asked for."""
@@ -61,7 +61,7 @@ class Machine(NamedTuple):
         time: of the filtered samples [s].
         rate: filtered sagittal rate [rad/s].
         state: from the sample on, see `shank_events`.
-        found: what was found, `shank_events.Found`.
+        found: what was found, `shank_events.ShankEvents`.
     """
 
     time: np.ndarray

@@ -23,7 +23,7 @@ UNROLL = 4
 """Samples per iteration of the scan: the work on one sample costs less than the overhead of an iteration."""
 
 
-class Section(NamedTuple):
+class FilterSection(NamedTuple):
     """One second-order low-pass, gain 1 at rest: b (1, 2, 1) over (1, a1, a2)."""
 
     b: Scalar
@@ -38,7 +38,7 @@ class SectionState(NamedTuple):
     second: Values
 
 
-def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tuple[Section, ...]:
+def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tuple[FilterSection, ...]:
     """The sections of a Butterworth low-pass.
 
     Args:
@@ -61,7 +61,7 @@ def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tup
     k = jnp.tan(jnp.pi * jnp.asarray(cutoff_hz) / sampling_rate_hz)
     damped = [2.0 * math.sin(math.pi * (2 * number + 1) / (2 * order)) for number in range(order // 2)]
     return tuple(
-        Section(k * k / whole, 2.0 * (k * k - 1.0) / whole, (1.0 - d * k + k * k) / whole)
+        FilterSection(k * k / whole, 2.0 * (k * k - 1.0) / whole, (1.0 - d * k + k * k) / whole)
         for d, whole in ((d, 1.0 + d * k + k * k) for d in damped)
     )
 
@@ -73,7 +73,7 @@ def delay(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Scalar
     return damped / (2.0 * sampling_rate_hz * k)
 
 
-def at_rest(cascade: tuple[Section, ...], sample: Values) -> tuple[SectionState, ...]:
+def at_rest(cascade: tuple[FilterSection, ...], sample: Values) -> tuple[SectionState, ...]:
     """The state of the sections after an endless constant input.
 
     Args:
@@ -88,7 +88,7 @@ def at_rest(cascade: tuple[Section, ...], sample: Values) -> tuple[SectionState,
 
 
 def step(
-    cascade: tuple[Section, ...], state: tuple[SectionState, ...], sample: Values
+    cascade: tuple[FilterSection, ...], state: tuple[SectionState, ...], sample: Values
 ) -> tuple[tuple[SectionState, ...], Float[Array, "..."]]:
     """One sample through the filter.
 
@@ -111,9 +111,9 @@ def step(
 
 
 def _filtered(
-    cascade: tuple[Section, ...], values: Float[Array, "time *rest"], *, reverse: bool = False
+    cascade: tuple[FilterSection, ...], values: Float[Array, "time *rest"], *, reverse: bool = False
 ) -> Float[Array, "time *rest"]:
-    typed = tuple(Section(*(jnp.asarray(c, values.dtype) for c in section)) for section in cascade)
+    typed = tuple(FilterSection(*(jnp.asarray(c, values.dtype) for c in section)) for section in cascade)
     start = at_rest(typed, values[-1] if reverse else values[0])
     return lax.scan(lambda s, x: step(typed, s, x), start, values, reverse=reverse, unroll=UNROLL)[1]
 

@@ -32,7 +32,7 @@ MULTIPLE = 1024
 """Samples to a multiple of which signals are padded before they are thresholded: what ten levels need."""
 
 
-class Transform(NamedTuple):
+class Decomposition(NamedTuple):
     """A signal over several scales; every field has the signal's shape and unit.
 
     Attributes:
@@ -94,7 +94,7 @@ def _samples(x: AnyArray, name: str = "x") -> Float[Array, "time *rest"]:
     return values
 
 
-def transform(x: AnyArray, wavelet: str, levels: int) -> Transform:
+def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
     """The stationary wavelet transform, as `pywt.swt`.
 
     Args:
@@ -120,10 +120,10 @@ def transform(x: AnyArray, wavelet: str, levels: int) -> Transform:
     for level in range(levels):
         values, detail = _filtered(values, (filters.dec_lo, filters.dec_hi), 2**level, lead)
         details.append(detail)
-    return Transform(values, tuple(details))
+    return Decomposition(values, tuple(details))
 
 
-def inverse(t: Transform, wavelet: str) -> Float[Array, "time *rest"]:
+def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
     """The signal of a transform, as `pywt.iswt`; for changed coefficients, the mean of all the ways back.
 
     Args:
@@ -247,4 +247,4 @@ def from_details(
         threshold(d, share * magnitude(d[within], relative_to, mask)[None], hard=hard)
         for d, share in zip(found.details, parts, strict=True)
     )
-    return inverse(Transform(jnp.zeros_like(found.approximation), kept), wavelet)[within]
+    return inverse(Decomposition(jnp.zeros_like(found.approximation), kept), wavelet)[within]

@@ -41,8 +41,8 @@ tables = evaluate.cohort(FAKE, range(18), read=read, out={str(tmp_path / "four")
 # Rounded up to 8; one program a bucket.
 print(jax.device_count(), len(tables.recordings), len(TRACED) == len(set(TRACED)))
 from jgait.evaluate import buckets
-made = [buckets.prepared(buckets.Job(FAKE, FAKE.params, None, read, None, 4, mesh, True), str(i), 1) for i in range(4)]
-job = buckets.Job(FAKE, FAKE.params, None, read, None, 4, mesh, True)
+job = buckets.CohortJob(FAKE, FAKE.params, None, read, None, 4, mesh, True)
+made = [buckets.prepared(job, str(i), 1) for i in range(4)]
 result = buckets._started(job, made)
 print(len(result.distance.sharding.device_set), result.distance.addressable_shards[0].data.shape[0])
 """

@@ -12,7 +12,7 @@ import reference
 from jgait import filtering
 from jgait.filtering import KF, Belief, Covariance, Model, parallel
 from jgait.filtering import filter as kalman
-from jgait.filtering.inputs import Prepared, inputs
+from jgait.filtering.inputs import PreparedInputs, inputs
 
 
 class Pendulum(NamedTuple):
@@ -227,7 +227,7 @@ def test_what_the_mask_hides_changes_nothing_and_a_broken_sample_is_left_out():
 def test_it_refuses_what_it_cannot_do():
     problem = recording(3)
 
-    def ready(model: Model) -> Prepared:
+    def ready(model: Model) -> PreparedInputs:
         return inputs(model, Params(), problem.seen, problem.push, problem.dt, problem.mask, None).vectors()
 
     with pytest.raises(ValueError, match="the KF needs a linear model"):

@@ -23,7 +23,7 @@ def test_there_and_back_as_pywavelets(name, levels):
         np.testing.assert_allclose(detail, theirs, rtol=0.0, atol=1e-12)
     # Not a transform of any signal: the ways back differ, and the mean of them is taken.
     changed = [(RNG.normal(size=X.size), RNG.normal(size=X.size)) for _ in expected]
-    made = wavelet.Transform(jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed)))
+    made = wavelet.Decomposition(jnp.asarray(changed[0][0]), tuple(jnp.asarray(d) for _, d in reversed(changed)))
     np.testing.assert_allclose(wavelet.inverse(made, name), pywt.iswt(changed, name), rtol=0.0, atol=1e-12)
 
 
@@ -45,8 +45,8 @@ def test_three_levels_give_exactly_what_ten_give():
     nothing = jnp.zeros_like(X)
     for detail, same in zip(three.details, ten.details[:3], strict=True):
         np.testing.assert_array_equal(detail, same)
-    few = wavelet.inverse(wavelet.Transform(nothing, three.details), "db5")
-    many = wavelet.inverse(wavelet.Transform(nothing, ten.details[:3] + (nothing,) * 7), "db5")
+    few = wavelet.inverse(wavelet.Decomposition(nothing, three.details), "db5")
+    many = wavelet.inverse(wavelet.Decomposition(nothing, ten.details[:3] + (nothing,) * 7), "db5")
     np.testing.assert_array_equal(few, many)
 
 
@@ -130,7 +130,7 @@ def test_what_cannot_be_transformed_says_why():
     with pytest.raises(ValueError, match="floating point; got int64"):
         wavelet.transform(np.arange(8), "db5", 1)
     with pytest.raises(ValueError, match="all of the approximation's shape"):
-        wavelet.inverse(wavelet.Transform(X, (X[:512],)), "db5")
+        wavelet.inverse(wavelet.Decomposition(X, (X[:512],)), "db5")
     with pytest.raises(ValueError, match="max, rms; got 'mean'"):
         wavelet.magnitude(X, "mean")
     with pytest.raises(ValueError, match="positive number of samples; got 0"):

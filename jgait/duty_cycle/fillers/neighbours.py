@@ -68,7 +68,7 @@ NEIGHBOURS = Neighbours()
 TRANSFORMS = Neighbours(*(positive,) * 7, least_strides=fixed)
 
 
-class State(NamedTuple):
+class NeighboursState(NamedTuple):
     """What is remembered from one sample to the next, newest first.
 
     Attributes:
@@ -87,7 +87,7 @@ class State(NamedTuple):
     weight: Any
 
 
-def begin(size: int, channels: int, dtype: Any) -> State:
+def begin(size: int, channels: int, dtype: Any) -> NeighboursState:
     """The state before the first sample.
 
     Args:
@@ -96,10 +96,12 @@ def begin(size: int, channels: int, dtype: Any) -> State:
         dtype: floating type.
     """
     none, no = jnp.zeros(size, dtype), jnp.zeros(size, bool)
-    return State(jnp.zeros((size, channels), dtype), none, no, no, none, none)
+    return NeighboursState(jnp.zeros((size, channels), dtype), none, no, no, none, none)
 
 
-def step(p: Neighbours, dt: Any, s: State, signals: Array, rate: Array, usable: Array) -> tuple[State, Array]:
+def step(
+    p: Neighbours, dt: Any, s: NeighboursState, signals: Array, rate: Array, usable: Array
+) -> tuple[NeighboursState, Array]:
     """One sample: what the rate should be, and the state to carry on.
 
     Args:
@@ -122,14 +124,14 @@ def step(p: Neighbours, dt: Any, s: State, signals: Array, rate: Array, usable: 
     kernel = jnp.where(s.usable, jnp.exp(-0.5 * further / (p.bandwidth**2 * (nearest + p.floor))), 0.0)
     total = kernel.sum()
     told = (kernel * s.rate).sum() / jnp.where(total > 0.0, total, 1.0)
-    after = State(
+    after = NeighboursState(
         pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
         pushed(s.there, jnp.ones_like(usable)), distance, weight,
     )  # fmt: skip
     return after, told
 
 
-def distances(p: Neighbours, keep: Any, s: State, distance: Array, weight: Array) -> tuple[Array, Array]:
+def distances(p: Neighbours, keep: Any, s: NeighboursState, distance: Array, weight: Array) -> tuple[Array, Array]:
     """How far each lag's history is from the latest one (n,), and the least of those with a rate, 1 without any.
 
     Args:

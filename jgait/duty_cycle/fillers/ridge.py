@@ -61,19 +61,19 @@ RIDGE = Ridge()
 TRANSFORMS = Ridge(positive, interval(0.9, 1.0), positive, positive, positive, fixed)
 
 
-class State(NamedTuple):
+class RidgeState(NamedTuple):
     """Weights (k,) [rad/s], and the inverse Q (k, k) of what was seen."""
 
     weights: Any
     inverse: Any
 
 
-def begin(p: Ridge, size: int, dtype: Any) -> State:
+def begin(p: Ridge, size: int, dtype: Any) -> RidgeState:
     """The state before the first sample, of `size` features."""
-    return State(jnp.zeros(size, dtype), jnp.eye(size, dtype=dtype) / p.penalty)
+    return RidgeState(jnp.zeros(size, dtype), jnp.eye(size, dtype=dtype) / p.penalty)
 
 
-def step(p: Ridge, s: State, features: Array, rate: Array, usable: Array) -> tuple[State, Array]:
+def step(p: Ridge, s: RidgeState, features: Array, rate: Array, usable: Array) -> tuple[RidgeState, Array]:
     """One sample: what the rate should be by the weights so far, and the state to carry on.
 
     Args:
@@ -92,7 +92,7 @@ def step(p: Ridge, s: State, features: Array, rate: Array, usable: Array) -> tup
     across = gain[:, None] * seen[None, :]
     spread = (features @ seen + p.forget) * gain[:, None] * gain[None, :]
     inverse = (s.inverse - across - across.T + spread) / p.forget
-    after = State(s.weights + gain * (rate - told), inverse)
+    after = RidgeState(s.weights + gain * (rate - told), inverse)
     return jax.tree.map(lambda new, old: jnp.where(usable, new, old), after, s), told
 
 

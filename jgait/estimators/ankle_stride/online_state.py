@@ -58,7 +58,7 @@ class OnlineState(NamedTuple):
     detector: Any
     jumps: Any
     history: Any
-    valley: shank_valley.State
+    valley: shank_valley.StanceSearch
     stood: Any
     slow: Any
     swung: Swung

@@ -196,7 +196,7 @@ def _leg(
     return signals, notes, still
 
 
-def _standing(stood: shank_stance.Stances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
+def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
     """(T,) bool: around every instant, and while the leg stands in a pause, before the walk and after it."""
     flags = np.zeros(len(speed), bool)
     if not len(stood.begin):
@@ -211,7 +211,12 @@ def _standing(stood: shank_stance.Stances, speed: np.ndarray, rate_hz: float) ->
 
 
 def _signals(
-    gyr: np.ndarray, acc: np.ndarray, time: np.ndarray, stands: np.ndarray, stood: shank_stance.Stances, rate_hz: float
+    gyr: np.ndarray,
+    acc: np.ndarray,
+    time: np.ndarray,
+    stands: np.ndarray,
+    stood: shank_stance.ShankStances,
+    rate_hz: float,
 ) -> dict[str, Any]:
     """Signals, where the filter starts, and what it starts from."""
     size = max(3, 2 * round(0.0075 * rate_hz) + 1)
@@ -235,7 +240,7 @@ def _signals(
 
 
 def _strides(
-    start: np.ndarray, end: np.ndarray, stood: shank_stance.Stances, time: np.ndarray, clips: np.ndarray
+    start: np.ndarray, end: np.ndarray, stood: shank_stance.ShankStances, time: np.ndarray, clips: np.ndarray
 ) -> dict[str, np.ndarray]:
     """What is known of each stride, filled up to `capacity`."""
     rows, index = capacity(len(time)), np.arange(len(time))
