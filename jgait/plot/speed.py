@@ -46,7 +46,7 @@ def forward_speed(
 
     Args:
         recording: of which the estimate is.
-        estimate: of `waist_ofdri`: its distance, and from contact to contact its speed.
+        estimate: of `waist`: its distance, and from contact to contact its speed.
         reference: with a distance, dashed.
         p: parameters of the estimate; None: the default's.
         options: of the estimate; None: the default's.
@@ -59,16 +59,16 @@ def forward_speed(
 
     Raises:
         ValueError: if the estimate has no distance or no contacts, or no sample lies in the time asked for.
-        RecordingError: as `waist_ofdri.estimate`.
+        RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist as waist_ofdri
+    from jgait.estimators import waist
 
     contacts = np.sort(np.concatenate(list(contacts_of(estimate).values())))
     if estimate.distance is None:
-        raise ValueError("the estimate tells of no distance; it should be one of waist_ofdri")
+        raise ValueError("the estimate has no distance; it should be an estimate of `waist`")
     first, last = (float(estimate.time[0]), float(estimate.time[-1])) if seconds is None else seconds
     check_overlap(estimate.time, (first, last))
-    p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
+    p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=options.smooth)
     covered = _covered(trunk, p)
     kept = windowed(trunk.time, (first, last))

@@ -78,7 +78,7 @@ def _motion() -> Any:
 
 
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
-    """How the trunk of a recording moves, as `waist_ofdri` sees it.
+    """How the trunk of a recording moves, as the estimator `waist` uses it.
 
     Args:
         recording: with a sensor at the trunk.
@@ -87,13 +87,13 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
         smooth: whether later samples judge earlier ones: so for distances, not so for contacts.
 
     Raises:
-        RecordingError: as `waist_ofdri.estimate`.
+        RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist as waist_ofdri
+    from jgait.estimators import waist
     from jgait.estimators.axes import pad
     from jgait.estimators.run import bucket
 
-    inputs = waist_ofdri.prepared(recording, options).inputs
+    inputs = waist.prepared(recording, options).inputs
     count = np.size(inputs.time)
     padded = pad(inputs, bucket(count))
     seen = _motion()(p, padded, smooth=smooth, execution=options.execution)
@@ -118,7 +118,7 @@ def trunk_contacts(
 
     Args:
         recording: of which the estimate is.
-        estimate: of `waist_ofdri`.
+        estimate: of `waist`.
         reference: with strides, whose contacts are drawn dotted.
         p: parameters of the estimate; None: the default's.
         options: of the estimate; None: the default's.
@@ -131,15 +131,15 @@ def trunk_contacts(
 
     Raises:
         ValueError: if the estimate has no contacts, or no sample lies in the time asked for.
-        RecordingError: as `waist_ofdri.estimate`.
+        RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist as waist_ofdri
+    from jgait.estimators import waist
 
     contacts = contacts_of(estimate)
     first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
     check_overlap(estimate.time, (first, last))
     rule = PaperRule() if rule is None else rule
-    p, options = waist_ofdri.WaistParams() if p is None else p, waist_ofdri.DEFAULT if options is None else options
+    p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
     at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz, rule)
     peaks = _peaks(trunk, recording.sampling_rate_hz)
@@ -170,7 +170,7 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     """
     told = estimate.diagnostics
     if "initial_contact" not in told or "initial_contact_side" not in told:
-        raise ValueError("the estimate tells of no initial contacts at the trunk; it should be one of waist_ofdri")
+        raise ValueError("the estimate has no initial contacts at the trunk; it should be an estimate of `waist`")
     when, side = as_float(told["initial_contact"]), np.asarray(told["initial_contact_side"])
     there = np.asarray(told.get("initial_contact_valid", np.ones(when.shape, bool)), bool)
     if not there.any():

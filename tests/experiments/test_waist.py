@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jgait import datasets
-from jgait.estimators import waist as waist_ofdri
+from jgait.estimators import waist
 from jgait.types import Imu, Recording, Strides
 
 
@@ -177,13 +177,13 @@ def test_a_real_bout(parts, data):
     s = parts.contacts.score([walk], [found])
     assert s.f1 == 1.0 and s.sides == 100.0 and s.plain < 40.0
     (item,) = parts.distances.ready([walk])
-    p = waist_ofdri.WaistParams()
+    p = waist.WaistParams()
     k = parts.distances.constants(p, [item])[0]
     assert 1.1 < k < 1.6
     again = parts.distances.measured(p._replace(pendulum_constant=k), item, parts.distances.PENDULUM)
     assert again.ratio == pytest.approx(1.0, abs=1e-9)
     assert 0.0 < again.deviation < 0.2
-    told = parts.distances.run(waist_ofdri.with_body(p, walk.body), item.inputs, parts.distances.PENDULUM).diagnostics
+    told = parts.distances.run(waist.with_body(p, walk.body), item.inputs, parts.distances.PENDULUM).diagnostics
     rows = np.flatnonzero(told["initial_contact_valid"])
     np.testing.assert_array_equal(np.asarray(told["initial_contact"])[rows], found.time)
     np.testing.assert_array_equal(np.asarray(told["initial_contact_side"])[rows], found.side)

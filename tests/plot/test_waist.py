@@ -8,7 +8,7 @@ import pytest
 
 from jgait import plot
 from jgait.commands import results
-from jgait.estimators import waist as waist_ofdri
+from jgait.estimators import waist
 from jgait.estimators.about import EstimatedRecording
 from jgait.estimators.waist.about import ABOUT
 from jgait.plot.speed import OURS, TRUE, WAYS
@@ -79,7 +79,7 @@ def test_contacts_over_what_the_trunk_feels(recording, estimate, tmp_path):
 
 def test_speed_by_every_way_of_integrating(recording, estimate):
     reference = estimate._replace(distance=0.5 * estimate.distance, valid=estimate.time < 7.0)
-    alone = waist_ofdri.DEFAULT._replace(smooth=False)  # as contacts are: nothing more is compiled
+    alone = waist.DEFAULT._replace(smooth=False)  # as contacts are: nothing more is compiled
     figure = plot.forward_speed(recording, estimate, reference=reference, options=alone, seconds=(2.0, 9.5))
     above, speed, way = figure.axes
     assert [axis.get_ylabel() for axis in (speed, way)] == ["speed [m/s]", "way [m]"]
@@ -99,8 +99,8 @@ def test_speed_by_every_way_of_integrating(recording, estimate):
 
 
 def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
-    p = waist_ofdri.with_body(waist_ofdri.WaistParams(), {"sensor_height": 0.97})
-    made = EstimatedRecording(recording, estimate, p, {"options": waist_ofdri.DEFAULT})
+    p = waist.with_body(waist.WaistParams(), {"sensor_height": 0.97})
+    made = EstimatedRecording(recording, estimate, p, {"options": waist.DEFAULT})
     written = results.written(made, ABOUT, tmp_path, "walk")
     assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
     still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int)}
@@ -113,11 +113,11 @@ def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
 
 def test_what_is_not_there_is_refused(recording, estimate):
     for draw in (plot.trunk_contacts, plot.forward_speed):
-        with pytest.raises(ValueError, match="tells of no initial contacts at the trunk"):
+        with pytest.raises(ValueError, match="has no initial contacts at the trunk"):
             draw(recording, estimate._replace(diagnostics={}))
         with pytest.raises(ValueError, match="no initial contact to draw"):
             draw(recording, estimate._replace(diagnostics={"initial_contact": [], "initial_contact_side": []}))
         with pytest.raises(ValueError, match="seconds must overlap the recording, 0 to 9.98; got"):
             draw(recording, estimate, seconds=(20.0, 30.0))
-    with pytest.raises(ValueError, match="tells of no distance"):
+    with pytest.raises(ValueError, match="has no distance"):
         plot.forward_speed(recording, estimate._replace(distance=None))

@@ -1,7 +1,7 @@
 """From a recording to what the waist's estimator takes: axes, rest, contacts, bouts. On the host, in NumPy.
 
 Everything here is a decision: which way the sensor looks, where the person stands, when which foot meets the ground.
-Nothing here carries a gradient; what follows (`waist_ofdri.run`) is smooth given these decisions.
+Nothing here carries a gradient; what follows (`waist.run`) is smooth given these decisions.
 """
 
 import jax
@@ -55,11 +55,11 @@ def placement_of(recording: Recording, site: str = "auto") -> str:
         if name in recording.sensors:
             return name
     need = " or ".join(f"'{name}'" for name in wanted)
-    raise RecordingError(f"waist_ofdri needs {need}; the recording has {sorted(recording.sensors)}")
+    raise RecordingError(f"waist needs {need}; the recording has {sorted(recording.sensors)}")
 
 
 def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs]:
-    """The inputs of `waist_ofdri.run` for a recording.
+    """The inputs of `waist.run` for a recording.
 
     Args:
         recording: a sensor at the waist, on the lower back or on the pelvis.
@@ -105,12 +105,12 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
     low, high = shank_events.RATES
     if not low <= rate <= high:
         raise RecordingError(
-            f"waist_ofdri needs {low:g} to {high:g} Hz, for the jolts that tell a contact are faster than a slower "
+            f"waist needs {low:g} to {high:g} Hz, for the jolts that tell a contact are faster than a slower "
             f"sensor can follow; the recording has {rate:g} Hz"
         )
     if np.size(imu.time) < LEAST_SECONDS * rate:
-        raise RecordingError(f"waist_ofdri needs {LEAST_SECONDS:g} s or more; '{name}' has {np.size(imu.time)} samples")
-    time = common_time(recording, [name], "waist_ofdri", "the sensor")
+        raise RecordingError(f"waist needs {LEAST_SECONDS:g} s or more; '{name}' has {np.size(imu.time)} samples")
+    time = common_time(recording, [name], "waist", "the sensor")
     check_nominal_rate(time, name, rate)
     felt = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
     if UNITS_OF_G[0] < felt < UNITS_OF_G[1]:

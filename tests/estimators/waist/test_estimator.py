@@ -6,7 +6,7 @@ import pytest
 from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
 from jgait import estimators
-from jgait.estimators import waist as waist_ofdri
+from jgait.estimators import waist
 from jgait.estimators.axes import pad
 from jgait.estimators.waist import FLAGS, TRANSFORMS, UNUSED, WaistOptions, WaistParams
 from jgait.estimators.waist.inputs import capacity
@@ -20,12 +20,12 @@ EDGE = 0.7
 """[s] The simulated pelvis is shifted before the first step and shaken after the last, which counts as a contact."""
 
 
-def estimated(recording, p=KNOWN, options=waist_ofdri.DEFAULT):
-    return waist_ofdri.estimate(p, recording, options)
+def estimated(recording, p=KNOWN, options=waist.DEFAULT):
+    return waist.estimate(p, recording, options)
 
 
-def ready(recording, options=waist_ofdri.DEFAULT):
-    return pad(waist_ofdri.prepared(recording, options).inputs, SAMPLES)
+def ready(recording, options=waist.DEFAULT):
+    return pad(waist.prepared(recording, options).inputs, SAMPLES)
 
 
 def notes(estimate):
@@ -177,7 +177,7 @@ def test_padding_is_inert(straight):
     inputs, estimate = ready(straight[0].recording), straight[1]
     there = inputs.valid[:, None]
     spoilt = inputs._replace(gyr=np.where(there, inputs.gyr, 7.0), acc=np.where(there, inputs.acc, -50.0))
-    told = jax.jit(waist_ofdri.run, static_argnames=("options",))(KNOWN, spoilt, waist_ofdri.DEFAULT)
+    told = jax.jit(waist.run, static_argnames=("options",))(KNOWN, spoilt, waist.DEFAULT)
     np.testing.assert_allclose(told.distance[: len(estimate.time)], estimate.distance, atol=1e-9)
     np.testing.assert_allclose(told.distance[len(estimate.time) :], estimate.distance[-1], atol=1e-9)
 
@@ -225,16 +225,17 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
     with pytest.raises(ValueError, match="pad only lengthens"):
         pad(ready(recording), 100)
     with pytest.raises(ValueError, match="takes sensor_height, .* of a person; got 'mass'"):
-        waist_ofdri.with_body(WaistParams(), {"mass": 70.0})
+        waist.with_body(WaistParams(), {"mass": 70.0})
     with pytest.raises(ValueError, match="finite and positive; got nan: leave out what is unknown"):
-        waist_ofdri.with_body(WaistParams(), {"height": float("nan")})
-    assert waist_ofdri.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
-    assert waist_ofdri.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
+        waist.with_body(WaistParams(), {"height": float("nan")})
+    assert waist.with_body(WaistParams(), {"height": 1.8}).pendulum_length == pytest.approx(1.08)
+    assert waist.with_body(WaistParams(), {"height": 1.8, "sensor_height": 1.0}).pendulum_length == 1.0
 
 
 def test_the_registry_and_the_documents_know_it():
-    found = estimators.get("waist_ofdri")
-    assert found.name == "waist_ofdri"
+    found, paper = estimators.get("waist"), estimators.get("waist_ofdri")
+    assert (found.name, paper.name) == ("waist", "waist_ofdri")
+    assert (found.about.default, paper.about.default) == (waist.DEFAULT, waist.PAPER)
     assert found.params == WaistParams()
     assert found.transforms == TRANSFORMS
     for name in WaistParams._fields:
@@ -251,7 +252,7 @@ def test_sides_of_people_whose_pelvis_turns_the_other_way(data, name):
     if walk is None:
         pytest.skip(f"{name} is not here")
     back = walk.recording._replace(sensors={"lower_back": walk.recording.sensors["lower_back"]})
-    found = waist_ofdri.estimate(WaistParams(), back).diagnostics
+    found = waist.estimate(WaistParams(), back).diagnostics
     walked = walk.info["initial_contacts"] <= walk.info["trial"][1]
     contacts, sides = walk.info["initial_contacts"][walked], walk.info["initial_contact_sides"][walked]
     apart = np.abs(np.asarray(found["initial_contact"])[:, None] - contacts)

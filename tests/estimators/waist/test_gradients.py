@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made.trunk import cut, walk
 
-from jgait.estimators import waist as waist_ofdri
+from jgait.estimators import waist
 from jgait.estimators.axes import pad
 from jgait.estimators.waist import UNUSED, WaistOptions, WaistParams
 from jgait.estimators.waist import motion as waist_motion
@@ -19,7 +19,7 @@ MOTION = jax.jit(waist_motion.motion_and_likelihood)
 
 
 def ready(recording):
-    return pad(waist_ofdri.prepared(recording).inputs, SAMPLES)
+    return pad(waist.prepared(recording).inputs, SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def filtered():
     """The fused way, of the filter alone: the smoother's derivatives take minutes to compile."""
 
     def told(p, inputs):
-        e = waist_ofdri.run(p, inputs, WaistOptions(smooth=False))
+        e = waist.run(p, inputs, WaistOptions(smooth=False))
         return [jnp.where(e.strides.valid, v, 0.0) for v in (e.strides.length, e.strides_stddev.length)] + [
             e.distance, e.diagnostics["distance_stddev"]
         ]  # fmt: skip
@@ -95,7 +95,7 @@ def test_mapped_and_in_single_precision_it_is_near(recordings, filtered):
     light = jax.tree.map(lambda *v: np.stack(v), *recordings)
     light = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, light)
     p = jax.tree.map(np.float32, WaistParams())
-    told = jax.jit(jax.vmap(lambda i: waist_ofdri.run(p, i, WaistOptions(smooth=False))))(light)
+    told = jax.jit(jax.vmap(lambda i: waist.run(p, i, WaistOptions(smooth=False))))(light)
     assert told.strides.length.dtype == told.distance.dtype == np.float32
     for row, inputs in enumerate(recordings):
         alone = filtered(np.array(FLAT, float), np.zeros(len(FLAT)), (inputs,))[0]
