@@ -7,6 +7,7 @@ estimator has its record in its own `about.py`.
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
+from jgait.notes import Note
 from jgait.types import Estimate, Recording
 
 Settings = dict[str, Any]
@@ -75,7 +76,7 @@ class CommandOption(NamedTuple):
     parse: Callable[[Any], Any] | None = None
     settings: Callable[[Settings, Any], Settings] | None = None
     params: Callable[[Any, Any], Any] | None = None
-    notes: Callable[[Recording, Any], tuple[str, ...]] | None = None
+    notes: Callable[[Recording, Any], tuple[Note, ...]] | None = None
     remark: Callable[[Any], str] | None = None
 
 

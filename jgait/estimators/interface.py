@@ -9,6 +9,7 @@ import numpy as np
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
 from jgait.estimators.run import bucket, compiled, trimmed
+from jgait.notes import Note
 from jgait.params import check_params
 from jgait.types import Estimate, Recording
 
@@ -20,14 +21,14 @@ class Prepared[I](NamedTuple):
         inputs: NamedTuple of NumPy arrays whose fields state their axes, see `jgait.estimators.axes`, one of them
             `time` (T,); recordings of one T and one structure stack.
         options: what the recording decides at compile time; recordings that share it share a program.
-        notes: in words, what was decided or noticed on the way.
+        notes: what was decided or noticed on the way.
         standing: half-open range of samples of quiet standing; None where none was looked for.
         extra: what the estimator's own `finish` takes; it stays on the host.
     """
 
     inputs: I
     options: Hashable
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     standing: tuple[int, int] | None = None
     extra: Any = None
 

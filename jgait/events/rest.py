@@ -11,6 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import FEW_RESTS, SCALE, Kind, Note
 from jgait.signal.windows import true_runs, window_size
 from jgait.types import AnyArray, Imu, RecordingError, as_float
 
@@ -69,6 +70,21 @@ class Rest(NamedTuple):
     gyr_bias: np.ndarray
     force: float
     time: float
+
+
+STANDING_MOVES = Kind("standing_moves", "check", "the quietest standing still moves at up to {rate:g} rad/s", FEW_RESTS)
+NEVER_STILL = Kind(
+    "never_still",
+    "check",
+    "nobody stands still for {seconds:g} s: the gyroscope is taken as it reads, and tilt is less certain",
+    FEW_RESTS,
+)
+TRUNK_SCALE = Kind(
+    "trunk_accelerometer_scale",
+    "corrected",
+    "the accelerometer reads {percent:+.1f} % of gravity at rest; corrected",
+    SCALE,
+)
 
 
 def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
@@ -164,7 +180,7 @@ def longest_still(
 
 def standing_of_legs(
     gyrs: Sequence[AnyArray], sampling_rate_hz: float, estimator: str
-) -> tuple[np.ndarray, tuple[int, int], list[str]]:
+) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
     """When a person stands, from all gyroscopes on the legs.
 
     A sample counts as standing when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. The first stretch of
@@ -189,7 +205,7 @@ def standing_of_legs(
         runs = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
         if runs:
             long = [run for run in runs if run[1] - run[0] >= sampling_rate_hz]
-            notes = [f"the quietest standing still moves at up to {limit:g} rad/s"] if limit > LEGS_RATE else []
+            notes = [STANDING_MOVES(rate=limit)] if limit > LEGS_RATE else []
             return still, (long[0] if long else max(runs, key=lambda run: run[1] - run[0])), notes
     raise RecordingError(
         f"{estimator} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
@@ -207,7 +223,7 @@ class TrunkRest(NamedTuple):
         scale: what the accelerometer is multiplied by, so that it reads gravity at rest [1].
         time: of rest that tells the bias, where the recording begins with one; else 0 [s].
         first: (3,) direction of gravity in the trunk's axes in the first second, upwards [1].
-        notes: in words, what was noticed.
+        notes: what was noticed.
     """
 
     still: np.ndarray
@@ -215,7 +231,7 @@ class TrunkRest(NamedTuple):
     scale: float
     time: float
     first: np.ndarray
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @classmethod
     def none(cls, samples: int) -> "TrunkRest":
@@ -243,21 +259,19 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     for a, b in true_runs(~mask):
         # a short loss was bridged, and does not end a rest
         still[a:b] &= b - a <= BRIDGED_S * rate
-    notes: list[str] = []
+    notes: list[Note] = []
     runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
     runs = [(a, b) for a, b in runs if b > a]
     bias, seconds = _without_sway(gyr, acc, runs, rate)
     if seconds == 0.0:
-        notes.append(
-            f"nobody stands still for {LEAST_REST_S:g} s: the gyroscope is taken as it reads, and tilt is less certain"
-        )
+        notes.append(NEVER_STILL(seconds=LEAST_REST_S))
     scale = 1.0
     if runs:
         a, b = max(runs, key=lambda run: run[1] - run[0])
         felt = float(np.linalg.norm(acc[a:b].mean(axis=0))) / GRAVITY
         scale = 1.0 / felt
         if abs(felt - 1.0) > 0.01:
-            notes.append(f"the accelerometer reads {100.0 * (felt - 1.0):+.1f} % of gravity at rest; corrected")
+            notes.append(TRUNK_SCALE(percent=100.0 * (felt - 1.0)))
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jgait.events.rest import longest_still
+from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 MOVING = 1.0
@@ -175,7 +176,15 @@ def stance_up(axes: Axes, acc: Any, instants: Any) -> Axes:
     return axes._replace(rows=np.stack([np.cross(axes.rows[1], up), axes.rows[1], up]))
 
 
-def worn_on_shank(recording: Recording, side: str) -> tuple[str, str | None]:
+LABELS_EXCHANGED = Kind(
+    "labels_exchanged",
+    "check",
+    "{thigh} and {shank} have changed places: the thigh's sensor swings faster",
+    WRONG_PLACE,
+)
+
+
+def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     """The placement whose sensor swings as a shank does, and a note if that is not what it is called.
 
     In walking the shank turns faster than the thigh, by half or more; labels that were exchanged show.
@@ -200,7 +209,7 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, str | None]:
         rate = 0.0 if axes is None else as_float(recording.sensors[placement].gyr) @ axes.rows[1]
         swing[placement] = -float(np.percentile(rate, 1.0))
     if swing[thigh] > swing[shank]:
-        return thigh, f"{thigh} and {shank} have changed places: the thigh's sensor swings faster"
+        return thigh, LABELS_EXCHANGED(thigh=thigh, shank=shank)
     return shank, None
 
 

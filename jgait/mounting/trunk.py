@@ -122,8 +122,24 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     return np.asarray(spread > LEAST**2)
 
 
-def described(axes: TrunkAxes) -> str:
-    """How the sensor is worn, in words: which of its axes looks which way, and how far it is turned from that."""
+class Worn(NamedTuple):
+    """How a sensor on the trunk is worn.
+
+    Attributes:
+        up: which of its axes looks up, such as "z" or "−x".
+        forward: which of its axes looks forward.
+        lean_deg: angle of `up` from the vertical [°].
+        turned_deg: angle of `forward` from the direction of walking, in the horizontal plane [°].
+    """
+
+    up: str
+    forward: str
+    lean_deg: float
+    turned_deg: float
+
+
+def worn(axes: TrunkAxes) -> Worn:
+    """How the sensor is worn: which of its axes looks which way, and how far it is turned from that."""
     names, nearest = [], np.zeros((3, 3))
     for number in (2, 0):
         row = np.where(np.abs(nearest).sum(axis=0) > 0.0, 0.0, axes.rows[number])
@@ -136,4 +152,4 @@ def described(axes: TrunkAxes) -> str:
     lean = np.rad2deg(np.arccos(np.clip(axes.rows[2] @ nearest[2], -1.0, 1.0)))
     forward = nearest[0] - (nearest[0] @ axes.rows[2]) * axes.rows[2]
     turned = np.rad2deg(np.arctan2(forward @ axes.rows[1], forward @ axes.rows[0]))
-    return f"its {names[0]} axis looks up and its {names[1]} forward, leaning {lean:.0f}° and turned {abs(turned):.0f}°"
+    return Worn(names[0], names[1], float(lean), float(abs(turned)))

@@ -155,7 +155,7 @@ def test_exchanged_labels_and_clipped_swings_are_noticed():
     wrong = Recording({"shank_right": slow, "thigh_right": fast}, RATE)
     placement, note = shank_axes.worn_on_shank(wrong, "right")
     assert placement == "thigh_right"
-    assert "changed places" in note
+    assert note is not None and note.code == "labels_exchanged"
     with pytest.raises(RecordingError, match="shank_left is needed; the recording has shank_right"):
         shank_axes.worn_on_shank(right, "left")
     assert shank_axes.clipped(fast, np.eye(3)) == 0

@@ -10,14 +10,17 @@ import jax
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
+from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.interface import Prepared
+from jgait.estimators.notes import CLIPPED, NO_STEPS, STRIDES_UNCERTAIN
 from jgait.events import shank as shank_events
 from jgait.events import shank_baselines, shank_stance
 from jgait.events.rest import longest_still
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
+from jgait.notes import Note
 from jgait.signal import butterworth
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -73,7 +76,7 @@ def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs
         raise RecordingError(f"ankle_stride needs {wanted}; the recording has {sorted(recording.sensors)}")
     time = _checked(recording, [name for name in worn.values() if name])
     legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
-    notes: list[str] = []
+    notes: list[Note] = []
     standing = None
     for side, name in worn.items():
         if name is None:
@@ -139,10 +142,10 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
 
 def _leg(
     imu: Imu, time: np.ndarray, rate_hz: float, name: str, options: AnkleOptions
-) -> tuple[AnkleSignals, list[str], tuple[int, int] | None]:
-    """One leg's signals and decisions, in words what was noticed, and where it stands still."""
+) -> tuple[AnkleSignals, list[Note], tuple[int, int] | None]:
+    """One leg's signals and decisions, what was noticed, and where it stands still."""
     mask = np.asarray(imu.mask, bool)
-    notes: list[str] = []
+    notes: list[Note] = []
     clips = _clipped(as_float(imu.gyr), CLIPS_ABOVE_RATE), _clipped(as_float(imu.acc), CLIPS_ABOVE_FORCE)
     whole = shank_axes.filled(imu)
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
@@ -152,12 +155,12 @@ def _leg(
     axes = shank_axes.functional_axes(at_rest)
     start = end = np.zeros(0)
     if axes is None:
-        notes.append(f"{name} does not walk")
+        notes.append(NO_STEPS(placement=name))
         axes = Axes(np.eye(3), 0.0, 0.0)
     else:
         start, end = swings_of(at_rest, axes, rate_hz, options.detector)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
-            notes.append(f"{name} swings as fast backwards as forwards: which way is forward is not sure")
+            notes.append(SWINGS_EVEN(placement=name))
     slow = np.asarray(_both_ways(_padded(as_float(at_rest.gyr)), shank_stance.CUTOFF_HZ, rate_hz))[: len(time)]
     speed = np.linalg.norm(slow, axis=1)
     stood = shank_stance.stances(slow @ axes.rows[1], speed, start, end, rate_hz)
@@ -166,16 +169,13 @@ def _leg(
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
     if options.standing and still is None:
-        notes.append(f"{name} never stands still for half a second: its gyroscope's bias is left to the filter")
+        notes.append(NEVER_STANDS(placement=name))
     lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
     for what, flags in zip(("gyroscope", "accelerometer"), clips, strict=True):
         if flags.any():
-            notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
+            notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     if lost.any():
-        notes.append(
-            f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain, or are "
-            "missing there and in the distance"
-        )
+        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name))
     stands = _standing(stood, speed, rate_hz) & ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
     told = _signals(gyr, acc, time, stands, stood, rate_hz)

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from jgait.estimators.ankle_stride.notes import WORN_OTHERWISE
 from jgait.estimators.ankle_stride.prepare import placement_of
 from jgait.mounting import shank
+from jgait.notes import Note
 from jgait.types import SIDES, Recording
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -29,18 +31,18 @@ def axes_of(text: str) -> np.ndarray:
     return np.stack(rows)
 
 
-def worn_otherwise(recording: Recording, believed: np.ndarray) -> tuple[str, ...]:
+def worn_otherwise(recording: Recording, believed: np.ndarray) -> tuple[Note, ...]:
     """Notes about sensors that are not worn as their wearer believes.
 
     Args:
         recording: of sensors at ankles or on shanks.
         believed: (3, 3) forward, left and up in the sensor's axes, see `axes_of`.
     """
-    notes = []
+    notes: list[Note] = []
     for side in SIDES:
         name = placement_of(recording, side)
         functional = None if name is None else shank.functional_axes(recording.sensors[name])
         wrong = None if functional is None else shank.mounting(functional, believed)
         if wrong is not None:
-            notes.append(f"{name}: {wrong}; strides are told all the same")
+            notes.append(WORN_OTHERWISE(placement=str(name), mounting=wrong))
     return tuple(notes)

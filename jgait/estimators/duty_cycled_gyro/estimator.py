@@ -14,6 +14,7 @@ from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.about import ABOUT
 from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment, SegmentEstimate
+from jgait.estimators.duty_cycled_gyro.notes import RATE_HELD
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
     PAPER,
@@ -31,6 +32,7 @@ from jgait.estimators.duty_cycled_gyro.params import (
 )
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
 
@@ -236,19 +238,15 @@ def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
     return held
 
 
-def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[str]:
-    """In words, where too little was measured before a gap to fill it."""
-    said = []
+def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[Note]:
+    """Where too little was measured before a gap to fill it."""
+    notes: list[Note] = []
     for name in preparation.extra:
         gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
         if gone.size and preparation.options.filler != "hold":
             first, last = (float(result.time[k]) for k in (gone[0], gone[-1]))
-            said.append(
-                f"{name}: {gone.size} samples from {first:.2f} to {last:.2f} s hold the last measured rate, are not "
-                "told to the filter, and their angles are not stated: too few strides were measured before for the "
-                "filler; a longer warm-up measures more"
-            )
-    return said
+            notes.append(RATE_HELD(placement=name, samples=gone.size, begin_s=first, end_s=last))
+    return notes
 
 
 def estimate(
@@ -264,7 +262,7 @@ def estimate(
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
 
     Returns:
-        An `Estimate`; `diagnostics` as of `run` and `energy`, `notes` in words, `standing`.
+        An `Estimate`; `diagnostics` as of `run` and `energy`, `notes`, `standing`.
 
     Raises:
         RecordingError: see `duty_gyro_calibration.prepare`.

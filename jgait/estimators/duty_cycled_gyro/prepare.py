@@ -13,12 +13,15 @@ from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, check_filler, gyroscope_masks, schedule_of
 from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.estimators.leg_ekf.prepare import orient
+from jgait.estimators.notes import NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
@@ -65,7 +68,7 @@ def _checked(recording: Recording, names: list[str], options: DutyCycledOptions)
 
 def find_standing(
     sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
-) -> tuple[np.ndarray, tuple[int, int], list[str]]:
+) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
     """Which samples are standing, and the stretch that calibrates, in which every gyroscope is on.
 
     A sample counts as standing when no gyroscope that is on moves, and one is.
@@ -108,7 +111,7 @@ def _leg(
     still: np.ndarray,
     standing: slice,
     gyro_on: Mapping[str, Any],
-) -> tuple[GapLeg, list[str]]:
+) -> tuple[GapLeg, list[Note]]:
     """One leg's signals in segment axes; a segment worn alone is told from its own swing, the faster one forward."""
     own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
     asleep = ~np.all([used[name].usable for name in own.values()], axis=0)
@@ -133,7 +136,7 @@ def _leg(
 
     if alone is not None:
         if "thigh" in own:
-            notes = [*notes, f"{alone} is worn alone: which way is forward is told from its swing"]
+            notes = [*notes, WORN_ALONE(placement=alone)]
         alone_is = segment_of(found.shank)
         return GapLeg(**{segment: alone_is if segment in own else None for segment in SEGMENTS}), notes
     return GapLeg(segment_of(found.thigh), segment_of(found.shank)), notes
@@ -150,7 +153,7 @@ def prepare(
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
 
     Returns:
-        Inputs in segment axes, options, notes in words; `extra` maps each placement to the masks (T,) of its gyroscope.
+        Inputs in segment axes, options, notes; `extra` maps each placement to the masks (T,) of its gyroscope.
 
     Raises:
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
@@ -177,9 +180,9 @@ def prepare(
             legs[side], more = _leg(recording, side, used, still, slice(start, stop), gyro_on or {})
             notes += more
     if bare:
-        notes.append("no accelerometer on every segment: angles come from the gyroscopes alone and drift")
+        notes.append(ACCELEROMETER_ABSENT())
     if not still[0]:
-        notes.append("the recording does not start standing still; its first angles are uncertain")
+        notes.append(NO_FIRST_STANDING())
     dt = np.concatenate([[0.0], np.diff(time)])
     inputs = DutyCycledInputs(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),

@@ -10,11 +10,14 @@ import numpy as np
 
 from jgait.estimators.checks import common_time
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
+from jgait.estimators.foot_ins.notes import NEVER_RESTS, STRIDES_MISSING
 from jgait.estimators.interface import Prepared
+from jgait.estimators.notes import CLIPPED, SCALE_CORRECTED, STRIDES_UNCERTAIN
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import Note
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SLOWEST_HZ = 45.0
@@ -73,7 +76,7 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
     sides = worn_sides(recording)
     time = _checked_clock(recording, sides)
     feet: dict[str, FootSignals | None] = dict.fromkeys(SIDES)
-    notes: list[str] = []
+    notes: list[Note] = []
     standing = None
     for side in sides:
         feet[side], said, rests = _foot(recording.sensors[f"foot_{side}"], time, f"foot_{side}", detector)
@@ -126,9 +129,9 @@ def _mean_over_interval(values: np.ndarray) -> np.ndarray:
 
 def _foot(
     imu: Imu, time: np.ndarray, name: str, detector: str
-) -> tuple[FootSignals, list[str], tuple[int, int] | None]:
-    """One foot's signals and decisions, in words what was noticed, and its longest rest."""
-    notes: list[str] = []
+) -> tuple[FootSignals, list[Note], tuple[int, int] | None]:
+    """One foot's signals and decisions, what was noticed, and its longest rest."""
+    notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
     step = np.diff(time, prepend=time[0])
@@ -150,15 +153,13 @@ def _foot(
     turned = _clipped(np.asarray(imu.gyr, np.float64), CLIPS_ABOVE_RATE)
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
-            notes.append(f"the {what} of {name} clips in {int(flags.sum())} samples, which count for less")
+            notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     found = _more_footholds(found, hz)
     whole, known = _whole(found, np.where(lost, step, 0.0))
     if lost.any():
-        notes.append(f"{int(lost.sum())} samples of {name} are lost; strides across them are stated less certain")
+        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name))
     if not whole.all():
-        notes.append(
-            f"{int(np.sum(~whole))} strides of {name} are left out: more than {LONGEST_LOSS:g} s of them is lost"
-        )
+        notes.append(STRIDES_MISSING(strides=np.sum(~whole), placement=name, seconds=LONGEST_LOSS))
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(found.stillest[0])
     until = min(max(found.end[0], first + 1), first + int(hz))
     up = acc[first:until].mean(axis=0)
@@ -192,13 +193,13 @@ def _foot(
     return signals, notes, longest
 
 
-def _errors(at_rest: Rest, name: str, notes: list[str]) -> tuple[float, float]:
+def _errors(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
     """What the accelerometer is multiplied by, and its bias along the vertical [m/s²].
 
     One attitude cannot tell a scale from a bias; the difference is shared out by what is usual.
     """
     if not at_rest.windows:
-        notes.append(f"{name} never rests for half a second: its gyroscope's bias is not known, headings drift more")
+        notes.append(NEVER_RESTS(placement=name))
         return 1.0, 0.0
     off = at_rest.force / GRAVITY - 1.0
     if abs(off) > OFF_SCALE:
@@ -207,7 +208,7 @@ def _errors(at_rest: Rest, name: str, notes: list[str]) -> tuple[float, float]:
             "sensor that was moved while the rate was low"
         )
     if abs(off) > 0.01:
-        notes.append(f"the accelerometer of {name} reads {100.0 * off:+.1f} % of gravity at rest; corrected")
+        notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off))
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)
     return scale, scale * at_rest.force - GRAVITY

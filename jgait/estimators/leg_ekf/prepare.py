@@ -12,8 +12,11 @@ from scipy import ndimage
 from jgait.estimators.checks import common_time
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED
+from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
 from jgait.mounting.leg import leg_mounting
+from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
@@ -105,7 +108,7 @@ def orient(
     *,
     perpendicular: bool = True,
     estimator: str = "leg_ekf",
-) -> tuple[LegSignals, list[str]]:
+) -> tuple[LegSignals, list[Note]]:
     """One leg's signals in segment axes, and notes.
 
     Raises:
@@ -124,26 +127,21 @@ def orient(
         variance = np.maximum(np.var(gyr[standing, 2]), SMALLEST_VARIANCE)
         measured = np.asarray(imu.mask, bool)
         segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance)
-    notes = []
+    notes: list[Note] = []
     if worn.swapped:
-        notes.append(
-            f"{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round"
-        )
+        notes.append(SEGMENTS_SWAPPED(side=side))
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 
-def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[Note]]:
     """Where the sensors say enough for an estimate (T,) bool, and what is not said of the rest."""
     lost = ~np.all([segment.measured for leg in legs.values() for segment in leg], axis=0)
     heard, step = np.ones(time.size, bool), float(np.median(np.diff(time)))
-    notes = []
+    notes: list[Note] = []
     for start, stop in true_runs(lost):
         if (stop - start) * step >= LONG_GAP:
             heard[start:stop] = False
-            notes.append(
-                f"nothing is stated for {(stop - start) * step:.2f} s from {time[start] - time[0]:.2f} s, where "
-                "samples are missing; angles and distance after it are less certain than stated"
-            )
+            notes.append(NOT_ESTIMATED(seconds=(stop - start) * step, begin_s=time[start] - time[0]))
     return heard, notes
 
 
@@ -159,7 +157,7 @@ def prepare(
         perpendicular: make the sagittal axis perpendicular to gravity.
 
     Returns:
-        Inputs in segment axes, notes in words, and the half-open range of samples that calibrated.
+        Inputs in segment axes, notes, and the half-open range of samples that calibrated.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
@@ -176,19 +174,16 @@ def prepare(
         legs[side], more = orient(sensors, side, slice(start, stop), still, rate, perpendicular=perpendicular)
         notes += more
     if any(sensors[k].acc is None for k in sensors):
-        notes.append("no accelerometer: angles come from the gyroscopes alone and drift")
+        notes.append(NO_ACCELEROMETER())
     if not still[0]:
-        notes.append("the recording does not start standing still; its first angles are uncertain")
+        notes.append(NO_FIRST_STANDING())
     notes += [
-        f"{segment}_{side} is worn without the {other} of that leg, which is left out"
+        SEGMENT_ALONE(placement=f"{segment}_{side}", other=other)
         for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
     ]  # fmt: skip
     if len(sides) == 1:
-        notes.append(
-            f"only the {sides[0]} leg is worn: distances come out some 10 % short in simulation, unless distance_scale "
-            "was learned with one leg too"
-        )
+        notes.append(ONE_LEG(side=sides[0]))
     heard, more = _told(legs, time)
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if still[0] else 0.1)

@@ -14,6 +14,7 @@ from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
+from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
@@ -200,7 +201,7 @@ def estimate_from_feet(
         start_heading: see `prepare_from_feet`.
 
     Returns:
-        As `run`, strides without padding; `diagnostics["notes"]` says in words what was noticed on the way.
+        As `run`, strides without padding; `diagnostics["notes"]` states what was noticed on the way.
 
     Raises:
         RecordingError: see `prepare_from_feet`.
@@ -215,6 +216,6 @@ def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
     """The estimate with a note on feet that seem to be exchanged, put onto the feet's own if it was made from them."""
     evidence = result.diagnostics.get("swap_evidence")
     if evidence is not None and float(evidence) <= -SWAP:
-        note = f"left and right foot seem to be exchanged: so the ranges are {-float(evidence):.0f} nats likelier"
+        note = FEET_SEEM_EXCHANGED(nats=-float(evidence))
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
     return result if made.extra is None else merged(*made.extra, result)

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jgait.estimators.interface import Prepared
+from jgait.estimators.stride_width_ekf import notes as kinds
 from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
 from jgait.estimators.stride_width_ekf.model import FootControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
 from jgait.estimators.stride_width_ekf.trajectories import Foot, Pair, checked_feet, contact_times
+from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError
 
 TOGETHER = 0.12  # s; readings closer than this are of one passing
@@ -33,14 +35,14 @@ class Ranges(NamedTuple):
         distance: (n,) [m].
         delay: how late the range's clock was, taken off [s].
         delay_stddev: its standard deviation [s]; infinite where it could not be told.
-        notes: what was left out, in words.
+        notes: what was left out.
     """
 
     time: np.ndarray
     distance: np.ndarray
     delay: float
     delay_stddev: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def prepare_from_feet(
@@ -72,7 +74,7 @@ def prepare_from_feet(
     notes += ranges.notes
     strides = min(len(foot.mids) - 1 for foot in pair)
     if strides < 2:
-        notes.append(f"a foot has {max(strides, 0)} strides, and two of each are needed: no widths")
+        notes.append(kinds.FEW_STRIDES(strides=max(strides, 0)))
     inputs = _inputs(pair, turning, ranges, options, start_heading, strides >= 2)
     return Prepared(inputs, options, tuple(notes))
 
@@ -96,7 +98,7 @@ def _usable(
     """The readings that are of the other leg passing, one for each time it does."""
     none = Ranges(np.zeros(0), np.zeros(0), 0.0, np.inf, ())
     if read is None:
-        return none._replace(notes=("there is no range between the feet: widths cannot be told",))
+        return none._replace(notes=(kinds.RANGE_ABSENT(),))
     times, distances, mask = (np.asarray(v) for v in read)
     if not times.shape == distances.shape == mask.shape or times.ndim != 1:
         raise RecordingError(
@@ -106,8 +108,8 @@ def _usable(
     heard = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
     near = heard & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
-        what = "heard nothing" if not heard.any() else f"heard nothing within {options.longest_range:g} m"
-        return none._replace(notes=(f"the range sensor {what}: widths cannot be told",))
+        far = kinds.RANGE_FAR(longest=options.longest_range) if heard.any() else kinds.RANGE_SILENT()
+        return none._replace(notes=(far,))
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
     times, distances = times[~odd], distances[~odd]
@@ -118,17 +120,17 @@ def _usable(
         known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
     turned = _inside(times, [span for of in turning for span in of])
     usable = known & ~turned
-    left_out = {
-        "beyond": (int(np.sum(heard & ~near)), f"ranges above {options.longest_range:g} m"),
-        "odd": (int(np.sum(odd)), "ranges unlike those around them"),
-        "turned": (int(np.sum(turned)), "ranges in turns"),
-        "unknown": (int(np.sum(~known & ~turned)), "ranges at which the feet were not known"),
-    }
-    notes = [f"left out {count} {what}" for count, what in left_out.values() if count]
+    left_out = (
+        kinds.RANGES_LONG(ranges=np.sum(heard & ~near), longest=options.longest_range),
+        kinds.RANGES_ODD(ranges=np.sum(odd)),
+        kinds.RANGES_TURNING(ranges=np.sum(turned)),
+        kinds.RANGES_UNKNOWN(ranges=np.sum(~known & ~turned)),
+    )
+    notes = [note for note in left_out if note.values["ranges"]]
     if abs(delay) > max(0.01, 3.0 * stddev):
-        notes.append(f"the range's clock is {1e3 * delay:.0f} ± {1e3 * stddev:.0f} ms late; taken off")
+        notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if not usable.any():
-        notes.append("no range is left: widths cannot be told")
+        notes.append(kinds.RANGE_UNUSED())
     return Ranges(times[usable], distances[usable], delay, stddev, tuple(notes))
 
 

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
+from jgait.notes import Note
 from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
 
 SHORT = 0.15  # m; a shorter stride has no heading of its own and keeps the one before
@@ -59,7 +61,7 @@ class Pair(NamedTuple):
     left: Foot
 
 
-def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair, list[str]]:
+def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair, list[Note]]:
     """Both feet, or what is wrong with them; and notes.
 
     Raises:
@@ -73,15 +75,16 @@ def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair,
         raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
     if len(stances) != 2:
         raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
-    found, notes = [], []
+    found: list[Foot] = []
+    notes: list[Note] = []
     for side, foot, mids in zip(SIDES, feet, stances, strict=True):
-        one, said = _checked(side, time, foot, np.asarray(mids))
+        one, more = _checked(side, time, foot, np.asarray(mids))
         found.append(one)
-        notes += said
+        notes += more
     return Pair(*found), notes
 
 
-def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray) -> tuple[Foot, list[str]]:
+def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray) -> tuple[Foot, list[Note]]:
     if foot is None:
         raise RecordingError(f"stride_width_ekf needs both feet; the {side} one was not measured")
     position = np.asarray(foot.position, np.float64)
@@ -96,9 +99,9 @@ def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.
     finite = np.isfinite(position).all(axis=1)
     if np.sum(finite) < 2:
         raise RecordingError(f"the {side} foot needs finite positions; got {int(np.sum(finite))} of {time.size}")
-    notes = []
+    notes: list[Note] = []
     if not finite.all():
-        notes.append(f"the {side} foot is not known at {int(np.sum(~finite))} samples; bridged")
+        notes.append(FOOT_BRIDGED(side=side, samples=np.sum(~finite)))
     mids = mids[finite[mids].astype(bool)] if mids.size else np.zeros(0, int)
     at = time[finite]
     step = np.diff(at)

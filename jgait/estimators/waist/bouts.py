@@ -4,7 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.waist.notes import BOUT_WITHOUT_STANDING, NO_CONTACTS
 from jgait.events import trunk as trunk_events
+from jgait.notes import Note
 from jgait.types import as_float
 
 PAUSE_STEPS, PAUSE_S = 2.2, 2.0
@@ -105,17 +107,14 @@ def nodes(bouts: list[list[Node]], time: Any = (0.0,)) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def said(nodes: dict[str, np.ndarray], contacts: int) -> list[str]:
-    """What is to be said of the bouts."""
+def notes_of(nodes: dict[str, np.ndarray], contacts: int) -> list[Note]:
+    """Notes about the bouts."""
     if not contacts:
-        return ["nobody walks: no initial contact was found"]
+        return [NO_CONTACTS()]
     fresh = np.flatnonzero(nodes["fresh"])
     notes = []
     for number, row in enumerate(fresh, start=1):
         if not nodes["stands"][row]:
-            when = nodes["contact"][row]
-            notes.append(
-                f"bout {number} of {len(fresh)}, from {when:.1f} s, does not begin from standing: what integration "
-                f"says of its speed is not to be relied on"
-            )
+            begin = nodes["contact"][row]
+            notes.append(BOUT_WITHOUT_STANDING(bout=number, bouts=len(fresh), begin_s=begin))
     return notes

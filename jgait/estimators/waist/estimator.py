@@ -12,6 +12,7 @@ from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT
 from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.waist.params import (
     DEFAULT,
     PAPER,
@@ -24,6 +25,7 @@ from jgait.estimators.waist.params import (
 from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import Walked, earlier
 from jgait.estimators.waist.steps import Intervals
+from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides
 
 TURNING = 0.35
@@ -180,13 +182,13 @@ DOUBTFUL = 0.25
 """A distance whose deviation is a greater part of it is said to be none."""
 
 
-def _doubts(result: Estimate, options: WaistOptions) -> tuple[str, ...]:
-    """In words, that a distance cannot be relied on."""
+def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
+    """That a distance cannot be relied on."""
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if not np.any(result.strides.valid) or (spread <= DOUBTFUL * abs(way) and way > 0.0):
         return ()
     of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
-    return (f"the distance{of} of {way:.1f} m is only known to within {2.0 * spread:.1f} m: it should not be used",)
+    return (DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread),)
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:

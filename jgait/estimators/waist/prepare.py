@@ -10,11 +10,13 @@ import numpy as np
 from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.interface import Prepared
+from jgait.estimators.notes import FORWARD_UNSURE, NO_STEPS
 from jgait.estimators.run import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
+from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAMPLES_LOST
 from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
@@ -24,6 +26,7 @@ from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.trunk import TrunkAxes
+from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError, as_float
 
@@ -77,24 +80,24 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
     mask = np.asarray(imu.mask, bool) & (np.diff(time, prepend=time[0]) < 1.5 / rate)
     mask[0] = bool(np.asarray(imu.mask)[0])
     whole = shank_axes.filled(imu)
-    notes: list[str] = []
+    notes: list[Note] = []
     if not mask.all():
-        notes.append(f"{int((~mask).sum())} samples of {name} are lost; the filter goes on without them")
+        notes.append(SAMPLES_LOST(samples=(~mask).sum(), placement=name))
     axes = trunk_axes.functional_axes(whole, rate)
     if axes is None:
         up = as_float(whole.acc).mean(axis=0)
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
-        return Prepared(nobody, options, (*notes, f"{name} does not walk"), None)
-    notes.append(f"{name}: {trunk_axes.described(axes)}; corrected")
+        return Prepared(nobody, options, (*notes, NO_STEPS(placement=name)), None)
+    notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)._asdict()))
     if not axes.sure:
-        notes.append(f"{name}: it is not sure which way is forward")
+        notes.append(FORWARD_UNSURE(placement=name))
     whole, rested, seen = _motion(whole, axes, time, mask, rate, options, notes)
     notes += rested.notes
     contacts = _contacts(seen, mask, rate, options)
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate), time)
-    notes += waist_bouts.said(nodes, len(contacts.time))
+    notes += waist_bouts.notes_of(nodes, len(contacts.time))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
     return Prepared(_assembled(whole, axes, time, mask, rate, rested, nodes), options, tuple(notes), standing)
 
@@ -128,7 +131,13 @@ _found_by_paper = jax.jit(trunk_events.initial_contacts, static_argnums=(3, 4))
 
 
 def _motion(
-    imu: Imu, axes: TrunkAxes, time: np.ndarray, mask: np.ndarray, rate: float, options: WaistOptions, notes: list[str]
+    imu: Imu,
+    axes: TrunkAxes,
+    time: np.ndarray,
+    mask: np.ndarray,
+    rate: float,
+    options: WaistOptions,
+    notes: list[Note],
 ) -> tuple[Imu, TrunkRest, TrunkMotion]:
     """The sensor, its gyroscope turned round where gravity says so; its rest; and how the trunk moves.
 
@@ -142,10 +151,7 @@ def _motion(
         found.append((one, rested, *_heard(WaistParams(), inputs, execution=options.execution)))
     if not float(found[1][3]) > float(found[0][3]) + MIRRORED:
         return found[0][:3]
-    notes.append(
-        "the gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned "
-        "round, but left and right may be exchanged"
-    )
+    notes.append(GYROSCOPE_REVERSED())
     return found[1][:3]
 
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.notes import texts
 
 from jgait import estimators, io, simulate
 from jgait.duty_cycle import power
@@ -136,13 +137,14 @@ def test_before_two_strides_rates_are_held_and_flagged(walk, always):
     first = held[np.r_[True, np.diff(held) > 1]]
     for start in first:
         assert rate[start] == rate[start - 1]
-    (said,) = (note for note in early.diagnostics["notes"] if note.startswith("shank_right: ") and "hold" in note)
-    assert "samples from 3.80 to" in said and "a longer warm-up" in said
+    held_notes = [note for note in early.diagnostics["notes"] if note.code == "rate_held"]
+    (note,) = (note for note in held_notes if note.values["placement"] == "shank_right")
+    assert note.values["begin_s"] == pytest.approx(3.8, abs=0.005)
     assert not early.valid[held].all() and not early.valid[held[0]]
     assert early.valid[: held[0]].all()
     # A leg does not turn over for it.
     assert max(np.max(np.abs(leg.knee_angle)) for leg in early.legs) < 2.0
-    assert not any("hold the last" in note for note in always.diagnostics["notes"])
+    assert not any(note.code == "rate_held" for note in always.diagnostics["notes"])
 
 
 def shank_only(recording):
@@ -277,7 +279,7 @@ def test_a_filled_recording_is_taken_by_others(walk):
         if name.startswith("shank"):
             off = imu.gyr[~on] - true[~on]
             assert np.sqrt(np.mean(off**2) / np.mean(true[~on] ** 2)) < 0.5
-    assert any(note.startswith("shank_right: of the gyroscope's samples") for note in found.notes)
+    assert any(note.startswith("shank_right: of the gyroscope's samples") for note in texts(found.notes))
     inputs = leg_ekf.prepared(found).inputs
     assert inputs.right.shank.measured.all() and inputs.left.shank.measured.all()
     early = fill_recording(recording, schedule=SLEEPY.schedule, warm_up=1.0)
@@ -313,7 +315,7 @@ def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
         duty_cycled_gyro.prepared(bare, SLEEPY)
     with pytest.raises(RecordingError, match="'neighbours' is told from the accelerometer"):
         fill_recording(bare, schedule=0.5)
-    assert "drift" in " ".join(duty_cycled_gyro.prepared(bare).notes)
+    assert "drift" in " ".join(texts(duty_cycled_gyro.prepared(bare).notes))
     with pytest.raises(ValueError, match="gyro_on has a mask of 'foot_left'"):
         duty_cycled_gyro.prepared(recording, gyro_on={"foot_left": np.ones(3, bool)})
     with pytest.raises(ValueError, match=r"gyro_on of 'shank_left' must be \(\d+,\) bool; got \(3,\) bool"):

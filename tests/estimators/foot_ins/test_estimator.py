@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.foot import foot
+from made.notes import texts
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
@@ -133,7 +134,7 @@ def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
     gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
     holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
     estimate = foot_ins.estimate(STILL, holes)
-    assert "5 samples of foot_right are lost" in " ".join(estimate.diagnostics["notes"])
+    assert "5 samples of foot_right are lost" in " ".join(texts(estimate.diagnostics["notes"]))
     ratio = estimate.strides_stddev.length / plain.strides_stddev.length
     assert ratio[2] > 1.2
     np.testing.assert_allclose(np.delete(ratio, 2), 1.0, atol=0.05)
@@ -150,7 +151,7 @@ def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
     gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
     holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
     estimate = foot_ins.estimate(STILL, holes)
-    assert "1 strides of foot_right are left out" in " ".join(estimate.diagnostics["notes"])
+    assert "1 strides of foot_right are left out" in " ".join(texts(estimate.diagnostics["notes"]))
     assert len(estimate.strides.length) == 5
     np.testing.assert_allclose(estimate.strides.length, 1.2, atol=5 * MILLIMETRE)
     assert not estimate.valid[lost + 20]

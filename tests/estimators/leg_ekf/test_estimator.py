@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.notes import texts
 
 from jgait.estimators import leg_ekf
 from jgait.estimators.axes import pad
@@ -124,7 +125,7 @@ def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy):
     sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
     p = parameters(truth)
     plain, swapped = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, recording._replace(sensors=sensors))
-    assert any("left thigh and shank sensors look swapped" in note for note in swapped.diagnostics["notes"])
+    assert any("left thigh and shank sensors look swapped" in note for note in texts(swapped.diagnostics["notes"]))
     np.testing.assert_allclose(plain.legs.left.knee_angle, swapped.legs.left.knee_angle, atol=1e-9)
 
 
@@ -132,7 +133,7 @@ def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
     recording, truth = noisy
     bare = recording._replace(sensors={k: v._replace(acc=None) for k, v in recording.sensors.items()})
     result = leg_ekf.estimate(parameters(truth), bare)
-    assert any("no accelerometer" in note for note in result.diagnostics["notes"])
+    assert any("no accelerometer" in note for note in texts(result.diagnostics["notes"]))
     assert np.degrees(worst(result, truth, "hip_angle")) < 10.0
 
 
@@ -407,10 +408,10 @@ def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
     lossy = recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
     found = leg_ekf.prepared(lossy)
     np.testing.assert_array_equal(np.flatnonzero(~found.inputs.valid), np.arange(begin, begin + round(0.8 * rate)))
-    assert any(note.startswith("nothing is stated for 0.80 s from") for note in found.notes)
+    assert any(note.startswith("nothing is stated for 0.80 s from") for note in texts(found.notes))
     assert leg_ekf.prepared(recording).inputs.valid.all()
 
     one = {name: recording.sensors[name] for name in ("thigh_right", "shank_right")}
     alone = leg_ekf.prepared(recording._replace(sensors={**one, "shank_left": imu}))
-    assert any(note.startswith("only the right leg is worn") for note in alone.notes)
-    assert "shank_left is worn without the thigh of that leg, which is left out" in alone.notes
+    assert any(note.startswith("only the right leg is worn") for note in texts(alone.notes))
+    assert "shank_left is worn without the thigh of that leg, which is left out" in texts(alone.notes)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.footsteps import OFFSET, WIDTH, distances, drifting, footsteps, widths
+from made.notes import texts
 
 from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
@@ -121,7 +122,7 @@ def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, wal
     for read in (None, walk.read._replace(mask=walk.read.mask & False), far):
         estimate = told(walk, sw.DEFAULT, read=read)
         assert not np.any(estimate.diagnostics["width_valid"])
-        assert any("widths cannot be told" in note for note in estimate.diagnostics["notes"])
+        assert any(note.code.startswith("range_") for note in estimate.diagnostics["notes"])
         (error, stddev), _ = errors(truth, estimate)
         assert np.all(np.diff(stddev[:70:10]) > 0.0)  # straight on
         assert stddev[-1] > 2.0  # 75 m times the uncertainty of where the feet were heading
@@ -144,11 +145,11 @@ def test_a_range_heard_all_round_counts_where_the_feet_are_nearest(truth, walk, 
 
 def test_exchanged_feet_are_noticed_at_the_turn(walk, smoothed):
     assert smoothed.diagnostics["swap_evidence"] > 20.0
-    assert not any("exchanged" in note for note in smoothed.diagnostics["notes"])
+    assert not any("exchanged" in note for note in texts(smoothed.diagnostics["notes"]))
     wrong = walk._replace(places=walk.places[::-1], mids=walk.mids[::-1])
     estimate = told(wrong, sw.DEFAULT)
     assert estimate.diagnostics["swap_evidence"] < -20.0
-    assert any("exchanged" in note for note in estimate.diagnostics["notes"])
+    assert any("exchanged" in note for note in texts(estimate.diagnostics["notes"]))
 
 
 def test_straight_on_only_steps_that_vary_tell_which_foot_is_which():
@@ -163,8 +164,8 @@ def test_a_late_range_clock_is_found_and_taken_off(walk, smoothed, late):
     estimate = told(walk, read=read, start_heading=(0.0, np.radians(10.0)))
     np.testing.assert_allclose(estimate.strides.width, smoothed.strides.width, atol=1e-3)
     np.testing.assert_allclose(estimate.strides.step_length, smoothed.strides.step_length, atol=5e-3)
-    (said,) = [note for note in estimate.diagnostics["notes"] if "the range's clock is" in note]
-    assert float(said.split()[4]) == pytest.approx(1e3 * late, abs=6.0)
+    (note,) = [note for note in estimate.diagnostics["notes"] if note.code == "range_late"]
+    assert note.values["late_ms"] == pytest.approx(1e3 * late, abs=6.0)
 
 
 def test_feet_on_different_clocks_change_steps_and_not_widths(walk, smoothed):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.footsteps import STRIDE, drifting, footsteps
+from made.notes import note, texts
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
@@ -123,7 +124,7 @@ def test_a_passing_counts_once_and_a_late_echo_not(walk):
     distance[late] += 0.2
     after = ready(walk, read=walk.read._replace(distance=distance))
     assert np.sum(before.inputs.seen) - np.sum(after.inputs.seen) == 1
-    assert any("unlike those around them" in note for note in after.notes)
+    assert any("unlike those around them" in note for note in texts(after.notes))
     assert np.sum(before.inputs.seen) < len(heard)
     assert np.max(before.inputs.distance) < 0.3
     # Feet that stand side by side are heard all the time.
@@ -137,7 +138,7 @@ def test_ranges_in_turns_are_left_out(walk):
     prepared = ready(walk)
     inputs = prepared.inputs
     assert not np.any(inputs.seen & inputs.turning)
-    assert any("ranges in turns" in note for note in prepared.notes)
+    assert any("ranges in turns" in note for note in texts(prepared.notes))
     kept = ready(walk, options=sw.DEFAULT._replace(turn=3.0)).inputs
     assert np.sum(kept.seen) > np.sum(inputs.seen)
     assert not np.any(kept.turning)
@@ -150,7 +151,7 @@ def test_fewer_than_two_strides_are_an_empty_table(walk):
         estimate = sw.estimate_from_feet(sw.WidthParams(), walk.time, walk.feet, mids, walk.read)
         assert estimate.strides.width.shape == estimate.strides_stddev.width.shape == (0,)
         assert not np.any(estimate.valid)
-        assert any("two of each are needed" in note for note in estimate.diagnostics["notes"])
+        assert any("two of each are needed" in note for note in texts(estimate.diagnostics["notes"]))
 
 
 def test_lost_samples_are_bridged_and_their_ranges_left_out(walk):
@@ -160,7 +161,7 @@ def test_lost_samples_are_bridged_and_their_ranges_left_out(walk):
     hole[first : first + 40] = np.nan
     read = walk.read._replace(distance=np.where(walk.read.mask, walk.read.distance, np.nan))
     prepared = ready(walk, places=(hole, walk.places[1]), read=read)
-    assert "the right foot is not known at 40 samples; bridged" in prepared.notes
+    assert "the right foot is not known at 40 samples; bridged" in texts(prepared.notes)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(prepared.inputs))
     lost = set(np.round(whole.inputs.time[whole.inputs.seen], 6)) - set(
         np.round(prepared.inputs.time[prepared.inputs.seen], 6)
@@ -215,12 +216,12 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
 
 
 def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, monkeypatch):
-    told = {"notes": ("said of the feet",), "standing": None}
+    told = {"notes": (note("of the feet"),), "standing": None}
     own = Estimate(walk.time, Legs(None, None), None, None, np.ones(walk.time.size, bool), told, feet=walk.feet)
     monkeypatch.setattr(sw, "feet_of", lambda recording, p, options: (own, walk.mids))
     made = sw.estimator(sw.PAPER)
     prepared = made.prepare(Recording({}, 128.0, feet_range=walk.read))
-    assert prepared.notes[0] == "said of the feet"
+    assert str(prepared.notes[0]) == "of the feet"
     assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
     padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)
     estimate = made.run(made.params, jax.tree.map(jnp.asarray, padded), prepared.options)

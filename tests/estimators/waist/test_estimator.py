@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from made.notes import texts
 from made.trunk import about_vertical, cut, imu_of, joined, rotation, turned, walk, worn
 
 from jgait import estimators
@@ -29,7 +30,7 @@ def ready(recording, options=waist.DEFAULT):
 
 
 def notes(estimate):
-    return " | ".join(estimate.diagnostics["notes"])
+    return " | ".join(texts(estimate.diagnostics["notes"]))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,21 @@
+"""Kinds of facts that `ankle_stride` notices about a recording."""
+
+from jgait.notes import FEW_RESTS, UNSURE_FORWARD, WRONG_PLACE, Kind
+
+SWINGS_EVEN = Kind(
+    "swings_even",
+    "check",
+    "{placement} swings as fast backwards as forwards: which way is forward is not sure",
+    UNSURE_FORWARD,
+)
+
+NEVER_STANDS = Kind(
+    "never_stands_still",
+    "check",
+    "{placement} never stands still for half a second: its gyroscope's bias is left to the filter",
+    FEW_RESTS,
+)
+
+WORN_OTHERWISE = Kind(
+    "worn_otherwise", "check", "{placement}: {mounting}; strides are computed all the same", WRONG_PLACE
+)

@@ -1,0 +1,22 @@
+"""Kinds of facts that `duty_cycled_gyro` notices about a recording."""
+
+from jgait.notes import NO_GRAVITY, UNSURE_FORWARD, Kind
+
+WORN_ALONE = Kind(
+    "worn_alone", "check", "{placement} is worn alone: which way is forward is computed from its swing", UNSURE_FORWARD
+)
+
+ACCELEROMETER_ABSENT = Kind(
+    "accelerometer_absent",
+    "check",
+    "no accelerometer on every segment: angles come from the gyroscopes alone and drift",
+    NO_GRAVITY,
+)
+
+RATE_HELD = Kind(
+    "rate_held",
+    "check",
+    "{placement}: {samples} samples from {begin_s:.2f} to {end_s:.2f} s hold the last measured rate, are not used by "
+    "the filter, and their angles are not stated: too few strides were measured before for the filler",
+    "Angles are missing there. A longer warm-up measures more strides before the gyroscope sleeps.",
+)

@@ -1,0 +1,30 @@
+"""Kinds of facts that `leg_ekf` notices about a recording."""
+
+from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind
+
+SEGMENTS_SWAPPED = Kind(
+    "segments_swapped",
+    "check",
+    "{side} thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round",
+    WRONG_PLACE,
+)
+
+NOT_ESTIMATED = Kind(
+    "not_estimated",
+    "check",
+    "nothing is stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles and distance after "
+    "it are less certain than stated",
+    LOSSES,
+)
+
+SEGMENT_ALONE = Kind(
+    "segment_alone", "info", "{placement} is worn without the {other} of that leg, which is left out", LEFT_OUT
+)
+
+ONE_LEG = Kind(
+    "one_leg",
+    "check",
+    "only the {side} leg is worn: distances come out some 10 % short in simulation, unless distance_scale was learned "
+    "with one leg too",
+    "The steps of the other leg are not measured; the distance is the less certain for it.",
+)

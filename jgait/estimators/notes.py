@@ -1,0 +1,36 @@
+"""Kinds of facts that several estimators notice about a recording."""
+
+from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind
+
+NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
+
+CLIPPED = Kind(
+    "signal_clipped", "check", "the {signal} of {placement} clips in {samples} samples, which count for less", CLIPPING
+)
+
+STRIDES_UNCERTAIN = Kind(
+    "samples_lost",
+    "check",
+    "{samples} samples of {placement} are lost; strides across them are less certain, or are missing",
+    LOSSES,
+)
+
+SCALE_CORRECTED = Kind(
+    "accelerometer_scale",
+    "corrected",
+    "the accelerometer of {placement} reads {percent:+.1f} % of gravity at rest; corrected",
+    SCALE,
+)
+
+FORWARD_UNSURE = Kind("forward_unsure", "check", "{placement}: it is not sure which way is forward", UNSURE_FORWARD)
+
+NO_ACCELEROMETER = Kind(
+    "no_accelerometer", "check", "no accelerometer: angles come from the gyroscopes alone and drift", NO_GRAVITY
+)
+
+NO_FIRST_STANDING = Kind(
+    "no_first_standing",
+    "check",
+    "the recording does not start standing still; its first angles are uncertain",
+    FEW_RESTS,
+)

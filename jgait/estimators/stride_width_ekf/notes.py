@@ -1,0 +1,45 @@
+"""Kinds of facts that `stride_width_ekf` notices about a recording."""
+
+from jgait.notes import LOSSES, NO_RANGE, WRONG_PLACE, Kind
+
+FOOT_BRIDGED = Kind("foot_bridged", "check", "the {side} foot is not known at {samples} samples; bridged", LOSSES)
+
+FEW_STRIDES = Kind(
+    "few_strides", "check", "a foot has {strides} strides, and two of each are needed: no widths", NO_RANGE
+)
+
+RANGE_ABSENT = Kind("range_absent", "check", "there is no range between the feet, and so no widths", NO_RANGE)
+
+RANGE_SILENT = Kind("range_silent", "check", "the range sensor measured nothing, and so there are no widths", NO_RANGE)
+
+RANGE_FAR = Kind(
+    "range_far", "check", "the range sensor measured nothing within {longest:g} m, and so there are no widths", NO_RANGE
+)
+
+RANGE_UNUSED = Kind("range_unused", "check", "no range is left, and so there are no widths", NO_RANGE)
+
+_LEFT_OUT = "Distances between the feet that cannot be right, or come at the wrong moment, were not used."
+
+RANGES_LONG = Kind("ranges_long", "corrected", "left out {ranges} ranges above {longest:g} m", _LEFT_OUT)
+
+RANGES_ODD = Kind("ranges_odd", "corrected", "left out {ranges} ranges unlike those around them", _LEFT_OUT)
+
+RANGES_TURNING = Kind("ranges_turning", "corrected", "left out {ranges} ranges in turns", _LEFT_OUT)
+
+RANGES_UNKNOWN = Kind(
+    "ranges_unknown", "corrected", "left out {ranges} ranges at which the feet were not known", _LEFT_OUT
+)
+
+RANGE_LATE = Kind(
+    "range_late",
+    "corrected",
+    "the range's clock is {late_ms:.0f} ± {stddev_ms:.0f} ms late; corrected",
+    "The range sensor ran behind the inertial sensors; its times were shifted.",
+)
+
+FEET_SEEM_EXCHANGED = Kind(
+    "feet_seem_exchanged",
+    "check",
+    "left and right foot seem to be exchanged: so the ranges are {nats:.0f} nats likelier",
+    WRONG_PLACE,
+)

@@ -1,0 +1,40 @@
+"""Kinds of facts that the estimators at the waist notice about a recording."""
+
+from jgait.notes import CORRECTED, LOSSES, NO_WALKING, Kind
+
+SAMPLES_LOST = Kind(
+    "waist_samples_lost", "check", "{samples} samples of {placement} are lost; the filter goes on without them", LOSSES
+)
+
+AXES_CORRECTED = Kind(
+    "axes_corrected",
+    "corrected",
+    "{placement}: its {up} axis looks up and its {forward} forward, leaning {lean_deg:.0f}° and turned "
+    "{turned_deg:.0f}°; corrected",
+    CORRECTED,
+)
+
+GYROSCOPE_REVERSED = Kind(
+    "gyroscope_reversed",
+    "check",
+    "the gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned round, but "
+    "left and right may be exchanged",
+    "The sensor's axes or signs are not as the file states. Lengths hold, but left and right may be mixed up.",
+)
+
+NO_CONTACTS = Kind("no_contacts", "stop", "nobody walks: no initial contact was found", NO_WALKING)
+
+BOUT_WITHOUT_STANDING = Kind(
+    "bout_without_standing",
+    "check",
+    "bout {bout} of {bouts}, from {begin_s:.1f} s, does not begin from standing: its speed by integration is not to be "
+    "relied on",
+    "The speed at its beginning is not known. Contacts are detected all the same.",
+)
+
+DISTANCE_DOUBTFUL = Kind(
+    "distance_doubtful",
+    "stop",
+    "the distance{option} of {distance_m:.1f} m is only known to within {within_m:.1f} m: it should not be used",
+    "The estimator states that its uncertainty is too large for the number to be of use.",
+)
