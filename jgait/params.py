@@ -14,7 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree, PyTreeDef
 
-from jgait.types import Values
+from jgait.types import Scalar, Values
+
+type Param = Scalar | Any
+"""A parameter of a record: a number; in a record of transforms, the transform of that number."""
 
 
 class Transform(NamedTuple):

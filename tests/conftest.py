@@ -3,7 +3,6 @@
 import gc
 import importlib
 import os
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -64,10 +63,7 @@ def data() -> Callable[[str], datasets.Walks]:
     return load
 
 
-@pytest.fixture(scope="module")
-def load_experiment() -> Iterator[Callable[[str], ModuleType]]:
+@pytest.fixture(scope="session")
+def load_experiment() -> Callable[[str], ModuleType]:
     """`load_experiment("tuning.noise")`: the module experiments/tuning/noise.py."""
-    folder = str(Path(__file__).parents[1])
-    sys.path.insert(0, folder)
-    yield lambda name: importlib.import_module(f"experiments.{name}")
-    sys.path.remove(folder)
+    return lambda name: importlib.import_module(f"experiments.{name}")

@@ -8,8 +8,8 @@ import numpy as np
 
 from experiments.common import matching
 from experiments.common.shanks import SHIFTED, Leg
+from experiments.silva2017 import baselines
 from jgait.events import shank as shank_events
-from jgait.events import shank_baselines
 
 TOLERANCE = 0.4  # [s] between a detection and the contact it is taken for; strides last 0.9 to 1.6 s
 DETECTORS = ("swings", "machine", "paper's machine", "Jiménez", "Feliz")
@@ -40,8 +40,8 @@ def padded(values: np.ndarray, least: int = 4096) -> np.ndarray:
 
 _swings = jax.jit(shank_events.swings, static_argnums=1)
 _phases = jax.jit(shank_events.phases, static_argnums=1)
-_jimenez = jax.jit(shank_baselines.jimenez, static_argnums=1)
-_feliz = jax.jit(shank_baselines.feliz, static_argnums=1)
+_jimenez = jax.jit(baselines.jimenez, static_argnums=1)
+_feliz = jax.jit(baselines.feliz, static_argnums=1)
 
 
 def found(leg: Leg, detector: str = "swings") -> shank_events.ShankEvents:

@@ -14,8 +14,9 @@ import numpy as np
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
 from experiments.udaya2010 import literal as printed_filters
+from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.walked import Walked, neura, people
-from jgait.duty_cycle.fillers.base import Thigh, fillers
+from jgait.duty_cycle.fillers.base import Thigh
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from experiments.common.row import Row
+from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.table2 import ERRORS, SAVINGS
 from experiments.udaya2010.tradeoff import tradeoff
 from jgait import plot
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers import base as gap_filling
 from jgait.plot.power import Series
 
 PANELS = {
@@ -23,7 +23,7 @@ def _lines(protocol: str, told: dict[str, float], *, saving: bool) -> dict[str, 
     duties = list(SAVINGS)
     paper = [(SAVINGS[d] if saving else d) / 100.0 for d in duties]
     lines = {"paper (Table 2)": Series(paper, [ERRORS[d] for d in duties], "paper")}
-    for name in gap_filling.fillers():
+    for name in fillers():
         own = [d for d in duties if f"{protocol}_{name}_duty{d}" in told]
         if own:
             x = [d / 100.0 for d in own]

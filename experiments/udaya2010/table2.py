@@ -15,9 +15,9 @@ import numpy as np
 
 from experiments.common.recordings import available, names
 from experiments.common.row import Row, show
+from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.legs import RATE_HZ, Case, Leg, legs, overground_case, papers_case, simulated, warm_case
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers import base as gap_filling
 from jgait.duty_cycle.fillers.base import Filler, Thigh
 
 SAVINGS = {90: 8.57, 80: 17.14, 70: 28.57, 60: 37.14, 50: 42.86, 40: 57.14, 30: 68.57, 20: 77.14, 10: 88.57}
@@ -168,7 +168,7 @@ def _headlines(protocol: str, filler: str, duty: int, cases: list[Case], errors:
 
 def fillings(quick: bool) -> list[Row]:
     """The error column of every filler: median over the legs; headline numbers first, where there are any."""
-    every = gap_filling.fillers()
+    every = fillers()
     used = {name: every[name] for name in QUICK_FILLERS} if quick else every
     duties = QUICK_DUTIES if quick else tuple(SAVINGS)
     first: list[Row] = []

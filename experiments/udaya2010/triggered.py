@@ -17,11 +17,11 @@ import numpy as np
 
 from experiments.common.recordings import available, names
 from experiments.common.row import Row, show
+from experiments.udaya2010 import trigger as gap_trigger
+from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.legs import RATE_HZ, SWINGING, Case, Leg, legs, stride_samples
 from experiments.udaya2010.table2 import relative_errors
 from jgait.duty_cycle import power
-from jgait.duty_cycle import trigger as gap_trigger
-from jgait.duty_cycle.fillers import base as gap_filling
 from jgait.duty_cycle.fillers.base import Thigh
 
 LEVEL = 0.10
@@ -101,7 +101,7 @@ def _energy(used: power.Masks, judged: int) -> float:
 
 def scheduled(group: Group, period: float, places: int, name: str = "neighbours") -> Curve:
     """Fixed schedules of one period [strides], over the duties that the sensor can follow in every leg."""
-    filler = gap_filling.fillers()[name]
+    filler = fillers()[name]
     shape = (len(group.legs), places)
     points = [(np.ones(shape), np.zeros(shape))]
     for on in DUTIES:
@@ -243,7 +243,7 @@ def _belt(quick: bool) -> list[Row]:
     cases = [
         Case(g, np.arange(len(g.rate)) < judged, judged, 1.0) for g, judged in zip(some, group.judged, strict=True)
     ]
-    filler = gap_filling.fillers()["neighbours"]
+    filler = fillers()["neighbours"]
     error = relative_errors(filler, cases, least_strides=1.0, thigh=False)
     alone = Row("triggered_tripod_err_never_on", max(error), "ratio", None, len(some), f"{what}; two strides, then off")
     periods = BELT_PERIODS[:1] if quick else BELT_PERIODS

@@ -8,8 +8,6 @@ wake-up time w. Taken out of the off-time, as the paper does, the mean power ove
 The paper's Table 2, duty cycle p/q in lowest terms, is p of q units of 1.4 s on: ten units, 10/q wake-ups in 14 s, a
 saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscope's energy. All nine printed values come out.
 
-`relaxed_power` and `relaxed_masks` are the same with soft edges, smooth in duty and period.
-
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010, sections 1 and 5, Table 2. Test:
 tests/duty_cycle/test_power.py.
@@ -19,7 +17,6 @@ import math
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -249,26 +246,6 @@ def wake_samples(sensor: Sensor, rate_hz: float) -> int:
     return math.ceil(sensor.wake_up * rate_hz - 1e-6)
 
 
-def usable_of(powered: Any, rate_hz: float, sensor: Sensor = GYROSCOPE, *, warm: bool = True) -> Any:
-    """Which samples are good of a sensor that is switched on and off at will: causal.
-
-    Args:
-        powered: (T,) bool.
-        rate_hz: sampling rate [Hz].
-        sensor: that is switched.
-        warm: whether it had been on long enough before the first sample.
-
-    Returns:
-        (T,) bool: powered, and for all of the wake-up time before.
-    """
-    powered = jnp.asarray(powered, bool)
-    lead = wake_samples(sensor, rate_hz)
-    before = jnp.full((lead,), warm)
-    on = jnp.cumsum(jnp.concatenate([before, powered]).astype(jnp.int32))
-    on = jnp.concatenate([jnp.zeros_like(on[:1]), on])
-    return on[lead + 1 :] - on[: powered.shape[0]] == lead + 1
-
-
 def powered_for(wanted: Any, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
     """When the sensor must be powered so that wanted samples are good: it is woken ahead, which takes foresight.
 
@@ -308,80 +285,3 @@ def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
     on, good = jnp.sum(powered), jnp.sum(usable)
     asleep = powered.shape[0] - on
     return (sensor.on * good + sensor.waking * (on - good) + sensor.off * asleep) / rate_hz
-
-
-def _soft_minimum(a: Any, b: Any, softness: Any) -> Any:
-    """The smaller of two, rounded over `softness`; below both."""
-    return -softness * jnp.logaddexp(-a / softness, -b / softness)
-
-
-def relaxed_power(duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softness: Any = 0.02) -> Any:
-    """Mean power as a smooth function of duty and period [W], woken ahead.
-
-        p̄ = p_on d + p_off (1 − d) + (p_wake − p_off) s(w, (1 − d) c) / c
-
-    where the soft minimum s lets the wake-up vanish with the off-time, so that nothing jumps at d = 1.
-
-    Args:
-        duty: d, part of the time that is measured [1], in (0, 1].
-        period: c, on-time and off-time together [s].
-        sensor: that is switched.
-        softness: over what time the minimum is rounded [s]; towards 0 the power is that of `mean_power`.
-
-    Returns:
-        Mean power [W], in the shape of duty and period.
-
-    Raises:
-        ValueError: if a concrete duty lies outside (0, 1], or a period or the softness is not positive.
-    """
-    _check_relaxed(duty, period, softness)
-    off_time = (1.0 - duty) * period
-    # What the rounding leaves where there is no off-time is taken off again.
-    floor = _soft_minimum(sensor.wake_up, 0.0 * off_time, softness)
-    woken = _soft_minimum(sensor.wake_up, off_time, softness) - floor
-    return sensor.on * duty + sensor.off * (1.0 - duty) + (sensor.waking - sensor.off) * woken / period
-
-
-def relaxed_masks(time: Any, duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softness: Any = 0.02) -> Masks:
-    """On-fractions between 0 and 1 in place of a mask, smooth in duty and period: sigmoids at the edges.
-
-        usable(t) = σ(δ(t) / s),   δ the time to the nearest edge of the on-time, positive inside.
-
-    Halfway between two edges the slope turns over, which shows where they are but a few s apart.
-
-    Args:
-        time: (T,) [s]; an on-time begins at 0.
-        duty: part of the time that is measured [1], in (0, 1].
-        period: on-time and off-time together [s].
-        sensor: that is switched, woken ahead.
-        softness: s, width of an edge [s]; towards 0 the masks are those of `masks`.
-
-    Returns:
-        (T,) fractions. A filter takes one as a weight: the variance of its sample over the fraction.
-
-    Raises:
-        ValueError: if a concrete duty lies outside (0, 1], or a period or the softness is not positive.
-    """
-    _check_relaxed(duty, period, softness)
-    time = jnp.asarray(time)
-    on_time = duty * period
-    awake = jnp.minimum(on_time + sensor.wake_up, period)
-
-    def fraction(start: Any, length: Any) -> Any:
-        middle = start + 0.5 * length
-        away = time - middle
-        inside = 0.5 * length - jnp.abs(away - period * jnp.round(away / period))
-        # Where there is no off-time there is no edge: the fraction goes to 1 as the off-time closes.
-        return 1.0 - jax.nn.sigmoid(-inside / softness) * jnp.tanh(0.5 * (period - length) / softness)
-
-    usable = fraction(0.0, on_time)
-    return Masks(fraction(on_time - awake, awake), usable)
-
-
-def _check_relaxed(duty: Any, period: Any, softness: Any) -> None:
-    for value in (v for v in (duty,) if not isinstance(v, jax.core.Tracer)):
-        for one in np.ravel(np.asarray(value)):
-            check_duty(float(one))
-    for name, value in (("period", period), ("softness", softness)):
-        if not isinstance(value, jax.core.Tracer) and not np.all(np.asarray(value) > 0.0):
-            raise ValueError(f"{name} must be a positive number of seconds; got {value!r}")

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filler, Thigh, fillers
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filler, Thigh
+from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
 from jgait.notes import Kind
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float

@@ -32,9 +32,10 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jgait.events.shank import check_rate
-from jgait.events.trunk_rhythm import COARSE, SLOWEST, Coarse, Rhythm, contacts_nearby, vertex
+from jgait.events.trunk_rhythm import COARSE, SLOWEST, Coarse, Rhythm, contacts_nearby
 from jgait.events.trunk_soft import SOFT, Soft, instants
 from jgait.signal import butterworth, wavelet
+from jgait.signal.windows import vertex
 
 LATER = 0.4
 """[steps] After a contact begins the step over which the pelvis turns towards its side."""

@@ -82,12 +82,6 @@ class Rhythm(NamedTuple):
     forward: Any
 
 
-def vertex(before: Array, here: Array, after: Array) -> Array:
-    """Where between −1/2 and 1/2 the parabola through three samples is greatest; `here` is none the smallest."""
-    bend = 2.0 * here - before - after
-    return jnp.where(bend > 0.0, 0.5 * (after - before) / jnp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)
-
-
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
     """The frequency of steps about every moment.
 
@@ -118,7 +112,7 @@ def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
     usual = np.exp(-0.5 * (np.log2(rate / lags / USUAL) / OCTAVES) ** 2)
     at = lags[0] + jnp.argmax(mean[:, lags] * jnp.asarray(usual, band.dtype)[None, :], axis=1)
     before, here, after = (mean[np.arange(len(middle)), at + k] for k in (-1, 0, 1))
-    frequency = rate / (at.astype(band.dtype) + vertex(before, here, after))
+    frequency = rate / (at.astype(band.dtype) + signal.vertex(before, here, after))
     weight = jnp.maximum(here, 0.0) + jnp.finfo(band.dtype).tiny ** 0.5
     reach = int(np.ceil(4.0 * MEMORY / HOP))
     near = jnp.asarray(np.exp(-0.5 * (HOP * np.arange(-reach, reach + 1) / MEMORY) ** 2), band.dtype)
@@ -235,7 +229,7 @@ def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: flo
     row = jnp.nonzero(certain, size=capacity, fill_value=-1)[0]
     there, at = row >= 0, where[row]
     sides = (jnp.clip(at + k, 0, shock.shape[0] - 1) for k in (-1, 0, 1))
-    time = (at.astype(shock.dtype) + vertex(*(shock[k] for k in sides))) / rate
+    time = (at.astype(shock.dtype) + signal.vertex(*(shock[k] for k in sides))) / rate
     frequency = along[at]
     kept = _kept(time, frequency, there & tall[at], there, c)
     return Rhythm(kept, time, frequency, slow[:, 0])

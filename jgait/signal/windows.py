@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from jgait.types import AnyArray
+from jgait.types import AnyArray, Values
 
 
 def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "padded *rest"]:
@@ -98,3 +98,9 @@ def true_runs(flags: Bool[AnyArray, "time"] | Sequence[bool]) -> list[tuple[int,
     edges = np.diff(np.concatenate([[0], np.asarray(flags, bool).astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return [(int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
+
+
+def vertex(before: Values, here: Values, after: Values) -> Values:
+    """Where between −1/2 and 1/2 the parabola through three samples is greatest; `here` is not less than the others."""
+    bend = 2.0 * here - before - after
+    return jnp.where(bend > 0.0, 0.5 * (after - before) / jnp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)

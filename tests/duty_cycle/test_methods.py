@@ -6,7 +6,6 @@ from made.gaps import COUNT, RATE_HZ, schedule, walk
 
 from jgait.duty_cycle.fillers.base import Thigh
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
-from jgait.duty_cycle.fillers.oscillator import EXTRAPOLATION, extrapolate
 from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend, ridge
 
 
@@ -76,16 +75,6 @@ def test_a_thigh_helps_where_the_shank_feels_nothing(fill):
     thigh = Thigh(np.roll(rate, 3), acc)
     assert error(fill(rate, on, deaf, RATE_HZ, thigh=thigh), rate, on) < 0.3
     assert error(fill(rate, on, deaf, RATE_HZ), rate, on) > 0.6
-
-
-def test_extrapolation_dies_away_as_its_model_does():
-    rate, acc = walk()
-    on = schedule()
-    found = np.asarray(extrapolate(rate, on, acc, RATE_HZ).rate)[130:160]
-    a = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.rate_decay_s))
-    b = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.slope_decay_s))
-    np.testing.assert_allclose(found[2:], (a + b) * found[1:-1] - a * b * found[:-2], atol=1e-12)
-    assert abs(found[0] - rate[130]) < 0.3
 
 
 def test_a_blend_lies_between_its_parts_by_its_share():

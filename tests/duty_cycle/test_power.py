@@ -1,7 +1,5 @@
 """What a sleeping sensor costs: the paper's Table 2, masks against closed forms, and the smooth form."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -55,22 +53,15 @@ def test_battery_life_of_two_sensors():
 def test_switching_at_will_agrees_with_the_schedule():
     schedule = Schedule(1, 2, 0.6, ahead=True)
     used = power.masks(schedule, 400, RATE)
-    np.testing.assert_array_equal(power.usable_of(used.powered, RATE), used.usable)
     # The wake-up for an on-time behind the end is in the schedule, and cannot be known from the samples wanted.
     inside = slice(0, 360)
     np.testing.assert_array_equal(power.powered_for(used.usable, RATE)[inside], used.powered[inside])
-    inner = power.masks(schedule._replace(ahead=False), 400, RATE)
-    np.testing.assert_array_equal(power.usable_of(inner.powered, RATE, warm=False), inner.usable)
 
 
-@pytest.mark.parametrize("warm", [True, False])
-def test_usable_samples_by_a_loop(warm):
+def test_powered_samples_by_a_loop():
     rng = np.random.default_rng(5)
     powered = np.repeat(rng.random(40) < 0.6, rng.integers(1, 25, 40))
     lead = 10
-    history = np.concatenate([np.full(lead, warm), powered])
-    expected = [history[i : i + lead + 1].all() for i in range(powered.size)]
-    np.testing.assert_array_equal(jax.jit(lambda p: power.usable_of(p, RATE, warm=warm))(powered), expected)
     wanted = np.concatenate([powered, np.zeros(lead, bool)])
     expected = [wanted[i : i + lead + 1].any() for i in range(powered.size)]
     np.testing.assert_array_equal(power.powered_for(powered, RATE), expected)
@@ -80,10 +71,6 @@ def test_usable_samples_by_a_loop(warm):
 def test_a_duty_cycle_outside_its_range_is_refused(duty):
     with pytest.raises(ValueError, match=r"duty must lie in \(0, 1\]"):
         power.schedule_of_duty(duty)
-    with pytest.raises(ValueError, match=r"duty must lie in \(0, 1\]"):
-        power.relaxed_power(duty, 2.8)
-    with pytest.raises(ValueError, match=r"duty must lie in \(0, 1\]"):
-        power.relaxed_masks(jnp.arange(3.0), duty, 2.8)
 
 
 def test_what_a_sensor_cannot_follow_is_refused_with_the_reason():
@@ -108,56 +95,3 @@ def test_what_a_sensor_cannot_follow_is_refused_with_the_reason():
         power.masks(Schedule(1, 1), 10, 0.0)
     with pytest.raises(ValueError, match="masks must have one shape"):
         power.mask_energy(Masks(np.ones(3, bool), np.ones(2, bool)), RATE)
-    with pytest.raises(ValueError, match="period must be a positive number"):
-        power.relaxed_power(0.5, 0.0)
-
-
-@pytest.mark.parametrize("duty", TABLE_2)
-def test_the_smooth_power_is_the_exact_one_where_edges_are_far_apart(duty):
-    schedule = power.schedule_of_duty(duty / 100)
-    smooth = power.relaxed_power(schedule.duty, schedule.period, softness=0.005)
-    # What is left of the rounding: exp(−0.2 s / 5 ms).
-    assert float(smooth) == pytest.approx(power.mean_power(schedule), rel=1e-12)
-
-
-def test_the_smooth_power_goes_over_into_always_on():
-    near = power.relaxed_power(jnp.asarray([0.9999, 1.0]), 2.0, softness=0.02)
-    assert float(near[1]) == pytest.approx(GYROSCOPE.on, rel=1e-12)
-    assert float(near[0]) == pytest.approx(GYROSCOPE.on, rel=1e-3)
-
-
-def test_soft_masks_tend_to_the_schedule_and_cost_what_it_costs():
-    schedule = power.schedule_of_duty(0.4)
-    hard = power.masks(schedule, 1400, RATE)
-    time = (jnp.arange(1400.0) + 0.5) / RATE
-    soft = power.relaxed_masks(time, schedule.duty, schedule.period, softness=1e-4)
-    np.testing.assert_allclose(soft.usable, hard.usable, atol=1e-12)
-    np.testing.assert_allclose(soft.powered, hard.powered, atol=1e-12)
-    wide = power.relaxed_masks(time, schedule.duty, schedule.period, softness=0.02)
-    mean = float(power.mask_energy(wide, RATE)) / 28.0
-    # A sum of samples over sigmoids one sample wide.
-    assert mean == pytest.approx(float(power.relaxed_power(schedule.duty, schedule.period)), rel=1e-3)
-
-
-@pytest.mark.parametrize(("duty", "period"), [(0.37, 3.1), (0.9, 2.2), (0.97, 4.0)])
-def test_slopes_of_the_smooth_form_are_those_of_differences(duty, period):
-    time = jnp.arange(300.0) / RATE + 0.003  # no sample halfway between edges, where the slope turns over
-    weights = jnp.cos(jnp.arange(300.0))
-
-    def both(values):
-        used = power.relaxed_masks(time, values[0], values[1])
-        return 1e3 * power.relaxed_power(values[0], values[1]) + weights @ used.usable + weights @ used.powered
-
-    at = jnp.asarray([duty, period])
-    slope = jax.grad(both)(at)
-    h = 1e-6
-    for i in range(2):
-        step = h * jnp.eye(2)[i]
-        assert float(slope[i]) == pytest.approx(float((both(at + step) - both(at - step)) / (2 * h)), rel=1e-5)
-    assert np.all(np.isfinite(slope))
-
-
-def test_a_longer_period_costs_less_for_the_same_duty():
-    slope = jax.jit(jax.grad(power.relaxed_power, argnums=1))(0.5, 4.0)
-    # −p w / c², the wake-up spread over more time; exp(−0.2 s / 20 ms) is left of the rounding.
-    assert float(slope) == pytest.approx(-GYROSCOPE.on * GYROSCOPE.wake_up / 4.0**2, rel=1e-5)

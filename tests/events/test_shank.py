@@ -1,12 +1,11 @@
 """Strides told from a shank's rate: known swings, online as offline, sensors worn wrongly, and what is refused."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jgait.events import shank as shank_events
-from jgait.events import shank_baselines, shank_stance
+from jgait.events import shank_stance
 from jgait.mounting import shank as shank_axes
 from jgait.signal import butterworth
 from jgait.types import Imu, Recording, RecordingError
@@ -197,12 +196,3 @@ def test_stances_lie_between_swings_and_in_standing():
     assert np.all(np.abs(rate[stood.end]) < 0.3)
     with pytest.raises(ValueError, match="before the next"):
         shank_stance.stances(rate, np.abs(rate), end, start, RATE)
-
-
-def test_baselines_count_swings():
-    gyr = np.stack([0 * TIME, sagittal(TIME), 0 * TIME], axis=1)
-    assert int(shank_baselines.feliz(gyr, RATE).sum()) == STRIDES
-    shaken = np.abs(sagittal(TIME)) * np.sign(np.sin(40.0 * TIME)) + 9.81
-    acc = np.stack([0 * TIME, 0 * TIME, shaken], axis=1)
-    assert int(shank_baselines.jimenez(acc, RATE).sum()) == STRIDES
-    assert not jnp.any(shank_baselines.jimenez(np.tile([0.0, 0.0, 9.81], (SAMPLES, 1)), RATE))

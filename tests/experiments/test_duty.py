@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jgait.duty_cycle.fillers.base import HOLD_FILLER, fillers
+from jgait.duty_cycle.fillers.registry import fillers
 from jgait.types import Imu, Recording
 
 
@@ -58,7 +58,7 @@ def test_warm_up_and_two_strides_are_measured_before_the_first_gap(parts, walker
 def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(parts, walker):
     legs, table = parts
     cases = [legs.overground_case(walker, 50), legs.overground_case(walker.part(0, 400), 50)]
-    told = table.relative_errors(HOLD_FILLER, cases, least_strides=2.0, thigh=False)
+    told = table.relative_errors(fillers()["hold"], cases, least_strides=2.0, thigh=False)
     for error, case in zip(told, cases, strict=True):
         last = np.maximum.accumulate(np.where(case.usable, np.arange(len(case.usable)), 0))
         true = case.leg.rate
@@ -71,11 +71,11 @@ def test_what_the_filler_is_given_holds_nothing_of_the_gaps(parts, walker):
     case = legs.papers_case(walker, 40)
 
     def given(rate, usable, acc, rate_hz, params, *, thigh=None):
-        return HOLD_FILLER.fill(rate, usable, acc, rate_hz, params)._replace(rate=rate)
+        return fillers()["hold"].fill(rate, usable, acc, rate_hz, params)._replace(rate=rate)
 
     true = case.leg.rate
     hidden = np.sqrt(np.sum(true[~case.usable] ** 2) / np.sum(true**2))
-    of = HOLD_FILLER._replace(fill=given)
+    of = fillers()["hold"]._replace(fill=given)
     assert table.relative_errors(of, [case], least_strides=2.0, thigh=False)[0] == pytest.approx(hidden, rel=1e-12)
 
 

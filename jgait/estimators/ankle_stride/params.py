@@ -7,7 +7,7 @@ from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
-DETECTORS = ("swings", "machine", "paper", "jimenez", "feliz")
+DETECTORS = ("swings", "machine", "paper")
 SITES = ("auto", "ankle", "shank")
 
 
@@ -89,7 +89,7 @@ class AnkleOptions(NamedTuple):
         length: "filter": the error-state filter; "3d": strapdown from stance to stance; "sl1", "sl2":
             pendulum. Only the filter states standard deviations.
         detector: "swings": lobes of the rate filtered both ways; "machine": the paper's state machine that knows a foot
-            which stops; "paper": the machine as printed; "jimenez", "feliz": detectors for comparison.
+            which stops; "paper": the machine as printed.
         site: "ankle", "shank", or "auto": the ankle's sensor where there is one, else the shank's.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: the ground is level, and the filter knows it.

@@ -16,7 +16,7 @@ from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import CLIPPED, NO_STEPS, STRIDES_UNCERTAIN
 from jgait.events import shank as shank_events
-from jgait.events import shank_baselines, shank_stance
+from jgait.events import shank_stance
 from jgait.events.rest import longest_still
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
@@ -30,9 +30,6 @@ WINDOW_S = 0.03
 
 STANDING = 0.2
 """[rad/s] In a pause, and before and after the walk, a leg that turns more slowly stands."""
-
-SWING_S = 0.5
-"""[s] How long a swing lasts of which only the end is known."""
 
 LOST_RATE, LOST_FORCE = 2.0, 10.0
 """[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
@@ -109,8 +106,6 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
 _both_ways = jax.jit(butterworth.low_pass_both_ways, static_argnums=2)
 _swings = jax.jit(shank_events.swings, static_argnums=1)
 _phases = jax.jit(shank_events.phases, static_argnums=1)
-_jimenez = jax.jit(shank_baselines.jimenez, static_argnums=1)
-_feliz = jax.jit(shank_baselines.feliz, static_argnums=1)
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
@@ -124,17 +119,13 @@ def _padded(values: np.ndarray) -> np.ndarray:
 def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray]:
     """Where each swing begins and ends, in samples and parts of them; each ends before the next begins."""
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
-    if detector in ("jimenez", "feliz"):
-        told = _jimenez(_padded(as_float(imu.acc)), rate_hz) if detector == "jimenez" else None
-        told = _feliz(_padded(as_float(imu.gyr)), rate_hz) if told is None else told
-        end = np.flatnonzero(np.asarray(told)[:count]).astype(np.float64)
-        start = np.maximum(end - SWING_S * rate_hz, 0.0)
+    settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
+    if detector == "swings":
+        found = _swings(_padded(rate), rate_hz)
     else:
-        settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
-        found = _swings(_padded(rate), rate_hz) if detector == "swings" else None
-        found = _phases(_padded(rate), rate_hz, settings[detector]) if found is None else found
-        there = np.flatnonzero(np.asarray(found.stride)[:count])
-        start, end = (np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (found.start, found.end))
+        found = _phases(_padded(rate), rate_hz, settings[detector])
+    there = np.flatnonzero(np.asarray(found.stride)[:count])
+    start, end = (np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (found.start, found.end))
     start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
     kept = np.rint(end) > np.rint(start)
     return start[kept], end[kept]

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh, fillers
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
+from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.about import ABOUT

@@ -22,9 +22,18 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
-from jgait.duty_cycle.fillers.base import Filled, Filler, Thigh, check_signals, finished, in_type, measured_enough, pace
+from jgait.duty_cycle.fillers.base import (
+    Filled,
+    Filler,
+    Force,
+    On,
+    Rate,
+    Thigh,
+    finished,
+    started,
+)
+from jgait.duty_cycle.fillers.pace import measured_enough, pace
 from jgait.filtering import EKF, KF, Belief, Covariance, Model, kalman_filter
 from jgait.params import fixed, positive
 
@@ -34,7 +43,7 @@ HARMONICS = 5
 TWO_PI = 6.283185307179586
 
 
-class Rate(NamedTuple):
+class Gyroscope(NamedTuple):
     """What the gyroscope observes: the sagittal rate [rad/s]."""
 
     rate: Any
@@ -84,12 +93,12 @@ def _motion_noise(p: Extrapolation, s: Motion, control: Any, dt: Any) -> Covaria
     return Covariance.from_variances(Motion(q * dt**3 / 3.0, q * dt)).with_entries(parts)
 
 
-def _motion_observation(p: Extrapolation, s: Motion, control: Any) -> Rate:
-    return Rate(s.rate)
+def _motion_observation(p: Extrapolation, s: Motion, control: Any) -> Gyroscope:
+    return Gyroscope(s.rate)
 
 
-def _gyro_noise(p: Any, s: Any, control: Any) -> Rate:
-    return Rate(p.gyro_noise**2)
+def _gyro_noise(p: Any, s: Any, control: Any) -> Gyroscope:
+    return Gyroscope(p.gyro_noise**2)
 
 
 MOTION = Model(_motion_initial, _motion_transition, _motion_noise, _motion_observation, _gyro_noise)
@@ -97,29 +106,17 @@ MOTION = Model(_motion_initial, _motion_transition, _motion_noise, _motion_obser
 
 
 def extrapolate(
-    rate: ArrayLike, usable: ArrayLike, acc: ArrayLike | None, sampling_rate_hz: float,
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Extrapolation = EXTRAPOLATION, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
     """The rate goes on with its slope, and both die away: prediction by a constant-velocity filter.
 
-    Args:
-        rate: (T,) sagittal rate of the shank [rad/s]; anything where it is off.
-        usable: (T,) bool, where the gyroscope was on and awake.
-        acc: not used by the filter, only to count strides; or None.
-        sampling_rate_hz: of the samples [Hz]; static.
-        params: parameters.
-        thigh: not used.
-
-    Returns:
-        The filled rate.
-
-    Raises:
-        ValueError: as `check_signals`.
+    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
     """
-    s = check_signals(rate, usable, acc, sampling_rate_hz, thigh)
-    p, told = in_type(params, s), pace(s, sampling_rate_hz)
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    told = pace(s, sampling_rate_hz)
     found = kalman_filter(
-        MOTION, p, Rate(s.rate), dt=1.0 / sampling_rate_hz, mask=s.usable, method=KF(), keep=("mean",)
+        MOTION, p, Gyroscope(s.rate), dt=1.0 / sampling_rate_hz, mask=s.usable, method=KF(), keep=("mean",)
     )
     return finished(s, found.mean.rate, measured_enough(told, p.least_strides))
 
@@ -180,8 +177,8 @@ def _turn_noise(p: Resonance, s: Harmonics, control: Pulse, dt: Any) -> Harmonic
     return _alike(p.change**2 * dt, p.change**2 * dt)
 
 
-def _turn_observation(p: Resonance, s: Harmonics, control: Pulse) -> Rate:
-    return Rate(s.mean + sum(s.cosines))
+def _turn_observation(p: Resonance, s: Harmonics, control: Pulse) -> Gyroscope:
+    return Gyroscope(s.mean + sum(s.cosines))
 
 
 RESONATOR = Model(_turn_initial, _turn, _turn_noise, _turn_observation, _gyro_noise)
@@ -189,29 +186,17 @@ RESONATOR = Model(_turn_initial, _turn, _turn_noise, _turn_observation, _gyro_no
 
 
 def resonate(
-    rate: ArrayLike, usable: ArrayLike, acc: ArrayLike | None, sampling_rate_hz: float,
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Resonance = RESONANCE, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
     """Harmonics of the estimated stride frequency turn on: prediction by a linear filter.
 
-    Args:
-        rate: (T,) sagittal rate of the shank [rad/s]; anything where it is off.
-        usable: (T,) bool, where the gyroscope was on and awake.
-        acc: (T, 3) specific force of the shank [m/s²], from which the period is followed through the gap; or None.
-        sampling_rate_hz: of the samples [Hz]; static.
-        params: parameters.
-        thigh: not used.
-
-    Returns:
-        The filled rate.
-
-    Raises:
-        ValueError: as `check_signals`.
+    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
     """
-    s = check_signals(rate, usable, acc, sampling_rate_hz, thigh)
-    p, told = in_type(params, s), pace(s, sampling_rate_hz)
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    told = pace(s, sampling_rate_hz)
     found = kalman_filter(
-        RESONATOR, p, Rate(s.rate), controls=Pulse(1.0 / told.period), dt=1.0 / sampling_rate_hz, mask=s.usable,
+        RESONATOR, p, Gyroscope(s.rate), controls=Pulse(1.0 / told.period), dt=1.0 / sampling_rate_hz, mask=s.usable,
         method=KF(), keep=("mean",),
     )  # fmt: skip
     mean = found.mean
@@ -309,27 +294,15 @@ OSCILLATORS = {count: Model(partial(_start, count), _run_on, _wander, _sounds, _
 
 
 def oscillate(
-    rate: ArrayLike, usable: ArrayLike, acc: ArrayLike | None, sampling_rate_hz: float,
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Oscillation = OSCILLATION, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
     """A phase-locked oscillator with harmonics: an extended Kalman filter, with or without accelerometer.
 
-    Args:
-        rate: (T,) sagittal rate of the shank [rad/s]; anything where it is off.
-        usable: (T,) bool, where the gyroscope was on and awake.
-        acc: (T, 3) specific force of the shank [m/s²], whose series hold the phase through the gap; or None.
-        sampling_rate_hz: of the samples [Hz]; static.
-        params: parameters.
-        thigh: not used.
-
-    Returns:
-        The filled rate.
-
-    Raises:
-        ValueError: as `check_signals`.
+    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
     """
-    s = check_signals(rate, usable, acc, sampling_rate_hz, thigh)
-    p, told = in_type(params, s), pace(s, sampling_rate_hz)
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    told = pace(s, sampling_rate_hz)
     felt = () if s.acc is None else tuple(s.acc[:, axis] / ACC_UNIT for axis in range(3))
     always = jnp.ones_like(s.usable)
     model = OSCILLATORS[1 + len(felt)]
@@ -345,7 +318,7 @@ def oscillate(
 
 
 def _rate_alone(
-    rate: ArrayLike, usable: ArrayLike, acc: ArrayLike | None, sampling_rate_hz: float,
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Oscillation = OSCILLATION, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
     """`oscillate` without the accelerometer, whether there is one or not."""

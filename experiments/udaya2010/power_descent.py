@@ -1,12 +1,12 @@
 r"""The descent behind `power_tradeoff`: errors under on-times with soft edges, and schedules found by gradient.
 
-Under on-fractions u between 0 and 1 (`power.relaxed_masks`) a neighbour of `gap_neighbours` counts by its fraction,
+Under on-fractions u between 0 and 1 (`relaxed.relaxed_masks`) a neighbour of `gap_neighbours` counts by its fraction,
 and a sample is measured with probability u,
 
     w_{t,j} = u_j exp(−½ max(q_{t,j} − m_t, 0) / (h² (m_t + ε))),   m_t = min_j q_{t,j} / u_j,
     e² = Σ_t (1 − u_t) (Σ_j w_{t,j} ω_j / Σ_j w_{t,j} − ω_t)² / Σ_t ω_t²,
 
-which at u of 0 and 1 is the error of the filler itself. With the mean power p of `power.relaxed_power` over that of
+which at u of 0 and 1 is the error of the filler itself. With the mean power p of `relaxed.relaxed_power` over that of
 always on, and a price λ,
 
     J = (E^n + (λ p)^n)^{1/n},   E² = mean of e² over the walks
@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import optax
 from jax import Array, lax
 
+from experiments.udaya2010.relaxed import relaxed_masks, relaxed_power
 from jgait import params
-from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers import neighbours as gap_neighbours
 from jgait.duty_cycle.fillers.neighbours import Neighbours
 from jgait.duty_cycle.power import Sensor
@@ -138,7 +138,7 @@ def _error(free: Free, walk: Stack, phase: Any, softness: Any, dt: float, every:
     samples = jnp.arange(len(walk.rate))
     on, period = free.plan.on * walk.unit, (free.plan.on + free.plan.off) * walk.unit
     time = (samples - walk.begin).astype(walk.rate.dtype) * dt + phase * period
-    usable = power.relaxed_masks(time, on / period, period, sensor, softness=softness).usable
+    usable = relaxed_masks(time, on / period, period, sensor, softness=softness).usable
     usable = jnp.where(samples < walk.begin, 1.0, usable)
     rows = samples[::every]
     judged = (rows >= walk.begin) & (rows < walk.end)
@@ -153,7 +153,7 @@ def _objective(
     def one(walk: Stack, phase: Any) -> tuple[Array, Array]:
         period = (free.plan.on + free.plan.off) * walk.unit
         duty = free.plan.on / (free.plan.on + free.plan.off)
-        drawn = power.relaxed_power(duty, period, sensor, softness=softness) / sensor.on
+        drawn = relaxed_power(duty, period, sensor, softness=softness) / sensor.on
         return _error(free, walk, phase, softness, dt, settings.every, sensor), drawn
 
     squares, drawn = jax.vmap(one)(walks, phases)
@@ -228,5 +228,5 @@ def _whole(free: Free, price: Any, stack: Stack, dt: float, settings: Settings, 
 
     squares = lax.map(one, stack)
     total = free.plan.on + free.plan.off
-    drawn = power.relaxed_power(free.plan.on / total, total * stack.unit, sensor, softness=SHARPNESS[1]) / sensor.on
+    drawn = relaxed_power(free.plan.on / total, total * stack.unit, sensor, softness=SHARPNESS[1]) / sensor.on
     return traded(squares.mean(), drawn.mean(), price, settings.norm)

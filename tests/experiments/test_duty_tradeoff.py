@@ -5,12 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.duty_cycle import power, power_descent, power_tradeoff
+from experiments.udaya2010 import power_descent, power_tradeoff
+from experiments.udaya2010.power_descent import Plan, Settings
+from experiments.udaya2010.power_tradeoff import Shank, judge, masks_of, pareto, rounded, undominated
+from experiments.udaya2010.relaxed import relaxed_masks
+from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import Thigh
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
 from jgait.duty_cycle.power import GYROSCOPE
-from jgait.duty_cycle.power_descent import Plan, Settings
-from jgait.duty_cycle.power_tradeoff import Shank, judge, masks_of, pareto, rounded, undominated
 
 RATE_HZ = 50.0
 STRIDE = 50  # samples
@@ -58,7 +60,7 @@ def test_the_gradient_of_the_soft_error_is_that_of_differences():
 
     @jax.jit
     def error(duty, period):
-        usable = power.relaxed_masks(time, duty, period, softness=0.05).usable
+        usable = relaxed_masks(time, duty, period, softness=0.05).usable
         usable = jnp.where(time < 0.0, 1.0, usable)
         return power_descent.relaxed_error(usable, stack.rate[0], far, rows, rows >= BEGIN, NEIGHBOURS)
 

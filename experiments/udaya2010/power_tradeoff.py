@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from experiments.udaya2010.power_descent import Plan, Settings, Stack, descents
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers import neighbours as gap_neighbours
 from jgait.duty_cycle.fillers.base import Filler, Thigh
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
-from jgait.duty_cycle.power_descent import Plan, Settings, Stack, descents
 
 USUAL = Settings()
 """How a descent goes that nothing else is said of."""

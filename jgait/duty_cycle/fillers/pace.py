@@ -1,0 +1,138 @@
+r"""The stride period and the number of measured strides, from a gyroscope with gaps and an accelerometer; causal.
+
+The stride period is the lag at which the running mean square difference between a signal and the same signal that lag
+ago is least. The accelerometer is always on, so with it the period is followed through a gap of the gyroscope.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, pushed
+from jgait.params import Param
+from jgait.signal.windows import vertex
+
+RATE_SCALE, ACC_SCALE = 2.0, 6.0
+"""[rad/s], [m/s²] How much a shank's signals vary in walking; differences are divided by these scales."""
+
+MOVING = 0.5
+"""[rad/s] A shank whose rate has a larger root mean square over about 0.5 s walks; in standing it stays under 0.1."""
+
+
+class Pace(NamedTuple):
+    """Stride period and number of strides at each sample, from this sample and those before it.
+
+    Attributes:
+        period: (T,) stride period [s].
+        strides: (T,) number of strides that the gyroscope has measured in walking.
+        known: (T,) bool, False as long as the signals are too short for a stride period.
+    """
+
+    period: Float[Array, "time"]
+    strides: Float[Array, "time"]
+    known: Bool[Array, "time"]
+
+
+type _Carry = tuple[_Differences, tuple[Array, Array, Array, Array], Array, Array]
+"""Differences, registers of past samples, smoothed square rate, seconds of walking."""
+
+
+class _Differences(NamedTuple):
+    """Sums of square differences at every lag, and their weights, of the rate and of the accelerometer."""
+
+    rate: Float[Array, "lag"]
+    rate_weight: Float[Array, "lag"]
+    acc: Float[Array, "lag"]
+    acc_weight: Float[Array, "lag"]
+
+
+def _mean(d: _Differences, some: float) -> Float[Array, "lag"]:
+    """Mean difference at each lag over the mean of all lags; a lag with few samples is drawn to 1.5, a poor fit.
+
+    Each signal is divided by its own mean, so that a lag at which the gyroscope was never on twice has no advantage.
+    """
+    sums = [(d.rate, d.rate_weight), (d.acc, d.acc_weight)]
+    total = sum(s * (w.sum() + 1.0) / (s.sum() + 1.0) for s, w in sums)
+    return (total + 1.5 * some) / (d.rate_weight + d.acc_weight + some)
+
+
+def _valley(score: Float[Array, "lag"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
+    """Index of the deepest valley, and the offset of its bottom from that index; the two ends are no valleys."""
+    inner = score[1:-1]
+    valley = (inner <= score[:-2]) & (inner <= score[2:])
+    at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
+    return at, vertex(-score[at - 1], -score[at], -score[at + 1])
+
+
+@partial(jax.jit, static_argnames=("sampling_rate_hz", "memory_s"))
+def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
+    r"""The stride period and the number of measured strides; a decision, without gradient.
+
+    At each lag l, with forgetting γ over `memory_s` and u = 1 where the gyroscope was on,
+
+        D_l ← γ D_l + u_t u_{t−l} (ω_t − ω_{t−l})² / s_ω² + ‖a_t − a_{t−l}‖² / s_a²,
+
+    each sum is divided by its own mean, and their total by the total weight; the period is the lag where the result is
+    least, refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the
+    gyroscope is off.
+
+    Args:
+        s: from `check_signals`.
+        sampling_rate_hz: of the samples [Hz]; static.
+        memory_s: time constant of forgetting [s]; static.
+    """
+    dt, dtype = 1.0 / sampling_rate_hz, s.rate.dtype
+    lags = np.arange(int(PERIODS[0] * sampling_rate_hz), int(np.ceil(PERIODS[1] * sampling_rate_hz)) + 1)
+    keep, half = float(np.exp(-dt / memory_s)), float(np.exp(-dt / 0.5))
+    blank = jnp.zeros(len(lags), dtype)
+    force = jnp.zeros((len(s.rate), 3), dtype) if s.acc is None else s.acc
+    some = 0.1 * sampling_rate_hz
+    longer = jnp.asarray(1.0 + 0.1 * lags * dt, dtype)  # of a period and its double, the period
+
+    def step(carry: _Carry, sample: tuple[Array, Array, Array]) -> tuple[_Carry, Pace]:
+        d, past, power, walked = carry
+        rate, on, acc = sample
+        before = jax.tree.map(lambda register: register[lags - 1], past)
+        pairs = (before[1] & on).astype(dtype)
+        forget = keep if s.acc is not None else jnp.where(on, keep, 1.0).astype(dtype)
+        there = before[3].astype(dtype) if s.acc is not None else jnp.zeros_like(pairs)
+        d = _Differences(
+            forget * d.rate + pairs * ((rate - before[0]) / RATE_SCALE) ** 2,
+            forget * d.rate_weight + pairs,
+            keep * d.acc + there * ((acc[None] - before[2]) ** 2).sum(axis=1) / ACC_SCALE**2,
+            keep * d.acc_weight + there,
+        )
+        power = jnp.where(on, half * power + (1.0 - half) * rate**2, power)
+        score = _mean(d, some) * longer
+        at, shift = _valley(score)
+        period = ((lags[0] + at).astype(dtype) + shift) * dt
+        walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
+        seen = jnp.maximum(d.rate_weight[at], d.acc_weight[at])
+        now = (rate, on, acc, jnp.ones_like(on))
+        past = jax.tree.map(pushed, past, now)
+        return (d, past, power, walked), Pace(period, walked / period, seen > 0.2 * sampling_rate_hz)
+
+    longest = int(lags[-1])
+    no = jnp.zeros(longest, bool)
+    past = (jnp.zeros(longest, dtype), no, jnp.zeros((longest, 3), dtype), no)
+    start = (_Differences(blank, blank, blank, blank), past, jnp.zeros((), dtype), jnp.zeros((), dtype))
+    found = lax.scan(step, start, (s.rate, s.usable, force))[1]
+    return jax.tree.map(lax.stop_gradient, found)
+
+
+def measured_enough(found: Pace, least_strides: Param) -> Bool[Array, "time"]:
+    """True from the sample on at which so many strides were measured, rounded to whole strides."""
+    measured = found.known & (found.strides >= jnp.asarray(least_strides, found.strides.dtype) - 0.5)
+    return lax.cummax(measured.astype(jnp.int32)) > 0
+
+
+def filled_once_enough(
+    s: Signals, filled: Float[Array, "time"], sampling_rate_hz: float, least_strides: Param, latency: int = 0
+) -> Filled:
+    """The end of most fillers: filled samples once so many strides were measured, held samples before."""
+    return finished(s, filled, measured_enough(pace(s, sampling_rate_hz), least_strides), latency)

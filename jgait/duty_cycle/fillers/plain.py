@@ -1,0 +1,116 @@
+"""The two plain ways to fill gaps: hold the last measured value, or repeat the last cycle.
+
+Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for gait
+assessment using wearable sensors", Wireless Health 2010, section 5: `replicate`.
+
+Deviations from the paper:
+    1. The paper replicates "from the previous cycle" of its schedule, 1.4 s ago. Where 1.4 s is no stride period, the
+       error is larger than that of a rate that is left at zero; so the stride period is estimated.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array
+
+from jgait.duty_cycle.fillers.base import (
+    PERIODS,
+    Filled,
+    Filler,
+    Force,
+    On,
+    Rate,
+    Thigh,
+    finished,
+    pushed,
+    started,
+)
+from jgait.duty_cycle.fillers.pace import measured_enough, pace
+from jgait.params import Param, fixed, interval, positive
+
+
+class Hold(NamedTuple):
+    """Parameters of `hold`.
+
+    Attributes:
+        decay_s: time constant with which a held value decays to zero [s]; infinite: it stays.
+    """
+
+    decay_s: Param = np.inf
+
+
+HOLD = Hold()
+HOLD_TRANSFORMS = Hold(decay_s=positive)
+
+
+def hold(
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: Hold = HOLD, *,
+    thigh: Thigh | None = None,
+) -> Filled:  # fmt: skip
+    """The last measured value, which decays to zero with a time constant; a baseline for the others.
+
+    Every filled sample is flagged `HELD`. Arguments and errors: see `base`.
+    """
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    lost = 1.0 / (p.decay_s * sampling_rate_hz)
+
+    def step(age: Array, on: Array) -> tuple[Array, Array]:
+        age = jnp.where(on, 0.0, age + 1.0).astype(s.rate.dtype)
+        return age, age
+
+    age = lax.scan(step, jnp.zeros_like(s.rate[0]), s.usable)[1]
+    kept = finished(s, s.rate, jnp.zeros_like(s.usable))
+    return kept._replace(rate=jnp.where(s.usable, s.rate, kept.rate * jnp.exp(-age * lost)))
+
+
+class Replicate(NamedTuple):
+    """Parameters of `replicate`.
+
+    Attributes:
+        stretch: lag of the replica over the estimated stride period [1].
+        least_strides: strides that must be measured before samples are filled rather than held [strides].
+    """
+
+    stretch: Param = 1.0
+    least_strides: Param = 2.0
+
+
+REPLICATE = Replicate()
+REPLICATE_TRANSFORMS = Replicate(stretch=interval(0.8, 1.25), least_strides=fixed)
+
+
+def replicate(
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
+    params: Replicate = REPLICATE, *, thigh: Thigh | None = None,
+) -> Filled:  # fmt: skip
+    """The last cycle once more: ω̂_t = ω̂_{t − P}, P the stride period estimated up to then.
+
+    With an accelerometer the period is followed through the gap. Arguments and errors: see `base`.
+    """
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    stride = pace(s, sampling_rate_hz)
+    enough = measured_enough(stride, p.least_strides)
+    length = int(np.ceil(1.25 * PERIODS[1] * sampling_rate_hz)) + 2
+
+    def step(
+        carry: tuple[Array, Array], sample: tuple[Array, Array, Array, Array]
+    ) -> tuple[tuple[Array, Array], Array]:
+        register, last = carry
+        value, on, period, trusted = sample
+        back = jnp.clip(p.stretch * period * sampling_rate_hz - 1.0, 0.0, length - 2.0)
+        low = jnp.floor(lax.stop_gradient(back)).astype(jnp.int32)
+        share = back - low.astype(back.dtype)
+        again = (1.0 - share) * register[low] + share * register[low + 1]
+        value = jnp.where(on, value, jnp.where(trusted, again, last))
+        return (pushed(register, value), jnp.where(on, value, last)), value
+
+    start = (jnp.zeros(length, s.rate.dtype), jnp.zeros_like(s.rate[0]))
+    return finished(s, lax.scan(step, start, (s.rate, s.usable, stride.period, enough))[1], enough)
+
+
+FILLERS = {
+    "hold": Filler(hold, HOLD, HOLD_TRANSFORMS),
+    "replicate": Filler(replicate, REPLICATE, REPLICATE_TRANSFORMS),
+}

@@ -1,0 +1,42 @@
+"""Fillers by a filter's prediction: the interface of all fillers, and what the models predict."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
+
+from experiments.udaya2010.oscillator import EXTRAPOLATION, FILLERS, extrapolate
+from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.params import check_params
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("resonate", 0.1), ("oscillate", 0.2), ("oscillate_alone", 0.3), ("extrapolate", 2.0)]
+)
+def test_the_interface_of_all_fillers_and_the_error_of_a_known_walk(name, most):
+    rate, acc = walk(seed=1)
+    on, one = schedule(), FILLERS[name]
+    little = on & (np.arange(COUNT) < STRIDE)
+    rates, masks = jnp.asarray(np.stack([rate, np.where(on, rate, 1e3), rate])), jnp.asarray([on, on, little])
+    found = jax.jit(jax.vmap(lambda r, u: one.fill(r, u, jnp.asarray(acc), RATE_HZ, one.params)))(rates, masks)
+    np.testing.assert_array_equal(found.rate[0][on], rate[on])
+    np.testing.assert_array_equal(found.how[0], np.where(on, MEASURED, FILLED))
+    np.testing.assert_array_equal(found.rate[1], found.rate[0])
+    assert (np.asarray(found.how[2])[~little] == HELD).all() and np.isfinite(found.rate).all()
+    check_params(one.params, one.transforms)
+    assert np.sqrt(np.mean((np.asarray(found.rate[0]) - walk()[0])[~on] ** 2) / np.mean(rate**2)) < most
+
+
+def test_the_accelerometer_is_asked_for_where_it_is_needed():
+    assert [name for name, one in FILLERS.items() if one.needs_acc] == ["oscillate"]
+
+
+def test_extrapolation_dies_away_as_its_model_does():
+    rate, acc = walk()
+    on = schedule()
+    found = np.asarray(extrapolate(rate, on, acc, RATE_HZ).rate)[130:160]
+    a = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.rate_decay_s))
+    b = np.exp(-1.0 / (RATE_HZ * EXTRAPOLATION.slope_decay_s))
+    np.testing.assert_allclose(found[2:], (a + b) * found[1:-1] - a * b * found[:-2], atol=1e-12)
+    assert abs(found[0] - rate[130]) < 0.3
