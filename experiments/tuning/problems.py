@@ -12,14 +12,33 @@ from jgait import datasets, filtering, params, simulate, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import PAPER
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.estimators.leg_ekf.model import LegModelParams, LegRates
+from jgait.estimators.leg_ekf.model import LegModelParams, LegState
 from jgait.simulate import protocols
 from jgait.tune import Lesson, Lessons, losses
 from jgait.types import Estimate, Walk
 
 RATE_HZ = 100.0
 SECONDS = 10.0
-MODEL = leg_model.only_rates(leg_model.MODEL)
+
+
+class Rates(NamedTuple):
+    """Rates of both gyroscopes [rad/s]."""
+
+    thigh_gyro: Any
+    shin_gyro: Any
+
+
+def _observation(p: LegModelParams, state: LegState, control: Any) -> Rates:
+    whole = leg_model.observation(p, state, control)
+    return Rates(whole.thigh_gyro, whole.shin_gyro)
+
+
+def _observation_noise(p: LegModelParams, state: LegState, control: Any) -> Rates:
+    return Rates(p.gyro_variance_thigh, p.gyro_variance_shin)
+
+
+MODEL = leg_model.MODEL._replace(observation=_observation, observation_noise=_observation_noise)
+"""The leg model with the gyroscopes as its only observations."""
 
 
 class Noise(NamedTuple):
@@ -46,7 +65,7 @@ FREE = Noise(*(params.positive,) * 4)
 class Drawn(NamedTuple):
     """A leg drawn from the model: what its gyroscopes read (T,) [rad/s], and its lengths [m]."""
 
-    rates: LegRates
+    rates: Rates
     thigh_length: Any
     shank_length: Any
 
@@ -65,7 +84,7 @@ def drawn(key: Any, people: int, seconds: float = SECONDS) -> Drawn:
     samples = round(seconds * RATE_HZ)
 
     def one(one_key: Any, thigh: Any, shank: Any) -> Any:
-        p = leg_params(TRUE, Drawn(LegRates(None, None), thigh, shank))
+        p = leg_params(TRUE, Drawn(Rates(None, None), thigh, shank))
         return filtering.draw(one_key, MODEL, p, samples, dt=1.0 / RATE_HZ)[1]
 
     keys = jax.random.split(how, people)
