@@ -16,14 +16,17 @@ from jgait.notes import Note
 AnyArray = Array | np.ndarray
 """An array of JAX, or of NumPy on the host: `Float[AnyArray, "time 3"]`."""
 
-Scalar = Float[AnyArray, ""] | float
-"""One number: a Python float, or an array without axes (traced, or what an optimiser moves)."""
+Scalar = Float[AnyArray, ""] | float | np.floating
+"""One number: a Python float, or an array without axes."""
+
+Integer = Int[AnyArray, ""] | int | np.integer
+"""One whole number: a Python int, or an array without axes."""
 
 if TYPE_CHECKING:  # whether it has axes, is traced or a Python number depends on the caller: checked while tests run
     type Values = Any
     type Flags = Any
 else:
-    Values = Float[AnyArray, "..."] | float
+    Values = Float[AnyArray, "..."] | float | np.floating
     Flags = Bool[AnyArray, "..."] | bool | np.bool_
 """`Values`: numbers of any one shape, for elementwise functions. `Flags`: truth values of any one shape."""
 

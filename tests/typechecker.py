@@ -10,7 +10,7 @@ from typing import Any
 import beartype
 import numpy.typing as npt
 
-MODULES = [f"jgait.{name}" for name in ("params", "types", "geometry", "signal")]
+MODULES = [f"jgait.{name}" for name in ("params", "types", "geometry", "signal", "tune", "simulate")]
 """Modules whose functions are checked, with all below them."""
 
 _CONFIGURATION = beartype.BeartypeConf(is_pep484_tower=True)

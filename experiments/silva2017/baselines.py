@@ -8,14 +8,13 @@ low-cost MEMS IMU", 2009, and R. Feliz, E. Zalama, J. G. García-Bermejo, "Pedes
 authors name none.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jgait.events.shank import check_rate
 from jgait.signal.windows import median_filter, moving_std, window_size
+from jgait.types import Scalar
 
 SPREAD_S = 0.25
 """[s] Jiménez: window of the moving standard deviation; his own is 0.31 s, 15 samples either side at 100 Hz.
@@ -47,7 +46,7 @@ def _norm(signal: ArrayLike) -> Array:
     return jnp.sqrt(jnp.sum(values * values, axis=1))
 
 
-def jimenez(acc: ArrayLike, sampling_rate_hz: float, swinging: Any = SWINGING, standing: Any = STANDING) -> Array:
+def jimenez(acc: ArrayLike, sampling_rate_hz: float, swinging: Scalar = SWINGING, standing: Scalar = STANDING) -> Array:
     """Where a step is counted: the specific force's moving standard deviation was high and becomes low.
 
     Args:
@@ -72,7 +71,7 @@ def jimenez(acc: ArrayLike, sampling_rate_hz: float, swinging: Any = SWINGING, s
     return lax.scan(one, jnp.zeros((), bool), spread)[1]
 
 
-def feliz(gyr: ArrayLike, sampling_rate_hz: float, turning: Any = TURNING) -> Array:
+def feliz(gyr: ArrayLike, sampling_rate_hz: float, turning: Scalar = TURNING) -> Array:
     """Where a step is counted: the median-filtered norm of the rate falls below a threshold.
 
     Args:

@@ -3,12 +3,14 @@
 import functools
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Hashable, Iterable
 from contextlib import closing
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.evaluate.devices import sharded
@@ -17,7 +19,7 @@ from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.notes import Note
 from jgait.params import check_params
-from jgait.types import Estimate, RecordingError, Walk, reason_of
+from jgait.types import AnyArray, Estimate, RecordingError, Walk, reason_of
 
 SHORTEST = 512
 """Samples that the shortest bucket holds."""
@@ -30,12 +32,12 @@ class CohortJob(NamedTuple):
     """What is done with each recording; see `cohort`."""
 
     estimator: Estimator
-    params: Any
-    own: Callable[[Walk], dict[str, Any]] | None
-    read: Callable[[Any], Walk] | None
+    params: PyTree
+    own: Callable[[Walk], dict[str, PyTree]] | None
+    read: Callable[[PyTree], Walk] | None
     score: Callable[[Estimate, Walk], Scores]
     batch: int
-    mesh: Any
+    mesh: PyTree
     x64: bool
 
 
@@ -64,11 +66,11 @@ class Ready(NamedTuple):
     name: str
     walk: Walk
     time: np.ndarray
-    inputs: Any
-    params: Any
-    options: Any
+    inputs: PyTree
+    params: PyTree
+    options: PyTree
     notes: tuple[Note, ...]
-    bucket: Any
+    bucket: Hashable
 
 
 def padded_length(samples: int) -> int:
@@ -79,7 +81,7 @@ def padded_length(samples: int) -> int:
     return -(-samples // quarter) * quarter
 
 
-def prepared(job: CohortJob, name: str, item: Any) -> Ready | Failed:
+def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
     """Read and prepare one recording; whatever is wrong with it is its own failure.
 
     A missing package is the installation's fault and not the recording's, so ImportError passes through.
@@ -108,7 +110,7 @@ def prepared(job: CohortJob, name: str, item: Any) -> Ready | Failed:
         return Failed(name, subject, reason_of(error))
 
 
-def _params(job: CohortJob, walk: Walk) -> Any:
+def _params(job: CohortJob, walk: Walk) -> PyTree:
     params = job.params(walk) if callable(job.params) else job.params
     if job.own is not None:
         params = job.estimator.own(params, job.own(walk))
@@ -117,7 +119,7 @@ def _params(job: CohortJob, walk: Walk) -> Any:
     return params
 
 
-def _lowered(leaf: Any) -> np.ndarray:
+def _lowered(leaf: AnyArray) -> np.ndarray:
     """A leaf in the precision in which JAX computes; whole numbers of Python are floating-point parameters."""
     array = np.asarray(leaf)
     kind = array.dtype if array.dtype.kind == "b" or isinstance(leaf, np.ndarray | jax.Array) else np.float64
@@ -132,10 +134,10 @@ def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
         room: how many wait at most.
         x64: JAX's precision in the thread, which has its own.
     """
-    waiting: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=max(1, room))
+    waiting: queue.Queue[tuple[str, PyTree]] = queue.Queue(maxsize=max(1, room))
     stop = threading.Event()
 
-    def put(kind: str, value: Any) -> bool:
+    def put(kind: str, value: PyTree) -> bool:
         while not stop.is_set():
             try:
                 waiting.put((kind, value), timeout=0.1)
@@ -169,13 +171,13 @@ def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
         thread.join()
 
 
-def evaluated(job: CohortJob, items: Iterable[tuple[str, Any]]) -> Generator[Cohort]:
+def evaluated(job: CohortJob, items: Iterable[tuple[str, PyTree]]) -> Generator[Cohort]:
     """Run named items; the tables of each batch as soon as it is finished.
 
     While one batch computes, the next is read and prepared, and the one before is scored.
     """
     failures: list[Failed] = []
-    before: tuple[list[Ready], Any] | None = None
+    before: tuple[list[Ready], PyTree] | None = None
     with closing(_full(job, items, failures)) as buckets:
         for bucket in buckets:
             try:
@@ -192,9 +194,9 @@ def evaluated(job: CohortJob, items: Iterable[tuple[str, Any]]) -> Generator[Coh
         yield tables([], failures)
 
 
-def _full(job: CohortJob, items: Iterable[tuple[str, Any]], failures: list[Failed]) -> Generator[list[Ready]]:
+def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Failed]) -> Generator[list[Ready]]:
     """Buckets as they fill; at the end, or when too many wait, the rest as they are."""
-    waiting: dict[Any, list[Ready]] = {}
+    waiting: dict[PyTree, list[Ready]] = {}
     with closing(ahead((prepared(job, *item) for item in items), job.batch, job.x64)) as ready:
         for one in ready:
             if isinstance(one, Failed):
@@ -210,20 +212,20 @@ def _full(job: CohortJob, items: Iterable[tuple[str, Any]], failures: list[Faile
 
 
 @functools.lru_cache(maxsize=64)
-def program(run: Callable[..., Estimate], options: Any, mesh: Any) -> Callable[..., Any]:
+def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) -> Callable[..., PyTree]:
     """The compiled estimator over a batch; the same for the same arguments, so that nothing is compiled twice."""
     mapped = jax.vmap(lambda params, inputs: run(params, inputs, options))
     return compiled(mapped if mesh is None else sharded(mapped, mesh))
 
 
-def _started(job: CohortJob, bucket: list[Ready]) -> Any:
+def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:
     """Begin to compute a batch; a small one is filled up with copies."""
     rows = bucket + [bucket[0]] * (job.batch - len(bucket))
     params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *((row.params, row.inputs) for row in rows))
     return program(job.estimator.run, bucket[0].options, job.mesh)(params, inputs)
 
 
-def _finished(job: CohortJob, bucket: list[Ready], result: Any, failures: list[Failed]) -> Cohort:
+def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: list[Failed]) -> Cohort:
     """Score a batch when it is computed; takes the failures along."""
     result = jax.device_get(result)
     good: list[tuple[Ready, Estimate, Scores]] = []
@@ -249,7 +251,7 @@ def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
     """The estimate at the recording's own samples; time as it was recorded, not rounded to the computation's."""
     samples, padded = ready.time.size, padded_length(ready.time.size)
 
-    def cut(leaf: Any) -> Any:
+    def cut(leaf: AnyArray) -> AnyArray:
         return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
 
     whole = jax.tree.map(cut, estimate._replace(strides=None, strides_stddev=None))
@@ -284,7 +286,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
         for ready, _, scores in good
         for name, pair in scores.quantities.items()
     ]
-    lists: dict[str, list[Any]] = {name: [] for name in COLUMNS["strides"] if "error" not in name}
+    lists: dict[str, list[PyTree]] = {name: [] for name in COLUMNS["strides"] if "error" not in name}
     for ready, _, scores in good:
         count = len(scores.strides["s_id"]) if scores.strides else 0
         own = {"recording": [ready.name] * count, "subject": [ready.walk.recording.subject] * count, **scores.strides}
@@ -300,6 +302,6 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
     )
 
 
-def _columns(table: str, rows: list[Any]) -> dict[str, Any]:
+def _columns(table: str, rows: list[PyTree]) -> dict[str, Any]:
     names = COLUMNS[table]
     return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))

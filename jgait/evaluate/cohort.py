@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
+from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import devices, scores
@@ -17,22 +18,25 @@ from jgait.params import check_params
 from jgait.types import Estimate, Walk
 from jgait.version import __version__
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 Progress = Callable[[int, int], None]
 """Called after every batch with the recordings finished in this run, and those among them that failed."""
 
 
 def cohort(
     estimator: Estimator,
-    items: Iterable[Any],
-    params: Any = None,
+    items: Iterable[PyTree],
+    params: PyTree = None,
     *,
-    own: Callable[[Walk], dict[str, Any]] | None = None,
-    read: Callable[[Any], Walk] | None = None,
+    own: Callable[[Walk], dict[str, PyTree]] | None = None,
+    read: Callable[[PyTree], Walk] | None = None,
     score: Callable[[Estimate, Walk], Scores] = scores.score,
     out: Path | str | None = None,
     batch: int = 64,
     mesh: jax.sharding.Mesh | None = None,
-    client: Any = None,
+    client: "Client | None" = None,
     progress: Progress | None = None,
 ) -> Cohort:
     """Run an estimator on many recordings, and compare each with its reference.
@@ -129,8 +133,8 @@ def cohort(
 
 
 def _named(
-    items: Iterable[Any], can_read: bool, done: frozenset[str], rank: int, processes: int
-) -> Iterator[tuple[str, Any]]:
+    items: Iterable[PyTree], can_read: bool, done: frozenset[str], rank: int, processes: int
+) -> Iterator[tuple[str, PyTree]]:
     """This process's share of the items that are not done, each with its name."""
     seen: set[str] = set()
     for number, item in enumerate(items):

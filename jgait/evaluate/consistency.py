@@ -9,9 +9,10 @@ Source:
     Ljung and Box, On a measure of lack of fit in time series models, Biometrika 65 (1978).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jgait.evaluate.reliability import check_level
 from jgait.types import as_float
@@ -61,7 +62,9 @@ class Whiteness(NamedTuple):
     consistent: bool
 
 
-def nis_consistency(nis: Any, count: Any, *, mask: Any = None, level: float = 0.95) -> Consistency:
+def nis_consistency(
+    nis: npt.ArrayLike, count: npt.ArrayLike, *, mask: npt.ArrayLike | None = None, level: float = 0.95
+) -> Consistency:
     """Are innovations as large as the filter says? Their normalised squares ν'S⁻¹ν add up to a chi-square.
 
     Args:
@@ -82,7 +85,12 @@ def nis_consistency(nis: Any, count: Any, *, mask: Any = None, level: float = 0.
 
 
 def nees_consistency(
-    error: Any, *, covariance: Any = None, stddev: Any = None, mask: Any = None, level: float = 0.95
+    error: npt.ArrayLike,
+    *,
+    covariance: npt.ArrayLike | None = None,
+    stddev: npt.ArrayLike | None = None,
+    mask: npt.ArrayLike | None = None,
+    level: float = 0.95,
 ) -> Consistency:
     """Are estimates as far from the truth as the filter says? Normalised estimation errors squared e'P⁻¹e.
 
@@ -107,7 +115,7 @@ def nees_consistency(
     if (covariance is None) == (stddev is None):
         raise ValueError("exactly one of covariance and stddev must be given")
     size, used = errors.shape[1], _mask(mask, errors.shape[:1]) & np.isfinite(errors).all(axis=1)
-    if covariance is None:
+    if stddev is not None:
         spread = as_float(stddev)
         spread = spread[:, None] if spread.ndim == 1 else spread
         if spread.shape != errors.shape:
@@ -117,7 +125,7 @@ def nees_consistency(
             raise ValueError(f"stddev must be positive; the smallest is {spread[used].min():g}")
         squares = np.sum((errors[used] / spread[used]) ** 2, axis=1)
     else:
-        matrices = as_float(covariance)
+        matrices = np.asarray(covariance, np.float64)
         if matrices.shape != (*errors.shape, size):
             raise ValueError(f"covariance must be {(*errors.shape, size)}; got {matrices.shape}")
         used &= np.isfinite(matrices).all(axis=(1, 2))
@@ -129,7 +137,7 @@ def nees_consistency(
     return _chi_square(squares, np.full(squares.shape, float(size)), level, "error")
 
 
-def _mask(mask: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _mask(mask: npt.ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     if mask is None:
         return np.ones(shape, bool)
     given = np.asarray(mask)
@@ -153,7 +161,9 @@ def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: st
     return Consistency(mean, float(low), float(high), share, squares.size, round(total), bool(low <= mean <= high))
 
 
-def whiteness(innovations: Any, *, lags: int = 20, mask: Any = None, level: float = 0.95) -> Whiteness:
+def whiteness(
+    innovations: npt.ArrayLike, *, lags: int = 20, mask: npt.ArrayLike | None = None, level: float = 0.95
+) -> Whiteness:
     """Does an innovation tell of the next one? Autocorrelations up to a lag, and Ljung and Box's test of them all.
 
     r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the pairs of samples k apart that

@@ -2,9 +2,9 @@
 
 from collections.abc import Generator, Iterable
 from itertools import islice
-from typing import Any
 
 import jax
+from jaxtyping import PyTree
 
 from jgait.evaluate.buckets import CohortJob, Failed, evaluated, tables
 from jgait.evaluate.store import Cohort, joined
@@ -13,13 +13,13 @@ QUEUED = 3
 """Tasks for each thread of the cluster that are submitted at a time; the other items wait unread."""
 
 
-def task(job: CohortJob, items: list[tuple[str, Any]]) -> Cohort:
+def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
     """Evaluate a group of items in a worker, in the precision of whoever sent them."""
     with jax.enable_x64(job.x64):
         return joined(evaluated(job, items))
 
 
-def on_dask(job: CohortJob, items: Iterable[tuple[str, Any]], client: Any) -> Generator[Cohort]:
+def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
     """A task for each group of `job.batch` items; the tables of each as it is finished.
 
     A task whose worker dies is run again by Dask, elsewhere. If its workers keep dying, its items are tried one by
@@ -31,15 +31,15 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, Any]], client: Any) -> Ge
     groups = iter(lambda: list(islice(rest, job.batch)), [])
     # The worker keeps the job, and with it what it has compiled.
     shared = client.submit(_same, job, pure=False)
-    sent: dict[Any, list[tuple[str, Any]]] = {}
+    sent: dict[PyTree, list[tuple[str, PyTree]]] = {}
 
-    def send(group: list[tuple[str, Any]]) -> Any:
+    def send(group: list[tuple[str, PyTree]]) -> "Future":
         future = client.submit(task, shared, group, pure=False)
         sent[future] = group
         return future
 
     finished = as_completed([send(group) for group in islice(groups, QUEUED * _threads(client))])
-    alone: list[tuple[str, Any]] = []
+    alone: list[tuple[str, PyTree]] = []
     for future in finished:
         group = sent.pop(future)
         part = _result(future)
@@ -61,11 +61,11 @@ def _same(job: CohortJob) -> CohortJob:
     return job
 
 
-def _threads(client: Any) -> int:
+def _threads(client: "Client") -> int:
     return max(1, sum(client.nthreads().values()))
 
 
-def _result(future: Any) -> Cohort | None:
+def _result(future: "Future") -> Cohort | None:
     """What a task gave; None if its workers died of it."""
     from distributed import KilledWorker
 

@@ -2,11 +2,11 @@
 
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 from jax._src import distributed
 from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import PyTree
 
 
 def checked_mesh(mesh: Mesh | None) -> Mesh | None:
@@ -25,7 +25,7 @@ def checked_mesh(mesh: Mesh | None) -> Mesh | None:
     return own
 
 
-def sharded(mapped: Callable[..., Any], mesh: Mesh) -> Callable[..., Any]:
+def sharded(mapped: Callable[..., PyTree], mesh: Mesh) -> Callable[..., PyTree]:
     """A function over batches with the batch divided among the devices of a mesh; they exchange nothing."""
     along = PartitionSpec(mesh.axis_names[0])
     # A scan's carry starts with constants, the same on every device, and ends different: that is meant.

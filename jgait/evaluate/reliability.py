@@ -10,11 +10,12 @@ Source:
     Biopharmaceutical Statistics 17 (2007).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from jgait.types import as_float
+from jgait.types import Values, as_float
 
 
 class Icc(NamedTuple):
@@ -58,7 +59,7 @@ class Limits(NamedTuple):
     n_subjects: int
 
 
-def icc21(ratings: Any, *, level: float = 0.95) -> Icc:
+def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
     """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
 
     ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), of the mean squares of rows, columns and the rest.
@@ -87,7 +88,7 @@ def icc21(ratings: Any, *, level: float = 0.95) -> Icc:
     return Icc(value, *_icc_interval(value, between, raters, rest, n, k, level), n)
 
 
-def icc_of_squares(between: Any, raters: Any, rest: Any, n: Any, k: int) -> np.ndarray:
+def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
     """ICC(2,1) from the mean squares of targets, raters and the rest, NaN where all are 0; see `icc21`."""
     total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
     return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
@@ -113,7 +114,7 @@ def _icc_interval(
     return (float(low), float(high)) if np.isfinite([low, high]).all() else (np.nan, np.nan)
 
 
-def icc(estimate: Any, reference: Any, *, level: float = 0.95) -> Icc:
+def icc(estimate: npt.ArrayLike, reference: npt.ArrayLike, *, level: float = 0.95) -> Icc:
     """ICC(2,1) of an estimate and its reference as two raters; see `icc21`.
 
     Args:
@@ -127,7 +128,9 @@ def icc(estimate: Any, reference: Any, *, level: float = 0.95) -> Icc:
     return icc21(np.stack(finite_pair(estimate, reference, "estimate", "reference"), axis=1), level=level)
 
 
-def limits_of_agreement(estimate: Any, reference: Any, *, subjects: Any = None, level: float = 0.95) -> Limits:
+def limits_of_agreement(
+    estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None, level: float = 0.95
+) -> Limits:
     """Bland and Altman's limits: where the share `level` of differences estimate − reference lies.
 
     limits = bias ± z √(σ_B² + σ_W²). Between and within subjects are told apart by an unbalanced one-way analysis of
@@ -193,7 +196,7 @@ def check_level(level: float) -> None:
         raise ValueError(f"level must lie in (0, 1); got {level!r}")
 
 
-def number_subjects(labels: Any) -> tuple[np.ndarray, int]:
+def number_subjects(labels: npt.ArrayLike) -> tuple[np.ndarray, int]:
     """Each row's subject as a number in order of appearance, and how many subjects there are."""
     import pandas as pd
 
@@ -203,7 +206,7 @@ def number_subjects(labels: Any) -> tuple[np.ndarray, int]:
     return codes, len(names)
 
 
-def finite_pair(one: Any, other: Any, *names: str) -> tuple[np.ndarray, np.ndarray]:
+def finite_pair(one: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
     """Two equally long columns of finite numbers, at least two of them."""
     first, second = as_float(one), as_float(other)
     if first.ndim != 1 or first.shape != second.shape or first.size < 2:

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jgait.evaluate.errors import FIELDS, common_samples, foot_position_error
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
@@ -89,11 +90,11 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     return Scores(quantities, strides)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: npt.ArrayLike | None) -> bool:
     return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
-def _on(reference: Estimate, estimate: Estimate, values: Any) -> np.ndarray:
+def _on(reference: Estimate, estimate: Estimate, values: npt.ArrayLike) -> np.ndarray:
     """An estimate's values (T,) at the times of the reference."""
     theirs, ours = as_float(reference.time), as_float(estimate.time)
     return as_float(values) if np.array_equal(theirs, ours) else np.interp(theirs, ours, as_float(values))

@@ -5,9 +5,11 @@ people. On the host, in NumPy and pandas; quantiles of distributions need scipy 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import PyTree
 
 from jgait.evaluate.errors import DistanceError
 from jgait.evaluate.reliability import (
@@ -93,7 +95,7 @@ def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.n
     return (rng.integers(0, count, count) for _ in range(resamples))
 
 
-def _ends(values: Any, level: float) -> tuple[float, float]:
+def _ends(values: npt.ArrayLike, level: float) -> tuple[float, float]:
     """Lower and upper end of the middle share `level` of the finite values."""
     values = as_float(values)
     values = values[np.isfinite(values)]
@@ -104,8 +106,8 @@ def _ends(values: Any, level: float) -> tuple[float, float]:
 
 
 def bootstrap_interval(
-    values: Any,
-    statistic: Callable[[np.ndarray], Any] = np.median,
+    values: npt.ArrayLike,
+    statistic: Callable[[np.ndarray], PyTree] = np.median,
     *,
     seed: int,
     level: float = 0.95,
@@ -134,7 +136,7 @@ def bootstrap_interval(
 
 def cluster_bootstrap(
     table: "pd.DataFrame",
-    statistic: Callable[["pd.DataFrame"], Any],
+    statistic: Callable[["pd.DataFrame"], PyTree],
     *,
     by: str = "subject",
     seed: int,
@@ -176,12 +178,12 @@ def cluster_bootstrap(
 
 
 def paired_difference(
-    before: Any,
-    after: Any,
-    subjects: Any,
+    before: npt.ArrayLike,
+    after: npt.ArrayLike,
+    subjects: npt.ArrayLike,
     *,
     seed: int,
-    statistic: Callable[[np.ndarray], Any] = np.median,
+    statistic: Callable[[np.ndarray], PyTree] = np.median,
     level: float = 0.95,
     resamples: int = 2000,
 ) -> PairedDifference:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +71,7 @@ class Cohort(NamedTuple):
         means.insert(0, "n", groups["error"].count())
         return means.reset_index()
 
-    def agreement(self, **settings: Any) -> "pd.DataFrame":
+    def agreement(self, **settings: PyTree) -> "pd.DataFrame":
         """Bias, limits of agreement and ICC of every quantity that has a reference.
 
         Args:
@@ -197,7 +198,7 @@ def _read(part: Path, table: str) -> "pd.DataFrame":
     return frame(table, {n: v if n in _TEXT else v.astype("i8" if n in _WHOLE else "f8") for n, v in plain.items()})
 
 
-def described(value: Any) -> str:
+def described(value: object) -> str:
     """In words, the same in every process: a function by name, code and what it closes over; arrays by content."""
     if isinstance(value, functools.partial):
         return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
@@ -224,13 +225,13 @@ def described(value: Any) -> str:
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
 
 
-def _held(value: Any) -> str:
+def _held(value: object) -> str:
     """What a function closes over; what may change while it runs (counters, caches, tables) by its type alone."""
     plain = isinstance(value, tuple | str | bytes | int | float | Path | jax.Array | np.ndarray | np.generic)
     return described(value) if plain or value is None or inspect.isfunction(value) else type(value).__name__
 
 
-def _code(function: Callable[..., Any]) -> bytes:
+def _code(function: Callable[..., PyTree]) -> bytes:
     code = function.__code__
     constants = [c for c in code.co_consts if not inspect.iscode(c)]
     return code.co_code + repr((code.co_names, constants)).encode()

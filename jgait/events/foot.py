@@ -6,12 +6,15 @@ are `RATIO` times as high, and its threshold is its own lowest rate times a fact
 sensor may be mounted in any way.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float, PyTree
+
+from jgait.types import AnyArray
 
 WINDOW = 0.1
 """[s] Over which the root mean square of the rate is taken."""
@@ -67,7 +70,7 @@ class Stances(NamedTuple):
     rate: np.ndarray
 
 
-def moving_rate(gyr: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
+def moving_rate(gyr: Float[AnyArray, "time 3"], sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
     """Root mean square of the angular rate over a centred window (T,) [rad/s]; the ends are repeated."""
     size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
     half = size // 2
@@ -76,7 +79,9 @@ def moving_rate(gyr: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> 
     return np.sqrt(np.maximum(total[size:] - total[:-size], 0.0) / size)
 
 
-def unrest(gyr: Any, acc: Any, sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
+def unrest(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float, window_s: float = WINDOW
+) -> np.ndarray:
     """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
     size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
     force = np.asarray(acc, np.float64)
@@ -91,9 +96,14 @@ def unrest(gyr: Any, acc: Any, sampling_rate_hz: float, window_s: float = WINDOW
 
 
 def stances(
-    gyr: Any, acc: Any, sampling_rate_hz: float, *, still: float = STILL, factor: float = 1.5,
+    gyr: Float[AnyArray, "time 3"],
+    acc: Float[AnyArray, "time 3"],
+    sampling_rate_hz: float,
+    *,
+    still: float = STILL,
+    factor: float = 1.5,
     erosion_s: tuple[float, float] = EROSION,
-) -> Stances:  # fmt: skip
+) -> Stances:
     """Where a foot stands, at any speed of gait.
 
     Args:
@@ -147,14 +157,14 @@ def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @jax.jit
-def _turning_points(rate: Any) -> tuple[Any, Any, Any]:
+def _turning_points(rate: Float[Array, "time"]) -> PyTree:
     """One pass over the rate: valleys confirmed by a swing, swings by falling again.
 
     Returns:
         (T,) bool where a valley is confirmed, (T,) where it was, and the valley that is open at the end or −1.
     """
 
-    def step(carry: Any, item: Any) -> Any:
+    def step(carry: PyTree, item: PyTree) -> PyTree:
         seeking, extreme, at = carry
         index, value = item
         lower = seeking & (value < extreme)
@@ -200,7 +210,7 @@ def inside(found: Stances, samples: int) -> np.ndarray:
     return np.cumsum(change[:-1]) > 0
 
 
-def contacts(gyr: Any, found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Final and initial contact of every stride, between one stance and the next.
 
     The toes leave where the foot is pitched down most, after the heel has risen. The heel has met the ground when the

@@ -21,14 +21,16 @@ Readings of the paper, and deviations from it:
        from 0.979 to 0.995 (elderly of `walking5m`).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike
+from jaxtyping import Bool, PyTree
 
 from jgait.signal import butterworth
+from jgait.types import Flags, Scalar, Values
 
 FLAT, TOE_OFF, SWING, HEEL_STRIKE = 0, 1, 2, 3
 """States of the paper's machine."""
@@ -48,11 +50,11 @@ class Detector(NamedTuple):
         rest_s: how long it has to stay there [s].
     """
 
-    cutoff_hz: Any
-    threshold: Any
-    least_angle: Any = 0.0
-    rest_share: Any = 0.0
-    rest_s: Any = 0.15
+    cutoff_hz: Values
+    threshold: Values
+    least_angle: Values = 0.0
+    rest_share: Values = 0.0
+    rest_s: Values = 0.15
 
 
 PAPER = Detector(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
@@ -77,12 +79,12 @@ class ShankEvents(NamedTuple):
         angle: by how much the shank swung [rad], positive; of the filtered rate.
     """
 
-    stride: Any
-    push_off: Any
-    start: Any
-    end: Any
-    peak: Any
-    angle: Any
+    stride: Flags
+    push_off: Values
+    start: Values
+    end: Values
+    peak: Values
+    angle: Values
 
 
 class ShankState(NamedTuple):
@@ -99,16 +101,16 @@ class ShankState(NamedTuple):
         slackened: whether it is there.
     """
 
-    phase: Any
-    rising: Any
-    rate: Any
-    time: Any
-    push_off: Any
-    start: Any
-    peak: Any
-    angle: Any
-    slack: Any
-    slackened: Any
+    phase: PyTree
+    rising: Flags
+    rate: Values
+    time: Values
+    push_off: Values
+    start: Values
+    peak: Values
+    angle: Values
+    slack: Values
+    slackened: Flags
 
 
 def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
@@ -127,14 +129,14 @@ def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
 class _Sample(NamedTuple):
     """How the rate changed from one sample to the next."""
 
-    maximum: Any
-    minimum: Any
-    crossing: Any
-    zero: Any
-    rising: Any
+    maximum: Flags
+    minimum: Flags
+    crossing: Flags
+    zero: Flags
+    rising: Flags
 
 
-def _look(s: ShankState, x: Any, t: Any) -> _Sample:
+def _look(s: ShankState, x: Scalar, t: Scalar) -> _Sample:
     change = x - s.rate
     rising = jnp.where(change > 0.0, 1, jnp.where(change < 0.0, -1, s.rising)).astype(jnp.int32)
     crossing = (x >= 0.0) != (s.rate >= 0.0)
@@ -143,7 +145,7 @@ def _look(s: ShankState, x: Any, t: Any) -> _Sample:
     return _Sample((s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising)
 
 
-def _swing_on(d: Detector, s: ShankState, x: Any, t: Any) -> tuple[ShankState, Any]:
+def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[State, Bool[Array, ""]]:
     """The state with this sample's swing in it, and whether the shank has come to rest."""
     peak = jnp.maximum(s.peak, jnp.abs(x))
     angle = s.angle + 0.5 * (t - s.time) * (jnp.maximum(-x, 0.0) + jnp.maximum(-s.rate, 0.0))
@@ -153,7 +155,7 @@ def _swing_on(d: Detector, s: ShankState, x: Any, t: Any) -> tuple[ShankState, A
     return s._replace(peak=peak, angle=angle, slack=slack, slackened=slackened), resting
 
 
-def _fresh(s: ShankState, where: Any, start: Any) -> ShankState:
+def _fresh(s: ShankState, where: Bool[Array, ""], start: Scalar) -> ShankState:
     """The state with a new swing where it begins."""
     return s._replace(
         start=jnp.where(where, start, s.start),
@@ -242,7 +244,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, star
     late = butterworth.delay(d.cutoff_hz, sampling_rate_hz)
     time = start_s + jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
 
-    def one(carried: Any, sample: Any) -> Any:
+    def one(carried: PyTree, sample: PyTree) -> PyTree:
         filtered, state = carried
         filtered, x = butterworth.step(cascade, filtered, sample[0])
         state, found = phase_step(d, state, x, sample[1])

@@ -5,11 +5,12 @@ The paper calls it the vertical event (the shank leans by 4 to 12° there). Befo
 in a pause, the person stands: there the instant is the still sample next to the swing. On the host, not under jit.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Shaped
 
-from jgait.types import as_float
+from jgait.types import AnyArray, as_float
 
 EARLIEST, LATEST = 0.12, 0.85
 """Part of the time between two swings in which the valley lies [1], between the bumps of landing and push-off."""
@@ -41,7 +42,13 @@ class ShankStances(NamedTuple):
     standing: np.ndarray
 
 
-def stances(rate: Any, speed: Any, start: Any, end: Any, sampling_rate_hz: float) -> ShankStances:
+def stances(
+    rate: Float[AnyArray, "time"],
+    speed: Float[AnyArray, "time"],
+    start: Shaped[AnyArray, "swing"],
+    end: Shaped[AnyArray, "swing"],
+    sampling_rate_hz: float,
+) -> ShankStances:
     """The instants around each swing at which the ankle stands.
 
     Args:

@@ -6,10 +6,13 @@ the valley. What comes between push-off and the swing does not count. A step of 
 sample.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
+
+from jgait.types import Flags, Scalar, Values
 
 
 class StanceSearch(NamedTuple):
@@ -23,11 +26,11 @@ class StanceSearch(NamedTuple):
         at: its sample.
     """
 
-    seeks: Any
-    since: Any
-    most: Any
-    least: Any
-    at: Any
+    seeks: PyTree
+    since: Values
+    most: Values
+    least: Values
+    at: Values
 
 
 class Phase(NamedTuple):
@@ -38,8 +41,8 @@ class Phase(NamedTuple):
         leaves: bool, the foot pushes off or swings.
     """
 
-    over: Any
-    leaves: Any
+    over: Flags
+    leaves: Flags
 
 
 def begin(rate: ArrayLike) -> StanceSearch:
@@ -50,8 +53,8 @@ def begin(rate: ArrayLike) -> StanceSearch:
 
 
 def step(
-    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Any, landing: Any
-) -> tuple[StanceSearch, Any]:
+    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Scalar, landing: Scalar
+) -> tuple[State, PyTree]:
     """One sample.
 
     Args:

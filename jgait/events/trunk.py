@@ -23,19 +23,21 @@ Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance
 measurement unit attached to the waist", 2011, section 2.1a (`PaperRule`).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike
+from jaxtyping import Int, PyTree
 
 from jgait.events.shank import check_rate
 from jgait.events.trunk_rhythm import COARSE, SLOWEST, Coarse, Rhythm, contacts_nearby
 from jgait.events.trunk_soft import SOFT, Soft, instants
 from jgait.signal import butterworth, wavelet
 from jgait.signal.windows import vertex
+from jgait.types import AnyArray, Flags, Values
 
 LATER = 0.4
 """[steps] After a contact begins the step over which the pelvis turns towards its side."""
@@ -84,7 +86,7 @@ class Peaks(NamedTuple):
         offset: what is subtracted; the contact comes later than the peak, so that it is negative [s].
     """
 
-    offset: Any = -0.105
+    offset: Values = -0.105
 
 
 class Contacts(NamedTuple):
@@ -99,15 +101,17 @@ class Contacts(NamedTuple):
         certainty: of the side: how much more probable it is than the other, 0 … 1 [1].
     """
 
-    time: Any
-    side: Any
-    valid: Any
-    coarse: Any
-    step_frequency: Any
-    certainty: Any
+    time: Values
+    side: Int[AnyArray, "..."]
+    valid: Flags
+    coarse: Values
+    step_frequency: Values
+    certainty: Values
 
 
-def _near(x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float) -> Any:
+def _near(
+    x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
+) -> PyTree:
     """Samples about instants: their indices (n, k), values, and which lie within `before` and `after` [s]."""
     span = np.arange(-int(np.ceil(reach[0] * rate)) - 1, int(np.ceil(reach[1] * rate)) + 2, dtype=np.int32)
     index = jnp.round(about * rate).astype(jnp.int32)[:, None] + span[None, :]
@@ -119,7 +123,7 @@ def _near(x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tu
 
 def _greatest(
     x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
-) -> Any:
+) -> PyTree:
     """When the signal is greatest near instants [s], between samples where a parabola is."""
     index, values, inside = _near(x, about, before, after, reach, rate)
     rows, at = np.arange(about.shape[0]), jnp.argmax(jnp.where(inside, values, -jnp.inf), axis=1)
@@ -172,7 +176,7 @@ def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float
 def sides(
     yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequency: ArrayLike, valid: ArrayLike,
     leftward: ArrayLike | None = None,
-) -> Any:  # fmt: skip
+) -> PyTree:  # fmt: skip
     """Which foot met the ground.
 
     The trunk's mean acceleration to the left over the step that a contact begins, or without it how far the pelvis
@@ -203,7 +207,7 @@ def sides(
     power = jnp.convolve(leans * leans, nine, "full")[4:-4] / jnp.maximum(jnp.convolve(counts, nine, "full")[4:-4], 1.0)
     says = SAY * jnp.tanh(leans / jnp.sqrt(power + 1e-12))
 
-    def step(carry: Any, item: Any) -> Any:
+    def step(carry: PyTree, item: PyTree) -> PyTree:
         odds, before = carry
         t, often, evidence, there = item
         steps = jnp.abs(t - before) * often

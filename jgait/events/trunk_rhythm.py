@@ -11,16 +11,18 @@ another by about a step and no other is near: the step that closes up before sta
 walking.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
 
 from jgait.signal import butterworth
 from jgait.signal import windows as signal
+from jgait.types import Flags, Values
 
 FRAME, HOP, MEMORY = 6.0, 1.0, 2.5
 """[s] Over how long a step frequency is told, how often, and the deviation of the Gaussian that then smooths it."""
@@ -53,12 +55,12 @@ class Coarse(NamedTuple):
         apart: how many steps' time may lie between two in a row [1].
     """
 
-    cutoff: Any = 1.4
-    least: Any = 0.5
-    share: Any = 0.9
-    weak: Any = 0.5
-    in_a_row: Any = 4
-    apart: Any = 2.5
+    cutoff: Values = 1.4
+    least: Values = 0.5
+    share: Values = 0.9
+    weak: Values = 0.5
+    in_a_row: Values = 4
+    apart: Values = 2.5
 
 
 COARSE = Coarse()
@@ -76,10 +78,10 @@ class Rhythm(NamedTuple):
         forward: (T,) forward acceleration, low-passed near the step frequency [m/s²].
     """
 
-    valid: Any
-    time: Any
-    frequency: Any
-    forward: Any
+    valid: Flags
+    time: Values
+    frequency: Values
+    forward: Values
 
 
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
@@ -165,7 +167,7 @@ def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
     """
     values = jnp.asarray(x)
 
-    def step(carry: Any, item: Any) -> Any:
+    def step(carry: PyTree, item: PyTree) -> PyTree:
         up, extreme, at = carry
         index, value, least = item
         further = jnp.where(up, value > extreme, value < extreme)
@@ -184,7 +186,7 @@ def _kept(time: Array, frequency: Array, tall: Array, there: Array, c: Coarse) -
     """Maxima that are tall, or follow one at about a step's distance; of them, those that are enough in a row."""
     coming = lax.cummin(jnp.where(tall, time, jnp.inf), reverse=True)
 
-    def step(carry: Any, item: Any) -> Any:
+    def step(carry: PyTree, item: PyTree) -> PyTree:
         before, followed = carry
         t, f, high, some, ahead = item
         late = (t - before) * f
@@ -219,7 +221,7 @@ def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: flo
     bank = low_passed(both, rate)
     along = step_frequency(bank, rate)
     slow = between(bank, c.cutoff * along)
-    slope: Any = jnp.gradient(slow[:, 0])
+    slope: PyTree = jnp.gradient(slow[:, 0])
     shock = slow[:, 1] - slope * rate / (2.0 * jnp.pi * along)
     size = min(signal.window_size(WINDOW, rate), 2 * (shock.shape[0] // 2) - 1)
     high = jnp.sqrt(jnp.maximum(signal.moving_mean(shock * shock, size), 0.0))

@@ -11,16 +11,17 @@ over |u| <= 0.2 s. It has no branch: given the coarse instants it is differentia
 Either acceleration alone errs more; what both reach on real walks is in `experiments/kose2011`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
 
 from jgait.signal import butterworth
 from jgait.signal import windows as signal
-from jgait.types import Scalar
+from jgait.types import Scalar, Values
 
 REACH = 0.2
 """[s] How far before and after the coarse instant a contact may lie."""
@@ -48,13 +49,13 @@ class Soft(NamedTuple):
         cutoff_hz: of the low-pass filter [Hz].
     """
 
-    forward: Any = 1.0
-    upward: Any = 1.0
-    temperature: Any = 0.3
-    centre: Any = 0.0
-    width: Any = 0.05
-    offset: Any = 0.01
-    cutoff_hz: Any = 8.0
+    forward: Values = 1.0
+    upward: Values = 1.0
+    temperature: Values = 0.3
+    centre: Values = 0.0
+    width: Values = 0.05
+    offset: Values = 0.01
+    cutoff_hz: Values = 8.0
 
 
 SOFT = Soft()
@@ -78,7 +79,7 @@ def rates_of_change(
     """
     both = jnp.stack([-jnp.asarray(forward), jnp.asarray(upward)], axis=1)
     smooth = butterworth.low_pass_both_ways(both, cutoff_hz, sampling_rate_hz)
-    slope: Any = jnp.gradient(smooth, axis=0)
+    slope: PyTree = jnp.gradient(smooth, axis=0)
     rate: Array = slope * sampling_rate_hz
     size = min(signal.window_size(WINDOW, sampling_rate_hz), 2 * (rate.shape[0] // 2) - 1)
     counts = (

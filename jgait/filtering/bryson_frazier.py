@@ -18,10 +18,12 @@ Source: G. Bierman, "Fixed interval smoothing with discrete measurements", Int. 
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering.components import (
     Matrix,
@@ -69,7 +71,7 @@ class Pieces(NamedTuple):
     gain: Matrix
     matrix: Matrix
     precision: Matrix
-    pull: list[Any]
+    pull: list[PyTree]
     turn: Matrix | None
     steps: list[Matrix]
 
@@ -77,16 +79,16 @@ class Pieces(NamedTuple):
 class Parcel:
     """A tree of scalars as a tuple of arrays, without what is known and without repetitions."""
 
-    def __init__(self, dtype: Any) -> None:
+    def __init__(self, dtype: DTypeLike) -> None:
         """Take the arrays' float type; the tree's form is learnt by `packed`."""
         self.dtype = dtype
-        self.form: Any = None
+        self.form: PyTree = None
 
-    def packed(self, tree: Any) -> tuple[Any, ...]:
+    def packed(self, tree: PyTree) -> tuple[PyTree, ...]:
         """The arrays."""
         leaves, structure = jax.tree.flatten(tree)
         places: dict[int, int] = {}
-        contents: list[Any] = []
+        contents: list[PyTree] = []
         for leaf in leaves:
             if not known(leaf) and id(leaf) not in places:
                 places[id(leaf)] = len(contents)
@@ -94,7 +96,7 @@ class Parcel:
         self.form = structure, [leaf if known(leaf) else places[id(leaf)] for leaf in leaves]
         return arrays(contents, self.dtype)
 
-    def opened(self, contents: Sequence[Any]) -> Any:
+    def opened(self, contents: Sequence[PyTree]) -> PyTree:
         """The tree."""
         structure, places = self.form
         return structure.unflatten([place if known(place) else contents[place] for place in places])
@@ -102,7 +104,7 @@ class Parcel:
 
 def bryson_frazier(
     given: Inputs, method: KF | EKF, keep: tuple[str, ...], chosen: tuple[int, ...]
-) -> tuple[Any, Any, dict[str, Any]]:
+) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed means, and covariances of the chosen error components; the filter's fields by name.
 
     Args:
@@ -115,11 +117,11 @@ def bryson_frazier(
     size, dtype = len(given.cov), given.dtype
     parcel = Parcel(dtype)
 
-    def ahead(carry: Any, leaves: Any, real: Any) -> tuple[Any, Any]:
+    def ahead(carry: PyTree, leaves: PyTree, real: PyTree) -> tuple[PyTree, PyTree]:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
         return carried(step.after, dtype), parcel.packed(pieces(step, real))
 
-    def back(carry: Any, contents: Any) -> tuple[Any, Any]:
+    def back(carry: PyTree, contents: PyTree) -> tuple[PyTree, PyTree]:
         vector, entries = list(carry[0]), from_upper(carry[1], size) if chosen else None
         piece = parcel.opened(contents)
         smoothed = _smoothed(given, piece.after, vector, entries, chosen)
@@ -133,13 +135,13 @@ def bryson_frazier(
     return list(mean), list(cov) if chosen else None, kept
 
 
-def pieces(step: Advanced, real: Any) -> Pieces:
+def pieces(step: Advanced, real: PyTree) -> Pieces:
     """What is stored of a step; `real` is False where the sample only fills up a segment."""
     g = step.gains
     columns = transposed(g.inverse)
     count = len(columns)
 
-    def weight(a: int, b: int) -> Any:
+    def weight(a: int, b: int) -> PyTree:
         here = real & step.seen[a] & step.seen[b]
         return where(here, dot(columns[a], columns[b]), 0.0)
 
@@ -150,7 +152,7 @@ def pieces(step: Advanced, real: Any) -> Pieces:
     )  # fmt: skip
 
 
-def _before(piece: Pieces, vector: list[Any], entries: Matrix | None) -> tuple[list[Any], Matrix | None]:
+def _before(piece: Pieces, vector: list[PyTree], entries: Matrix | None) -> tuple[list[PyTree], Matrix | None]:
     """λ and Λ after the sample before, from those after this one."""
     shown, gains = transposed(piece.matrix), transposed(piece.gain)
     if piece.turn is not None:
@@ -178,19 +180,19 @@ def _before(piece: Pieces, vector: list[Any], entries: Matrix | None) -> tuple[l
     return vector, entries
 
 
-def _thinner(left: Matrix, shown: Matrix, sides: Matrix, i: int, j: int) -> tuple[Any, Any]:
+def _thinner(left: Matrix, shown: Matrix, sides: Matrix, i: int, j: int) -> tuple[PyTree, PyTree]:
     """Entry (i, j) of Λ (I − K H) + Hᵀ (…), by the side on which H has fewer entries: the result is symmetric."""
     a, b = (i, j) if sum(map(is_zero, shown[i])) >= sum(map(is_zero, shown[j])) else (j, i)
     return left[a][b], dot(shown[a], sides[b])
 
 
-def _transposed_times(matrix: Matrix, vector: list[Any]) -> list[Any]:
+def _transposed_times(matrix: Matrix, vector: list[PyTree]) -> list[PyTree]:
     return [dot(column, vector) for column in zip(*matrix, strict=True)]
 
 
 def _smoothed(
-    given: Inputs, after: Components, vector: list[Any], entries: Matrix | None, chosen: tuple[int, ...]
-) -> tuple[list[Any], list[Any]]:
+    given: Inputs, after: Components, vector: list[PyTree], entries: Matrix | None, chosen: tuple[int, ...]
+) -> tuple[list[PyTree], list[PyTree]]:
     """The smoothed mean, and the upper triangle of the covariance of the chosen components."""
     cm, (x, cov) = given.cm, after
     delta = [times(-1.0, dot(row, vector)) for row in cov]
@@ -205,7 +207,7 @@ def _smoothed(
     shows = [j for j in range(len(cov)) if any(not is_zero(row[j]) for row in rows)]
     half = product([cov[j] for j in shows], entries)
 
-    def left(a: int, b: int) -> Any:
+    def left(a: int, b: int) -> PyTree:
         return minus(cov[shows[a]][shows[b]], dot(half[a], cov[shows[b]]))
 
     smoothed = congruence([[row[j] for j in shows] for row in rows], symmetric(len(shows), left))

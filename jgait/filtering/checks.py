@@ -4,18 +4,19 @@ Nothing here raises inside compiled code: structures and shapes are known to a t
 where they are concrete.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.methods import check_method
 from jgait.filtering.model import Belief, Model
+from jgait.types import Values
 
 
-def common_dtype(*trees: Any) -> Any:
+def common_dtype(*trees: PyTree) -> PyTree:
     """The widest float type among the leaves; Python numbers and integers follow the others."""
     leaves = jax.tree.leaves(trees)
     with jax.numpy_dtype_promotion("standard"):
@@ -23,10 +24,10 @@ def common_dtype(*trees: Any) -> Any:
     return dtype if jnp.issubdtype(dtype, jnp.floating) else jnp.result_type(float)
 
 
-def in_dtype(tree: Any, dtype: Any) -> Any:
+def in_dtype(tree: PyTree, dtype: DTypeLike) -> PyTree:
     """The same tree with every floating leaf in the dtype; integers and booleans stay."""
 
-    def cast(leaf: Any) -> Any:
+    def cast(leaf: PyTree) -> PyTree:
         return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
 
     return jax.tree.map(cast, tree)
@@ -37,7 +38,7 @@ EXECUTIONS = ("auto", "fast", "dense", "square_root", "parallel")
 
 
 def check_arguments(
-    model: Any, method: Any, keep: tuple[str, ...], fields: tuple[str, ...], execution: str = "auto"
+    model: PyTree, method: PyTree, keep: tuple[str, ...], fields: tuple[str, ...], execution: str = "auto"
 ) -> None:
     """Refuse what cannot be a static argument.
 
@@ -61,7 +62,7 @@ def check_arguments(
         raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {unknown[0]!r}")
 
 
-def check_values(observations: Any, controls: Any, dt: Any) -> None:
+def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
     """Refuse values that no filter can use, where they are concrete.
 
     Raises:
@@ -85,7 +86,7 @@ def check_values(observations: Any, controls: Any, dt: Any) -> None:
             raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
 
 
-def check_belief(belief: Any) -> None:
+def check_belief(belief: PyTree) -> None:
     """Refuse a belief whose mean is not a tuple of scalars, or whose covariance is none.
 
     Raises:
@@ -98,15 +99,15 @@ def check_belief(belief: Any) -> None:
             raise ValueError(f"a state is a tuple of scalars; '{name}' has shape {jnp.shape(leaf)}")
 
 
-def check_observation(model: Model, params: Any, mean: Any, control: Any, observation: Any) -> None:
+def check_observation(model: Model, params: PyTree, mean: PyTree, control: PyTree, observation: PyTree) -> None:
     """Refuse observations of another type than the model's.
 
     Raises:
         ValueError: naming what the model observes and what came.
     """
     expected = jax.eval_shape(model.observation, params, mean, control)
-    structure: Any = jax.tree.structure(expected)
-    given: Any = jax.tree.structure(observation)
+    structure: PyTree = jax.tree.structure(expected)
+    given: PyTree = jax.tree.structure(observation)
     if structure != given:
         name, fields = type(expected).__name__, names_of(expected)
         bare = given.num_nodes == 1 and given.num_leaves == 1
@@ -118,7 +119,7 @@ def check_observation(model: Model, params: Any, mean: Any, control: Any, observ
         raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
 
 
-def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:
+def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
     """Check that all leaves are (T,) of one length; gives them as arrays, and T.
 
     Raises:
@@ -137,7 +138,7 @@ def series(tree: Any, kind: str, length: int | None) -> tuple[Any, int]:
     return jax.tree.map(jnp.asarray, tree), length
 
 
-def interval(dt: Any, length: int, dtype: Any) -> Any:
+def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
     """The interval dt, () or (T,); raises ValueError if it is neither a scalar nor of that length."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
@@ -145,23 +146,23 @@ def interval(dt: Any, length: int, dtype: Any) -> Any:
     return jnp.asarray(dt, dtype)
 
 
-def seen(mask: Any, observation: Any, shape: tuple[int, ...]) -> Any:
+def seen(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> PyTree:
     """The mask as booleans (..., m); raises like `mask_leaves`."""
     leaves = mask_leaves(mask, observation, shape)
     return jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in leaves], axis=-1)
 
 
-def mask_leaves(mask: Any, observation: Any, shape: tuple[int, ...]) -> list[Any]:
+def mask_leaves(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> list[PyTree]:
     """The mask of each component of the observation: an array of bools, or True where there is no mask.
 
     Raises:
         ValueError: if it is neither one array of the shape nor a tuple of them like the observation, or not bool.
     """
     names = names_of(observation)
-    structure: Any = jax.tree.structure(observation)
+    structure: PyTree = jax.tree.structure(observation)
     if mask is None:
         return [True] * len(names)
-    given: Any = jax.tree.structure(mask)
+    given: PyTree = jax.tree.structure(mask)
     if given == structure:
         leaves = jax.tree.leaves(mask)
     elif given.num_nodes == 1 and given.num_leaves == 1:

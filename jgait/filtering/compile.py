@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from jaxtyping import PyTree
 
 
 @functools.cache
@@ -23,7 +24,7 @@ def wide_vectors() -> dict[str, Any]:
     return {"xla_cpu_prefer_vector_width": 512} if " avx512f " in flags else {}
 
 
-def compiled(function: Callable[..., Any], *, static_argnames: tuple[str, ...] = ()) -> Callable[..., Any]:
+def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...] = ()) -> Callable[..., PyTree]:
     """`jax.jit` of a function, compiled for wide vectors where the processor has them.
 
     Compiler options belong to the outermost `jit`: called within another one, this is a plain `jax.jit`.
@@ -38,11 +39,11 @@ def compiled(function: Callable[..., Any], *, static_argnames: tuple[str, ...] =
     plain = jax.jit(function, static_argnames=static_argnames)
 
     @functools.cache
-    def wide() -> Any:
+    def wide() -> PyTree:
         return jax.jit(function, static_argnames=static_argnames, compiler_options=wide_vectors() or None)
 
     @functools.wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: PyTree, **kwargs: PyTree) -> PyTree:
         traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         return (plain if traced else wide())(*args, **kwargs)
 

@@ -6,14 +6,17 @@ the model says otherwise. The checks run while tracing, once for each compilatio
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering.components import Matrix, from_upper, symmetric
 from jgait.filtering.covariance import Covariance, names_of, structure_names
 from jgait.filtering.model import Model
+from jgait.types import Values
 
 
 class ComponentModel(NamedTuple):
@@ -32,25 +35,25 @@ class ComponentModel(NamedTuple):
         error_shift: (x, delta, error) → error, or None.
     """
 
-    state: Any
-    error: Any
-    observed: Any
+    state: PyTree
+    error: PyTree
+    observed: PyTree
     curved: bool
     wrapped: bool
-    names: Any
-    transition: Callable[[Sequence[Any], Any, Any], list[Any]]
-    transition_noise: Callable[[Sequence[Any], Any, Any], Matrix]
-    observation: Callable[[Sequence[Any], Any], list[Any]]
-    observation_noise: Callable[[Sequence[Any], Any], Matrix]
-    retract: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
-    local: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
-    residual: Callable[[Sequence[Any], Sequence[Any]], list[Any]]
-    error_transition: tuple[Callable[[Sequence[Any], Sequence[Any], Any, Any], list[Any]], ...]
-    error_observation: Callable[[Sequence[Any], Sequence[Any], Any], list[Any]] | None
-    error_shift: Callable[[Sequence[Any], Sequence[Any], Sequence[Any]], list[Any]] | None
+    names: PyTree
+    transition: Callable[[Sequence[PyTree], PyTree, PyTree], list[PyTree]]
+    transition_noise: Callable[[Sequence[PyTree], PyTree, PyTree], Matrix]
+    observation: Callable[[Sequence[PyTree], PyTree], list[PyTree]]
+    observation_noise: Callable[[Sequence[PyTree], PyTree], Matrix]
+    retract: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
+    local: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
+    residual: Callable[[Sequence[PyTree], Sequence[PyTree]], list[PyTree]]
+    error_transition: tuple[Callable[[Sequence[PyTree], Sequence[PyTree], PyTree, PyTree], list[PyTree]], ...]
+    error_observation: Callable[[Sequence[PyTree], Sequence[PyTree], PyTree], list[PyTree]] | None
+    error_shift: Callable[[Sequence[PyTree], Sequence[PyTree], Sequence[PyTree]], list[PyTree]] | None
 
 
-def scalars(tree: Any, structure: Any, dtype: Any, what: str) -> list[Any]:
+def scalars(tree: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> list[PyTree]:
     """The leaves of a tuple of scalars: Python numbers as floats, all else as arrays of the dtype.
 
     Raises:
@@ -69,7 +72,7 @@ def scalars(tree: Any, structure: Any, dtype: Any, what: str) -> list[Any]:
     return [_scalar(leaf, dtype) for leaf in leaves]
 
 
-def noise_matrix(noise: Any, structure: Any, dtype: Any, what: str) -> Matrix:
+def noise_matrix(noise: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> Matrix:
     """A `Covariance`, or a tuple of variances, as a matrix of scalars; raises ValueError like `scalars`."""
     size = structure.num_leaves
     if not isinstance(noise, Covariance):
@@ -83,11 +86,11 @@ def noise_matrix(noise: Any, structure: Any, dtype: Any, what: str) -> Matrix:
     return from_upper([_scalar(entry, dtype) for entry in noise.upper], size)
 
 
-def _scalar(value: Any, dtype: Any) -> Any:
+def _scalar(value: PyTree, dtype: DTypeLike) -> PyTree:
     return float(value) if isinstance(value, int | float) else jnp.asarray(value, dtype)
 
 
-def _error_structure(model: Model, state: Any, dtype: Any) -> Any:
+def _error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
     """The tree structure of the error tuple: the state's, or what `local` gives."""
     if (model.retract is None) != (model.local is None):
         given = "retract" if model.local is None else "local"
@@ -98,7 +101,9 @@ def _error_structure(model: Model, state: Any, dtype: Any) -> Any:
     return jax.tree.structure(jax.eval_shape(model.local, like, like))
 
 
-def component_model(model: Model, params: Any, mean: Any, observation: Any, dtype: Any) -> ComponentModel:
+def component_model(
+    model: Model, params: PyTree, mean: PyTree, observation: PyTree, dtype: DTypeLike
+) -> ComponentModel:
     """See a model as one on lists of scalars.
 
     Args:
@@ -112,38 +117,38 @@ def component_model(model: Model, params: Any, mean: Any, observation: Any, dtyp
         ValueError: now, if retract and local do not go together; while tracing, if a function of the model does not
             return what its neighbours need.
     """
-    state: Any = jax.tree.structure(mean)
-    observed: Any = jax.tree.structure(observation)
+    state: PyTree = jax.tree.structure(mean)
+    observed: PyTree = jax.tree.structure(observation)
     error = _error_structure(model, state, dtype)
     names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
 
-    def transition(x: Sequence[Any], control: Any, dt: Any) -> list[Any]:
+    def transition(x: Sequence[PyTree], control: PyTree, dt: Values) -> list[PyTree]:
         moved = model.transition(params, state.unflatten(x), control, dt)
         return scalars(moved, state, dtype, f"what {names['transition']} returns")
 
-    def transition_noise(x: Sequence[Any], control: Any, dt: Any) -> Matrix:
+    def transition_noise(x: Sequence[PyTree], control: PyTree, dt: Values) -> Matrix:
         noise = model.transition_noise(params, state.unflatten(x), control, dt)
         return noise_matrix(noise, error, dtype, "what transition_noise returns")
 
-    def predicted(x: Sequence[Any], control: Any) -> list[Any]:
+    def predicted(x: Sequence[PyTree], control: PyTree) -> list[PyTree]:
         sensed = model.observation(params, state.unflatten(x), control)
         return scalars(sensed, observed, dtype, f"what {names['observation']} returns")
 
-    def observation_noise(x: Sequence[Any], control: Any) -> Matrix:
+    def observation_noise(x: Sequence[PyTree], control: PyTree) -> Matrix:
         noise = model.observation_noise(params, state.unflatten(x), control)
         return noise_matrix(noise, observed, dtype, "what observation_noise returns")
 
-    def retract(x: Sequence[Any], delta: Sequence[Any]) -> list[Any]:
+    def retract(x: Sequence[PyTree], delta: Sequence[PyTree]) -> list[PyTree]:
         if model.retract is None:
             return [a + d for a, d in zip(x, delta, strict=True)]
         return scalars(model.retract(state.unflatten(x), error.unflatten(delta)), state, dtype, "what retract returns")
 
-    def local(reference: Sequence[Any], x: Sequence[Any]) -> list[Any]:
+    def local(reference: Sequence[PyTree], x: Sequence[PyTree]) -> list[PyTree]:
         if model.local is None:
             return [a - r for a, r in zip(x, reference, strict=True)]
         return scalars(model.local(state.unflatten(reference), state.unflatten(x)), error, dtype, "what local returns")
 
-    def residual(measured: Sequence[Any], expected: Sequence[Any]) -> list[Any]:
+    def residual(measured: Sequence[PyTree], expected: Sequence[PyTree]) -> list[PyTree]:
         if model.residual is None:
             return [a - b for a, b in zip(measured, expected, strict=True)]
         difference = model.residual(observed.unflatten(measured), observed.unflatten(expected))
@@ -156,22 +161,26 @@ def component_model(model: Model, params: Any, mean: Any, observation: Any, dtyp
     )  # fmt: skip
 
 
-def _error_functions(model: Model, params: Any, state: Any, error: Any, observed: Any, dtype: Any) -> Any:
+def _error_functions(
+    model: Model, params: PyTree, state: PyTree, error: PyTree, observed: PyTree, dtype: DTypeLike
+) -> PyTree:
     """What the model states of its errors, on lists of scalars."""
     stated = model.error_transition
     steps = stated if isinstance(stated, tuple) else () if stated is None else (stated,)
     if model.local is None and (steps or model.error_observation or model.error_shift):
         raise ValueError("a model that states how errors move gives retract and local; this one gives neither")
 
-    def moved(step: Callable[..., Any], x: Sequence[Any], delta: Sequence[Any], control: Any, dt: Any) -> list[Any]:
+    def moved(
+        step: Callable[..., PyTree], x: Sequence[PyTree], delta: Sequence[PyTree], control: PyTree, dt: Values
+    ) -> list[PyTree]:
         after = step(params, state.unflatten(x), error.unflatten(delta), control, dt)
         return scalars(after, error, dtype, f"what {_named('error_transition', step)} returns")
 
-    def shown(x: Sequence[Any], delta: Sequence[Any], control: Any) -> list[Any]:
+    def shown(x: Sequence[PyTree], delta: Sequence[PyTree], control: PyTree) -> list[PyTree]:
         difference = model.error_observation(params, state.unflatten(x), error.unflatten(delta), control)  # type: ignore[misc]
         return scalars(difference, observed, dtype, "what error_observation returns")
 
-    def shifted(x: Sequence[Any], delta: Sequence[Any], e: Sequence[Any]) -> list[Any]:
+    def shifted(x: Sequence[PyTree], delta: Sequence[PyTree], e: Sequence[PyTree]) -> list[PyTree]:
         after = model.error_shift(state.unflatten(x), error.unflatten(delta), error.unflatten(e))  # type: ignore[misc]
         return scalars(after, error, dtype, "what error_shift returns")
 
@@ -182,7 +191,7 @@ def _error_functions(model: Model, params: Any, state: Any, error: Any, observed
     )
 
 
-def _named(field: str, function: Any) -> str:
+def _named(field: str, function: PyTree) -> str:
     """`transition`, or `transition (pendulum_transition)`, for messages."""
     name = getattr(function, "__name__", "")
     return field if name.lstrip("_") in ("", field) else f"{field} ({name})"

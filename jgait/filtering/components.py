@@ -5,40 +5,40 @@ lists of rows; a symmetric one holds the same object at (i, j) and (j, i).
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
-Matrix = list[list[Any]]
+Matrix = list[list[PyTree]]
 
 
-def known(value: Any) -> bool:
+def known(value: PyTree) -> bool:
     """Whether a component is a constant of the trace."""
     return isinstance(value, float)
 
 
-def is_zero(value: Any) -> bool:
+def is_zero(value: PyTree) -> bool:
     """Whether a component is known to be zero."""
     return isinstance(value, float) and value == 0.0
 
 
-def plus(a: Any, b: Any) -> Any:
+def plus(a: PyTree, b: PyTree) -> PyTree:
     """A + b."""
     if is_zero(a):
         return b
     return a if is_zero(b) else a + b
 
 
-def minus(a: Any, b: Any) -> Any:
+def minus(a: PyTree, b: PyTree) -> PyTree:
     """A − b."""
     if is_zero(b):
         return a
     return -b if is_zero(a) else a - b
 
 
-def times(a: Any, b: Any) -> Any:
+def times(a: PyTree, b: PyTree) -> PyTree:
     """A · b; a known zero wins over whatever the other is."""
     if is_zero(a) or is_zero(b):
         return 0.0
@@ -49,15 +49,15 @@ def times(a: Any, b: Any) -> Any:
     return a * b
 
 
-def total(values: Iterable[Any]) -> Any:
+def total(values: Iterable[PyTree]) -> PyTree:
     """Their sum, from left to right."""
-    result: Any = 0.0
+    result: PyTree = 0.0
     for value in values:
         result = plus(result, value)
     return result
 
 
-def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def dot(a: Sequence[PyTree], b: Sequence[PyTree]) -> PyTree:
     """Σ a_k b_k."""
     return total(times(x, y) for x, y in zip(a, b, strict=True))
 
@@ -73,7 +73,7 @@ def transposed(a: Matrix) -> Matrix:
     return [list(column) for column in zip(*a, strict=True)]
 
 
-def symmetric(size: int, entry: Callable[[int, int], Any]) -> Matrix:
+def symmetric(size: int, entry: Callable[[int, int], PyTree]) -> Matrix:
     """A symmetric matrix from a function that is asked for i ≤ j only."""
     rows: Matrix = [[0.0] * size for _ in range(size)]
     for i in range(size):
@@ -87,7 +87,7 @@ def congruence(a: Matrix, p: Matrix) -> Matrix:
     left = product(a, p)
     filled = [sum(not is_zero(e) for e in row) for row in a]
 
-    def entry(i: int, j: int) -> Any:
+    def entry(i: int, j: int) -> PyTree:
         return dot(left[j], a[i]) if filled[i] < filled[j] else dot(left[i], a[j])
 
     return symmetric(len(a), entry)
@@ -103,18 +103,18 @@ def identity(size: int) -> Matrix:
     return symmetric(size, lambda i, j: 1.0 if i == j else 0.0)
 
 
-def upper(p: Matrix) -> list[Any]:
+def upper(p: Matrix) -> list[PyTree]:
     """The upper triangle, row by row."""
     return [p[i][j] for i in range(len(p)) for j in range(i, len(p))]
 
 
-def from_upper(entries: Sequence[Any], size: int) -> Matrix:
+def from_upper(entries: Sequence[PyTree], size: int) -> Matrix:
     """The symmetric matrix of an upper triangle."""
     rest = iter(entries)
     return symmetric(size, lambda i, j: next(rest))
 
 
-def where(condition: Any, value: Any, otherwise: Any) -> Any:
+def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
     """`jnp.where`, left out where both are the same; the condition may be a Python bool."""
     if isinstance(condition, bool):
         return value if condition else otherwise
@@ -123,7 +123,7 @@ def where(condition: Any, value: Any, otherwise: Any) -> Any:
     return jnp.where(condition, value, otherwise)
 
 
-def both(a: Any, b: Any) -> Any:
+def both(a: PyTree, b: PyTree) -> PyTree:
     """A and b, for bools known or not."""
     if isinstance(a, bool):
         return b if a else False
@@ -132,13 +132,13 @@ def both(a: Any, b: Any) -> Any:
     return a & b
 
 
-def all_finite(values: Iterable[Any]) -> Any:
+def all_finite(values: Iterable[PyTree]) -> PyTree:
     """Whether all are finite: their sum is, unless something overflows, which is as bad."""
     unknown = {id(value): value for value in values if not known(value)}
     return jnp.isfinite(total(unknown.values())) if unknown else True
 
 
-def barred(*trees: Any) -> Any:
+def barred(*trees: PyTree) -> PyTree:
     """The same values behind an `optimization_barrier`; known ones stay known."""
     leaves, structure = jax.tree.flatten(trees)
     places = [i for i, leaf in enumerate(leaves) if not isinstance(leaf, float | bool)]
@@ -148,6 +148,6 @@ def barred(*trees: Any) -> Any:
     return jax.tree.unflatten(structure, leaves)
 
 
-def sound(health: Any) -> Any:
+def sound(health: PyTree) -> PyTree:
     """Whether a float is finite; a Python bool where it is known."""
     return True if known(health) else jnp.abs(health) < jnp.inf

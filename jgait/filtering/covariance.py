@@ -2,21 +2,23 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PyTree, PyTreeDef
+
+from jgait.types import Values
 
 
-def names_of(tree: Any) -> tuple[str, ...]:
+def names_of(tree: PyTree) -> tuple[str, ...]:
     """Names of a tuple's leaves in order; nested ones are joined by dots: `up.forward`."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths)
 
 
 @lru_cache(maxsize=256)
-def structure_names(structure: Any) -> tuple[str, ...]:
+def structure_names(structure: PyTreeDef) -> tuple[str, ...]:
     """Names of the leaves of a tree structure, see `names_of`."""
     return names_of(jax.tree.unflatten(structure, range(structure.num_leaves)))
 
@@ -31,22 +33,22 @@ class Covariance:
 
     __slots__ = ("structure", "upper")
 
-    def __init__(self, upper: tuple[Any, ...], structure: Any) -> None:
+    def __init__(self, upper: tuple[PyTree, ...], structure: PyTreeDef) -> None:
         """Take the upper triangle row by row (i ≤ j) and the tree structure of the tuple it belongs to."""
         self.upper = upper
         self.structure = structure
 
-    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+    def tree_flatten(self) -> tuple[tuple[PyTree, ...], PyTreeDef]:
         """Leaves and structure, for jax."""
         return self.upper, self.structure
 
     @classmethod
-    def tree_unflatten(cls, structure: Any, upper: Any) -> "Covariance":
+    def tree_unflatten(cls, structure: PyTreeDef, upper: PyTree) -> "Covariance":
         """Inverse of `tree_flatten`; checks nothing, since jax also puts placeholders here."""
         return cls(tuple(upper), structure)
 
     @classmethod
-    def from_variances(cls, variances: Any) -> "Covariance":
+    def from_variances(cls, variances: PyTree) -> "Covariance":
         """Independent components with the given variances.
 
         Args:
@@ -60,7 +62,7 @@ class Covariance:
         return cls(tuple(leaves[i] if i == j else 0.0 for i in range(size) for j in range(i, size)), structure)
 
     @classmethod
-    def from_dense(cls, matrix: Any, like: Any) -> "Covariance":
+    def from_dense(cls, matrix: PyTree, like: PyTree) -> "Covariance":
         """From a symmetric matrix (..., n, n), of which the upper triangle is taken.
 
         Args:
@@ -95,11 +97,11 @@ class Covariance:
         i, j = sorted(names.index(name) for name in pair)
         return i * len(names) - i * (i - 1) // 2 + j - i
 
-    def __getitem__(self, pair: tuple[str, str]) -> Any:
+    def __getitem__(self, pair: tuple[str, str]) -> PyTree:
         """The covariance of two named components, in either order."""
         return self.upper[self._index(pair)]
 
-    def with_entries(self, entries: Mapping[tuple[str, str], Any]) -> "Covariance":
+    def with_entries(self, entries: Mapping[tuple[str, str], PyTree]) -> "Covariance":
         """The same with some entries set, each for both orders of its two names.
 
         Args:
@@ -117,17 +119,17 @@ class Covariance:
             upper[index] = value
         return Covariance(tuple(upper), self.structure)
 
-    def variances(self) -> Any:
+    def variances(self) -> PyTree:
         """The diagonal, as a tuple of the error's type."""
         size = self.structure.num_leaves
         diagonal = [self.upper[i * size - i * (i - 1) // 2] for i in range(size)]
         return jax.tree.unflatten(self.structure, diagonal)
 
-    def stddev(self) -> Any:
+    def stddev(self) -> PyTree:
         """Standard deviations, as a tuple of the error's type; 0, with gradient 0, where a variance is not positive."""
         return jax.tree.map(_root, self.variances())
 
-    def dense(self) -> Any:
+    def dense(self) -> Float[Array, "*batch state state"]:
         """The whole matrix (..., n, n), components in the order of `names`."""
         size = self.structure.num_leaves
         entries = jnp.broadcast_arrays(*(jnp.asarray(entry) for entry in self.upper))
@@ -142,7 +144,7 @@ class Covariance:
         return f"Covariance({', '.join(self.names)})"
 
 
-def _root(variance: Any) -> Any:
+def _root(variance: Values) -> Values:
     variance = jnp.asarray(variance)
     positive = variance > 0.0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)

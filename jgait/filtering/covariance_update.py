@@ -9,7 +9,9 @@ cost of Joseph's form. It needs rows of H that can be solved, one by one, for a 
 there are none, Joseph's form is used.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from jaxtyping import PyTree
 
 from jgait.filtering.components import (
     Matrix,
@@ -51,15 +53,15 @@ class Gains(NamedTuple):
     cross: Matrix
     inverse: Matrix
     white_cross: Matrix
-    white: list[Any]
-    innovation: list[Any]
+    white: list[PyTree]
+    innovation: list[PyTree]
     spread: Matrix
-    log_det: Any
-    factor_health: Any
-    health: Any
+    log_det: PyTree
+    factor_health: PyTree
+    health: PyTree
 
 
-def updated_covariance(cov: Matrix, g: Gains, seen: list[Any]) -> Matrix:
+def updated_covariance(cov: Matrix, g: Gains, seen: list[PyTree]) -> Matrix:
     """The covariance after the update, about the predicted state, of which `seen` (m bools) was measured."""
     plan = pivots(g.matrix)
     return _joseph(cov, g) if plan is None else _in_measured_coordinates(cov, g, seen, plan)
@@ -102,7 +104,7 @@ def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
     return taken[::-1]
 
 
-def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[Any], plan: list[tuple[int, int]]) -> Matrix:
+def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[PyTree], plan: list[tuple[int, int]]) -> Matrix:
     """The covariance after the update, through that of the unmeasured components and z = H x."""
     size, count = len(cov), len(seen)
     solved = {column for _, column in plan}
@@ -117,14 +119,14 @@ def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[Any], plan: list[
     good = sound(g.factor_health)
     columns = transposed(white)
 
-    def of_z(a: int, c: int) -> Any:
+    def of_z(a: int, c: int) -> PyTree:
         unseen = before[a][c]
         if not isinstance(seen[a], bool):
             unseen = minus(unseen, dot(columns[len(free) + a], columns[c]))
             return where(seen[a] & good, measured[a][c], unseen)
         return where(good, measured[a][c], unseen)
 
-    def entry(i: int, j: int) -> Any:
+    def entry(i: int, j: int) -> PyTree:
         if j >= len(free):
             return of_z(j - len(free), i)
         return minus(cov[free[i]][free[j]], dot(columns[i], columns[j]))

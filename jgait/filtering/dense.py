@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering.inputs import PreparedInputs
 from jgait.filtering.linear_algebra import (
@@ -23,6 +24,7 @@ from jgait.filtering.linear_algebra import (
 )
 from jgait.filtering.methods import CKF, EKF, KF, UKF, Affine, Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
+from jgait.types import Values
 
 LOG_2PI = math.log(2.0 * math.pi)
 
@@ -37,43 +39,43 @@ class Prediction(NamedTuple):
         finite: False where the transition was not, and the identity stands in for it.
     """
 
-    mean: Any
-    matrix: Any
-    noise: Any
-    finite: Any
+    mean: PyTree
+    matrix: PyTree
+    noise: PyTree
+    finite: PyTree
 
 
 class Correction(NamedTuple):
     """What an update tells beside its result; see `jgait.filtering.Updated`."""
 
-    innovation: Any
-    stddev: Any
-    log_likelihood: Any
-    nis: Any
-    count: Any
-    valid: Any
+    innovation: PyTree
+    stddev: PyTree
+    log_likelihood: PyTree
+    nis: PyTree
+    count: PyTree
+    valid: PyTree
 
 
 class _Terms(NamedTuple):
     """One linear update from the prior: the error and covariance it ends at, and the innovation's statistics."""
 
-    delta: Any
-    cov: Any
-    innovation: Any
-    stddev: Any
-    nis: Any
-    log_det: Any
-    good: Any
+    delta: PyTree
+    cov: PyTree
+    innovation: PyTree
+    stddev: PyTree
+    nis: PyTree
+    log_det: PyTree
+    good: PyTree
 
 
-def _all_finite(*arrays: Any) -> Any:
+def _all_finite(*arrays: PyTree) -> PyTree:
     good = jnp.asarray(True)
     for array in arrays:
         good = good & jnp.all(jnp.isfinite(array))
     return good
 
 
-def affine_transition(vm: VectorModel, before: Moments, control: Any, dt: Any, method: Method) -> Prediction:
+def affine_transition(vm: VectorModel, before: Moments, control: PyTree, dt: Values, method: Method) -> Prediction:
     """The transition as an affine model of the error, about the state that the mean moves to.
 
     On a manifold the sigma methods' mean v moves the point that errors are taken about: A and Ω turn with it.
@@ -81,7 +83,7 @@ def affine_transition(vm: VectorModel, before: Moments, control: Any, dt: Any, m
     x, cov = before
     moved = vm.transition(x, control, dt)
 
-    def g(delta: Any) -> Any:
+    def g(delta: PyTree) -> PyTree:
         if vm.error_transition is not None and isinstance(method, KF | EKF):
             return vm.error_transition(x, delta, control, dt)
         return vm.local(moved, vm.transition(vm.retract(x, delta), control, dt))
@@ -100,7 +102,7 @@ def affine_transition(vm: VectorModel, before: Moments, control: Any, dt: Any, m
 
 
 def predicted_moments(
-    vm: VectorModel, before: Moments, control: Any, dt: Any, method: Method
+    vm: VectorModel, before: Moments, control: PyTree, dt: Values, method: Method
 ) -> tuple[Moments, Prediction]:
     """The belief after the interval, and the affine transition that led to it."""
     prediction = affine_transition(vm, before, control, dt, method)
@@ -108,7 +110,7 @@ def predicted_moments(
 
 
 def corrected(
-    vm: VectorModel, prior: Moments, measured: Any, control: Any, seen: Any, method: Method
+    vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Moments, Correction]:
     """The belief after a measurement (m,) of which `seen` (m,) is there, and what the update tells.
 
@@ -130,7 +132,7 @@ def corrected(
     count = jnp.where(good, jnp.sum(jnp.where(seen, 1.0, 0.0).astype(measured.dtype)), 0.0)
     log_likelihood = -0.5 * (first.nis + first.log_det + count * LOG_2PI)
 
-    def kept(value: Any) -> Any:
+    def kept(value: PyTree) -> PyTree:
         return jnp.where(good, value, 0.0)
 
     return after, Correction(
@@ -139,8 +141,8 @@ def corrected(
 
 
 def _linear_update(
-    vm: VectorModel, prior: Moments, measured: Any, control: Any, seen: Any, noise: Any, method: Method,
-    at: Any, around: Any,
+    vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, noise: PyTree, method: Method,
+    at: PyTree, around: PyTree,
 ) -> _Terms:  # fmt: skip
     """Update the prior with the observation linearised at error `at` (n,) with covariance `around` (n, n)."""
     x, cov = prior
@@ -173,11 +175,11 @@ def _linear_update(
 
 
 def affine_observation(
-    vm: VectorModel, x: Any, control: Any, expected: Any, method: Method, at: Any, around: Any
+    vm: VectorModel, x: PyTree, control: PyTree, expected: PyTree, method: Method, at: PyTree, around: PyTree
 ) -> Affine:
     """How what is observed differs from `expected`, that at error `at` (n,) with covariance `around` (n, n)."""
 
-    def g(delta: Any) -> Any:
+    def g(delta: PyTree) -> PyTree:
         # What the model states of errors holds at the state itself, where iterations do not stay.
         if vm.error_observation is not None and isinstance(method, KF | EKF) and method.iterations == 1:
             return vm.error_observation(x, delta, control)
@@ -188,7 +190,7 @@ def affine_observation(
 
 
 def advanced(
-    vm: VectorModel, before: Moments, measured: Any, control: Any, dt: Any, seen: Any, method: Method
+    vm: VectorModel, before: Moments, measured: PyTree, control: PyTree, dt: Values, seen: PyTree, method: Method
 ) -> tuple[Moments, Moments, Correction]:
     """Predict, then update, in vectors: prediction, result, and what the update tells."""
     predicted, prediction = predicted_moments(vm, before, control, dt, method)
@@ -199,7 +201,7 @@ def advanced(
 def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
     """The filter's one scan: fields of `Posterior` by name, as vectors and matrices over time."""
 
-    def body(before: Moments, sample: Any) -> tuple[Moments, dict[str, Any]]:
+    def body(before: Moments, sample: PyTree) -> tuple[Moments, dict[str, PyTree]]:
         measured, control, interval, seen = sample
         predicted, after, told = advanced(ready.vm, before, measured, control, interval, seen, method)
         everything = {
@@ -212,12 +214,12 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
     return lax.scan(body, ready.start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
 
-def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -> tuple[Any, Any]:
+def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -> tuple[PyTree, PyTree]:
     """Rauch–Tung–Striebel smoothing of what `scanned` kept as "mean" and "cov": mean (T, k), covariance (T, n, n)."""
     filtered = Moments(kept["mean"], kept["cov"])
     last = jax.tree.map(lambda leaf: leaf[-1], filtered)
 
-    def body(following: Moments, sample: Any) -> tuple[Moments, Moments]:
+    def body(following: Moments, sample: PyTree) -> tuple[Moments, Moments]:
         before, control, interval = sample
         smoothed = smoothed_moments(ready.vm, before, following, control, interval, method)
         return smoothed, smoothed
@@ -230,7 +232,7 @@ def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -
 
 
 def smoothed_moments(
-    vm: VectorModel, filtered: Moments, following: Moments, control: Any, dt: Any, method: Method
+    vm: VectorModel, filtered: Moments, following: Moments, control: PyTree, dt: Values, method: Method
 ) -> Moments:
     """The smoothed belief at one sample, from its filtered one and the smoothed one at the next."""
     x, cov = filtered

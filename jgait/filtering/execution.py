@@ -12,6 +12,7 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering import bryson_frazier, dense, fast, fast_smoother, parallel, square_root
 from jgait.filtering.component_model import scalars
@@ -30,7 +31,7 @@ are worth. The smoother's covariances take about n times as many operations, so 
 """
 
 
-def chosen(given: Inputs, method: Method, execution: Execution, about: Any, small: bool = True) -> Execution:
+def chosen(given: Inputs, method: Method, execution: Execution, about: PyTree, small: bool = True) -> Execution:
     """The way that is taken; `small` says whether what is asked for is little enough for components.
 
     Raises:
@@ -53,7 +54,7 @@ def chosen(given: Inputs, method: Method, execution: Execution, about: Any, smal
 
 
 def filtered(
-    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, segments: bool
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: PyTree, segments: bool
 ) -> dict[str, Any]:
     """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays; `segments` as of `fast.scanned`."""
     execution = chosen(given, method, execution, about)
@@ -68,9 +69,14 @@ def filtered(
 
 
 def smoothed(
-    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any, components: tuple[int, ...],
+    given: Inputs,
+    method: Method,
+    keep: tuple[str, ...],
+    execution: Execution,
+    about: PyTree,
+    components: tuple[int, ...],
     form: Form = "auto",
-) -> tuple[Any, Any, dict[str, Any]]:  # fmt: skip
+) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed mean, covariance of the error components asked for (None without any), the filter's fields by name."""
     size = len(given.cov)
     everything = components == tuple(range(size))
@@ -91,8 +97,8 @@ def smoothed(
 
 
 def _smoothed_vectors(
-    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: Any
-) -> tuple[Any, Any, dict[str, Any]]:
+    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: PyTree
+) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     ready = given.vectors()
     if execution == "parallel":
         found = parallel.parallel_smoother(ready, trajectory(given, about))
@@ -106,7 +112,7 @@ def _smoothed_vectors(
     return mean, cov, {name: kept[name] for name in keep}
 
 
-def trajectory(given: Inputs, about: Any) -> Any:
+def trajectory(given: Inputs, about: PyTree) -> PyTree:
     """A state tuple of (T,) arrays as (T, k); raises ValueError for another tuple or shape."""
     if about is None:
         return None

@@ -4,18 +4,17 @@ Turning the columns of an array changes no product of two of its rows, so every 
 one. All of it is elementwise arithmetic that XLA fuses into a scan, and has a finite gradient where P is singular.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.linear_algebra import product, scaled_cholesky
+from jgait.types import Values
 
 FLAT = 16.0
 """Below this share of its row what is left of it is rounding and has no derivative [epsilons of the dtype]."""
 
 
-def triangularised(a: Any, floor: float = 1.0) -> Any:
+def triangularised(a: Values, floor: float = 1.0) -> Values:
     """The lower triangle L with L Lᵀ = a aᵀ, with no negative entry on its diagonal.
 
     A row that adds nothing to those before it gives a column of zeros; the gradient is finite there too: 0 from what
@@ -31,7 +30,7 @@ def triangularised(a: Any, floor: float = 1.0) -> Any:
     return reduced(a, a.shape[0], floor)[0]
 
 
-def reduced(a: Any, count: int, floor: float = 1.0) -> tuple[Any, Any]:
+def reduced(a: Values, count: int, floor: float = 1.0) -> tuple[Values, Values]:
     """The first columns of `triangularised`, and the orthonormal rows that the columns were projected on.
 
     Householder reflections of the array with zeros before it, which come down to the recurrences of Gram and Schmidt
@@ -66,13 +65,13 @@ def reduced(a: Any, count: int, floor: float = 1.0) -> tuple[Any, Any]:
     return jnp.stack(columns, axis=1), jnp.stack(directions)
 
 
-def _rounding(a: Any) -> tuple[Any, float]:
+def _rounding(a: Values) -> tuple[Values, float]:
     """Squares of an epsilon of each row (n,), and the least square that can be divided by."""
     kind = jnp.finfo(a.dtype)
     return lax.stop_gradient(squares(a)) * float(kind.eps) ** 2, float(kind.tiny) / float(kind.eps)
 
 
-def changed(factor: Any, rest: Any, change: Any, extra: Any) -> tuple[Any, Any]:
+def changed(factor: Values, rest: Values, change: Values, extra: Values) -> tuple[Values, Values]:
     """The factor L' with L' L'ᵀ = (L + change)(L + change)ᵀ + extra extraᵀ, and what it rounds off.
 
     Row by row, a rotation moves what lies right of the diagonal, n_i, into the diagonal; written as what it adds,
@@ -89,8 +88,8 @@ def changed(factor: Any, rest: Any, change: Any, extra: Any) -> tuple[Any, Any]:
     factor, rest = added(factor, rest, jnp.tril(change))
     work, more = jnp.concatenate([factor + jnp.triu(change, 1), extra], axis=1), jnp.zeros_like(factor)
     whole, least = _rounding(work)
-    columns: list[Any] = []
-    signs: list[Any] = []
+    columns: list[Values] = []
+    signs: list[Values] = []
     for i in range(factor.shape[0]):
         sign = jnp.where(work[0, 0] < 0.0, -1.0, 1.0).astype(factor.dtype)
         pivot, below, row = sign * work[0, 0], sign * work[1:, 0], work[0, 1:]
@@ -111,7 +110,7 @@ def changed(factor: Any, rest: Any, change: Any, extra: Any) -> tuple[Any, Any]:
     return added(factor * sign, rest * sign, jnp.stack(columns, axis=1))
 
 
-def added(value: Any, rest: Any, more: Any) -> tuple[Any, Any]:
+def added(value: Values, rest: Values, more: Values) -> tuple[Values, Values]:
     """The unrounded sum value + rest + more as the nearest number and what is left of it."""
     total = value + more
     back = total - value
@@ -120,12 +119,12 @@ def added(value: Any, rest: Any, more: Any) -> tuple[Any, Any]:
     return near, lax.stop_gradient(low - (near - total))
 
 
-def covariance(factor: Any) -> Any:
+def covariance(factor: Values) -> Values:
     """The matrix L Lᵀ (n, n), symmetric to the last bit."""
     return product(factor, factor.T)
 
 
-def rooted(p: Any, beside: Any) -> tuple[Any, Any]:
+def rooted(p: Values, beside: Values) -> tuple[Values, Values]:
     """A factor of a perhaps singular covariance (n, n), and whether p is one up to rounding.
 
     Args:
@@ -140,6 +139,6 @@ def rooted(p: Any, beside: Any) -> tuple[Any, Any]:
     return factor, jnp.all(off <= 100.0 * size * float(jnp.finfo(p.dtype).eps) * (jnp.abs(variance) + beside))
 
 
-def squares(factor: Any) -> Any:
+def squares(factor: Values) -> Values:
     """The variances that a factor (n, k) stands for (n,)."""
     return jnp.sum(factor * factor, axis=1)

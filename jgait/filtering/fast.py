@@ -13,6 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
@@ -33,7 +35,7 @@ from jgait.filtering.structured import (
 SEGMENTED_FROM = 256
 """Recordings with fewer samples are scanned in one piece."""
 
-Carry = tuple[tuple[Any, ...], tuple[Any, ...]]
+Carry = tuple[tuple[PyTree, ...], tuple[PyTree, ...]]
 """A belief as it is carried along: mean, and upper triangle of the covariance."""
 
 
@@ -53,7 +55,7 @@ class Advanced(NamedTuple):
     after: Components
     told: Told
     turn: Matrix | None
-    seen: list[Any]
+    seen: list[PyTree]
 
 
 def check_linear(given: Inputs, method: KF | EKF) -> None:
@@ -97,7 +99,7 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
     """
     noises = constant_noises(given)
 
-    def body(carry: Carry, leaves: Any) -> tuple[Carry, dict[str, Any]]:
+    def body(carry: Carry, leaves: PyTree) -> tuple[Carry, dict[str, PyTree]]:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
@@ -110,7 +112,7 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
     return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
 
 
-def field(step: Advanced, name: str, dtype: Any) -> Any:
+def field(step: Advanced, name: str, dtype: DTypeLike) -> PyTree:
     """One field of `Posterior` at one sample, as arrays."""
     told = step.told
     match name:
@@ -128,7 +130,7 @@ def field(step: Advanced, name: str, dtype: Any) -> Any:
             return jnp.asarray(getattr(told, name), dtype)
 
 
-def with_gradient_of(function: Callable[..., Any], twin: Callable[..., Any]) -> Callable[..., Any]:
+def with_gradient_of(function: Callable[..., PyTree], twin: Callable[..., PyTree]) -> Callable[..., PyTree]:
     """A function whose derivatives, of any order and mode, are taken through an equal one.
 
     Args:
@@ -137,13 +139,13 @@ def with_gradient_of(function: Callable[..., Any], twin: Callable[..., Any]) -> 
     """
     result = jax.custom_jvp(function)
 
-    def rule(primals: Any, tangents: Any) -> Any:
+    def rule(primals: PyTree, tangents: PyTree) -> PyTree:
         leaves = jax.tree.leaves(primals)
-        structure: Any = jax.tree.structure(primals)
+        structure: PyTree = jax.tree.structure(primals)
         moves = structure.flatten_up_to(tangents)
         places = [i for i, move in enumerate(moves) if not isinstance(move, SymbolicZero)]
 
-        def of_moving(*values: Any) -> Any:
+        def of_moving(*values: PyTree) -> PyTree:
             every = list(leaves)
             for i, value in zip(places, values, strict=True):
                 every[i] = value
@@ -155,7 +157,7 @@ def with_gradient_of(function: Callable[..., Any], twin: Callable[..., Any]) -> 
     return result
 
 
-def segmented(body: Callable[[Any, Any], Any], start: Any, leaves: Any, length: int) -> Any:
+def segmented(body: Callable[[PyTree, PyTree], PyTree], start: PyTree, leaves: PyTree, length: int) -> PyTree:
     """`lax.scan`'s outputs, taken in checkpointed segments; `body` gets the leaves of one sample at a time.
 
     Where no segment length divides T, the last segment is filled up with copies of the last sample, whose outputs are
@@ -169,7 +171,7 @@ def segmented(body: Callable[[Any, Any], Any], start: Any, leaves: Any, length: 
     folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), leaves)
 
     @jax.checkpoint
-    def segment(carry: Any, part: Any) -> Any:
+    def segment(carry: PyTree, part: PyTree) -> PyTree:
         return lax.scan(body, carry, part)
 
     outputs = lax.scan(segment, start, folded)[1]
@@ -185,19 +187,19 @@ def segment_length(length: int) -> int:
     return root + 1
 
 
-def filled(leaf: Any, length: int) -> Any:
+def filled(leaf: PyTree, length: int) -> PyTree:
     """The array (T,) with its last entry repeated up to the length."""
     missing = length - leaf.shape[0]
     return jnp.concatenate([leaf, jnp.broadcast_to(leaf[-1:], (missing,))]) if missing else leaf
 
 
-def series(given: Inputs) -> Any:
+def series(given: Inputs) -> PyTree:
     """What a scan runs over: arrays (T,) only; see `sample_of`."""
     seen = [leaf for leaf in given.seen if not isinstance(leaf, bool)]
     return given.measured, given.controls, given.dt if jnp.ndim(given.dt) else None, seen
 
 
-def sample_of(leaves: Any, given: Inputs) -> Sample:
+def sample_of(leaves: PyTree, given: Inputs) -> Sample:
     """One sample of what `series` gave."""
     measured, control, dt, seen = leaves
     rest = iter(seen)
@@ -205,7 +207,7 @@ def sample_of(leaves: Any, given: Inputs) -> Sample:
     return Sample(measured, control, given.dt if dt is None else dt, flags)
 
 
-def carried(moments: Components, dtype: Any) -> Carry:
+def carried(moments: Components, dtype: DTypeLike) -> Carry:
     """A belief as arrays of the dtype."""
     return arrays(moments.mean, dtype), arrays(upper(moments.cov), dtype)
 
@@ -215,12 +217,12 @@ def opened(carry: Carry, given: Inputs) -> Components:
     return Components(list(carry[0]), from_upper(carry[1], len(given.cov)))
 
 
-def arrays(values: list[Any], dtype: Any) -> tuple[Any, ...]:
+def arrays(values: list[PyTree], dtype: DTypeLike) -> tuple[PyTree, ...]:
     """Scalars, known or not, as arrays of the dtype."""
     return tuple(jnp.asarray(value, dtype) for value in values)
 
 
-def _first(given: Inputs) -> tuple[Any, Any]:
+def _first(given: Inputs) -> tuple[PyTree, PyTree]:
     return jax.tree.map(lambda leaf: leaf[0], given.controls), given.dt[0] if jnp.ndim(given.dt) else given.dt
 
 
@@ -236,7 +238,7 @@ def constant_noises(given: Inputs) -> Noises:
     return Noises(transition, _constant(cm.observation_noise, varying, given.dtype))
 
 
-def _constant(function: Callable[..., Matrix], arguments: Any, dtype: Any) -> Noise | None:
+def _constant(function: Callable[..., Matrix], arguments: PyTree, dtype: DTypeLike) -> Noise | None:
     """The matrix that the function gives whatever its arguments, or None if it depends on them."""
     closed = jax.make_jaxpr(lambda *given: upper(function(*given)))(*arguments)
     if any(reached(closed.jaxpr, set(closed.jaxpr.invars))):

@@ -4,11 +4,11 @@ In segments: the filter stores the belief at the start of each, and is run again
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering.components import (
     added,
@@ -47,15 +47,15 @@ from jgait.filtering.structured import Components, Sample, affine_transition, tu
 from jgait.filtering.tracing import Expansion
 
 
-def rts(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tuple[Any, Any, dict[str, Any]]:
+def rts(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed means and covariances, and the filter's fields by name."""
     noises = constant_noises(given)
 
-    def ahead(before: Carry, leaves: Any, real: Any) -> tuple[Carry, Any]:
+    def ahead(before: Carry, leaves: PyTree, real: PyTree) -> tuple[Carry, PyTree]:
         step = advanced(given, noises, opened(before, given), sample_of(leaves, given), method)
         return carried(step.after, given.dtype), (before, leaves, real)
 
-    def back(carry: Carry, item: Any) -> tuple[Carry, Carry]:
+    def back(carry: Carry, item: PyTree) -> tuple[Carry, Carry]:
         before, leaves, real = item
         sample, filtered = sample_of(leaves, given), opened(before, given)
         smoothed = smoothed_moments(given, noises, filtered, opened(carry, given), sample)
@@ -100,9 +100,9 @@ def smoothed_moments(
 
 
 def there_and_back(
-    given: Inputs, noises: Noises, method: KF | EKF, keep: tuple[str, ...], start: Any,
-    ahead: Callable[..., Any], back: Callable[..., Any],
-) -> tuple[Any, dict[str, Any]]:  # fmt: skip
+    given: Inputs, noises: Noises, method: KF | EKF, keep: tuple[str, ...], start: PyTree,
+    ahead: Callable[..., PyTree], back: Callable[..., PyTree],
+) -> tuple[PyTree, dict[str, PyTree]]:  # fmt: skip
     """Scan forward in segments and keep the belief before each; then backward, each segment forward once more.
 
     Args:
@@ -121,7 +121,7 @@ def there_and_back(
     real = jnp.arange(count * size) < length
     folded = jax.tree.map(lambda leaf: filled(leaf, count * size).reshape(count, size), (series(given), real))
 
-    def forward(carry: Any, leaves: Any) -> tuple[Any, Any]:
+    def forward(carry: PyTree, leaves: PyTree) -> tuple[PyTree, PyTree]:
         step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
@@ -130,12 +130,12 @@ def there_and_back(
     inner = jax.checkpoint(back, prevent_cse=False)
 
     @jax.checkpoint
-    def there(carry: Any, part: Any) -> tuple[Any, Any]:
+    def there(carry: PyTree, part: PyTree) -> tuple[PyTree, PyTree]:
         after, kept = lax.scan(forward, carry, part[0])
         return after, (carry, kept)
 
     @jax.checkpoint
-    def behind(carry: Any, part: Any) -> tuple[Any, Any]:
+    def behind(carry: PyTree, part: PyTree) -> tuple[PyTree, PyTree]:
         first, (leaves, real) = part
         items = leaves, _sorted(real)
         stored = lax.scan(again, first, items)[1]
@@ -147,7 +147,7 @@ def there_and_back(
     return outputs, {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
 
 
-def _sorted(real: Any) -> Any:
+def _sorted(real: PyTree) -> PyTree:
     """The flags of a segment, True before False as they are: a sort that changes nothing but what XLA compiles.
 
     It keeps XLA from writing a loop and all loops within as one function: the mapped smoother of 15 states then

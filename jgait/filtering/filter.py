@@ -11,6 +11,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, PyTree, PyTreeDef
 
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
@@ -24,6 +26,7 @@ from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.vectors import Moments, VectorModel, pack, pack_noise, unpack, vector_model
+from jgait.types import Maybe, Values
 
 
 class Updated(NamedTuple):
@@ -40,12 +43,12 @@ class Updated(NamedTuple):
     """
 
     belief: Belief
-    innovation: Any
-    innovation_stddev: Any
-    log_likelihood: Any
-    nis: Any
-    count: Any
-    valid: Any
+    innovation: PyTree
+    innovation_stddev: PyTree
+    log_likelihood: PyTree
+    nis: PyTree
+    count: PyTree
+    valid: PyTree
 
 
 class Step(NamedTuple):
@@ -76,16 +79,16 @@ class Posterior(NamedTuple):
         valid: (T,) False where the numbers broke down and the prediction was kept.
     """
 
-    mean: Any = None
-    cov: Any = None
-    predicted_mean: Any = None
-    predicted_cov: Any = None
-    innovation: Any = None
-    innovation_stddev: Any = None
-    log_likelihood: Any = None
-    nis: Any = None
-    count: Any = None
-    valid: Any = None
+    mean: PyTree = None
+    cov: PyTree = None
+    predicted_mean: PyTree = None
+    predicted_cov: PyTree = None
+    innovation: PyTree = None
+    innovation_stddev: PyTree = None
+    log_likelihood: Maybe[Float[Array, "*batch time"]] = None
+    nis: Maybe[Float[Array, "*batch time"]] = None
+    count: PyTree = None
+    valid: Maybe[Bool[Array, "*batch time"]] = None
 
 
 FIELDS = Posterior._fields
@@ -96,7 +99,7 @@ KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
 
 
 def predict(
-    model: Model, params: Any, belief: Belief, *, control: Any = None, dt: Any = 1.0, method: Method = EKF()
+    model: Model, params: PyTree, belief: Belief, *, control: PyTree = None, dt: Values = 1.0, method: Method = EKF()
 ) -> Belief:
     """The belief one interval later, before its sample.
 
@@ -123,7 +126,7 @@ def predict(
 
 
 def update(
-    model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, mask: Any = None,
+    model: Model, params: PyTree, belief: Belief, observation: PyTree, *, control: PyTree = None, mask: PyTree = None,
     method: Method = EKF(),
 ) -> Updated:  # fmt: skip
     """The belief after an observation.
@@ -156,8 +159,8 @@ def update(
 
 
 def step(
-    model: Model, params: Any, belief: Belief, observation: Any, *, control: Any = None, dt: Any = 1.0,
-    mask: Any = None, method: Method = EKF(),
+    model: Model, params: PyTree, belief: Belief, observation: PyTree, *, control: PyTree = None, dt: Values = 1.0,
+    mask: PyTree = None, method: Method = EKF(),
 ) -> Step:  # fmt: skip
     """Predict over dt, then update: one sample online, jitted; the same step that `kalman_filter` scans.
 
@@ -184,7 +187,14 @@ def step(
 
 
 def _stepped(
-    model: Model, params: Any, belief: Belief, observation: Any, control: Any, dt: Any, mask: Any, method: Method
+    model: Model,
+    params: PyTree,
+    belief: Belief,
+    observation: PyTree,
+    control: PyTree,
+    dt: Values,
+    mask: PyTree,
+    method: Method,
 ) -> Step:
     checks.check_belief(belief)
     dtype = checks.common_dtype(params, belief, observation)
@@ -202,10 +212,19 @@ _step = compiled(_stepped, static_argnames=("model", "method"))
 
 
 def kalman_filter(
-    model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
-    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
-    execution: Execution = "auto", about: Any = None,
-) -> Posterior:  # fmt: skip
+    model: Model,
+    params: PyTree,
+    observations: PyTree,
+    *,
+    controls: PyTree = None,
+    dt: Values = 1.0,
+    mask: PyTree = None,
+    method: Method = EKF(),
+    initial: Belief | None = None,
+    keep: tuple[str, ...] = KEEP,
+    execution: Execution = "auto",
+    about: PyTree = None,
+) -> Posterior:
     """Filter a recording: a jitted scan over its samples.
 
     Args:
@@ -239,10 +258,21 @@ def kalman_filter(
 
 
 def _filtered(
-    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    about: Any, method: Method, keep: tuple[str, ...], execution: Execution,
-) -> Posterior:  # fmt: skip
-    def run(segments: bool, params: Any, recording: tuple[Any, Any, Any, Any], initial: Any, about: Any) -> Posterior:
+    model: Model,
+    params: PyTree,
+    observations: PyTree,
+    controls: PyTree,
+    dt: Values,
+    mask: PyTree,
+    initial: Belief | None,
+    about: PyTree,
+    method: Method,
+    keep: tuple[str, ...],
+    execution: Execution,
+) -> Posterior:
+    def run(
+        segments: bool, params: PyTree, recording: tuple[PyTree, PyTree, PyTree, PyTree], initial: PyTree, about: PyTree
+    ) -> Posterior:
         given = inputs(model, params, *recording, initial)
         return posterior(given.cm, filtered(given, method, keep, execution, about, segments))
 
@@ -266,19 +296,19 @@ def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
     })  # fmt: skip
 
 
-def named_values(values: Any, structure: Any) -> Any:
+def named_values(values: PyTree, structure: PyTreeDef) -> PyTree:
     """A list of components, or an array (..., k), as the tuple they belong to."""
     return structure.unflatten(values) if isinstance(values, list) else unpack(values, structure)
 
 
-def named_covariance(values: Any, structure: Any) -> Covariance:
+def named_covariance(values: PyTree, structure: PyTree) -> Covariance:
     """The upper triangle as a list, or an array (..., n, n), as the covariance they belong to."""
     if isinstance(values, list):
         return Covariance(tuple(values), structure)
     return Covariance.from_dense(values, structure)
 
 
-def _moments(vm: VectorModel, belief: Belief, dtype: Any) -> Moments:
+def _moments(vm: VectorModel, belief: Belief, dtype: DTypeLike) -> Moments:
     return Moments(
         pack(belief.mean, vm.state, dtype, "the mean of a belief"),
         pack_noise(belief.cov, vm.error, dtype, "the covariance of a belief"),

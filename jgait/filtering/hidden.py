@@ -5,16 +5,16 @@ component is then None in observation, noise and mask, and the filter computes w
 """
 
 from functools import lru_cache
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.filtering.covariance import Covariance
 from jgait.filtering.model import Model
 
 
-def without_hidden(model: Model, observation: Any, mask: Any) -> tuple[Model, Any, Any]:
+def without_hidden(model: Model, observation: PyTree, mask: PyTree) -> tuple[Model, PyTree, PyTree]:
     """Model, observation and mask without the components that are never there.
 
     Args:
@@ -40,14 +40,14 @@ def without_hidden(model: Model, observation: Any, mask: Any) -> tuple[Model, An
     return _reduced(model, part), part(observation), part(mask)
 
 
-def _never(leaf: Any) -> bool:
+def _never(leaf: PyTree) -> bool:
     return isinstance(leaf, bool | np.bool_) and not leaf
 
 
 class _Part:
     """What is left of observation tuples of one structure; hashable, so that a reduced model compiles once."""
 
-    def __init__(self, structure: Any, hidden: tuple[bool, ...]) -> None:
+    def __init__(self, structure: PyTree, hidden: tuple[bool, ...]) -> None:
         self.key = (structure, hidden)
 
     def __eq__(self, other: object) -> bool:
@@ -56,12 +56,12 @@ class _Part:
     def __hash__(self) -> int:
         return hash(self.key)
 
-    def __call__(self, values: Any) -> Any:
+    def __call__(self, values: PyTree) -> PyTree:
         structure, hidden = self.key
         leaves = zip(jax.tree.leaves(values), hidden, strict=True)
         return structure.unflatten([None if gone else leaf for leaf, gone in leaves])
 
-    def noise(self, values: Any) -> Any:
+    def noise(self, values: PyTree) -> PyTree:
         """The same of variances, or of a covariance."""
         if not isinstance(values, Covariance):
             return self(values)
@@ -70,7 +70,7 @@ class _Part:
         like = jax.tree.structure(self(self.key[0].unflatten(range(len(self.key[1])))))
         return Covariance(tuple(values[pair] for pair in pairs), like)
 
-    def whole(self, values: Any) -> Any:
+    def whole(self, values: PyTree) -> PyTree:
         """The full tuple again, 0 where a component is hidden."""
         structure, hidden = self.key
         left = iter(jax.tree.leaves(values))

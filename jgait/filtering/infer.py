@@ -1,14 +1,16 @@
 """Filter or smooth, as an argument says, with one kind of result."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait.filtering.execution import Execution
 from jgait.filtering.filter import Posterior, kalman_filter
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.smoother import kalman_smoother
+from jgait.types import Values
 
 SUMMARY = ("log_likelihood", "nis", "count", "valid")
 """Fields of the filter's posterior that tell how well the model fits."""
@@ -23,24 +25,24 @@ class Inferred(NamedTuple):
         filtered: the filter's posterior, the fields that were asked for.
     """
 
-    mean: Any
-    cov: Any
+    mean: PyTree
+    cov: PyTree
     filtered: Posterior
 
     @property
-    def log_likelihood(self) -> Any:
+    def log_likelihood(self) -> PyTree:
         """Of all observations, each given the past [nat]."""
         return jnp.sum(self.filtered.log_likelihood)
 
     @property
-    def nis(self) -> Any:
+    def nis(self) -> PyTree:
         """Mean normalised innovation squared: 1 where the model's noise is that of the observations."""
         return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
 
 
 def infer(
-    model: Model, params: Any, observations: Any, *, smooth: bool, controls: Any = None, dt: Any = 1.0,
-    mask: Any = None, method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = SUMMARY,
+    model: Model, params: PyTree, observations: PyTree, *, smooth: bool, controls: PyTree = None, dt: Values = 1.0,
+    mask: PyTree = None, method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = SUMMARY,
     covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
     """Filter a recording, and smooth it if that is asked for.

@@ -1,15 +1,18 @@
 """What a filter works on: a model and a recording, checked, in one float type, as components or as vectors."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering import checks
 from jgait.filtering.component_model import ComponentModel, component_model, noise_matrix, scalars
 from jgait.filtering.components import Matrix
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.vectors import Moments, VectorModel, dense_matrix, on_vectors, stacked
+from jgait.types import Values
 
 
 class PreparedInputs(NamedTuple):
@@ -17,10 +20,10 @@ class PreparedInputs(NamedTuple):
 
     vm: VectorModel
     start: Moments
-    measured: Any  # (T, m)
-    controls: Any
-    dt: Any  # (T,)
-    seen: Any  # (T, m)
+    measured: PyTree  # (T, m)
+    controls: PyTree
+    dt: Values  # (T,)
+    seen: PyTree  # (T, m)
 
 
 class Inputs(NamedTuple):
@@ -39,13 +42,13 @@ class Inputs(NamedTuple):
     """
 
     cm: ComponentModel
-    mean: list[Any]
+    mean: list[PyTree]
     cov: Matrix
-    measured: list[Any]
-    controls: Any
-    dt: Any
-    seen: list[Any]
-    dtype: Any
+    measured: list[PyTree]
+    controls: PyTree
+    dt: Values
+    seen: list[PyTree]
+    dtype: DTypeLike
     length: int
 
     def vectors(self) -> PreparedInputs:
@@ -62,7 +65,13 @@ class Inputs(NamedTuple):
 
 
 def inputs(
-    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None
+    model: Model,
+    params: PyTree,
+    observations: PyTree,
+    controls: PyTree,
+    dt: Values,
+    mask: PyTree,
+    initial: Belief | None,
 ) -> Inputs:
     """Check structure and shapes, and bring everything to one dtype; raises, see `kalman_filter`."""
     observations, length = checks.series(observations, "observation", None)

@@ -1,24 +1,24 @@
 """Inverses of Cholesky factors over components."""
 
 from collections.abc import Callable
-from typing import Any
 
 import jax.numpy as jnp
 from jax import lax
 
 from jgait.filtering.components import Matrix, barred, minus, plus, sound, times, total, where
+from jgait.types import Values
 
 
-def inverse_factor(spread: Matrix, summary: Any) -> tuple[Matrix, Any, Any]:
+def inverse_factor(spread: Matrix, summary: Values) -> tuple[Matrix, Values, Values]:
     """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if all went well.
 
     Where it did not, L⁻¹ is zero. A pivot that is not positive is replaced before its root is taken, so that
     gradients stay finite.
     """
     health = plus(summary, total(spread[j][j] for j in range(len(spread))))
-    pivots: list[Any] = []
+    pivots: list[Values] = []
 
-    def root(pivot: Any, variance: Any) -> Any:
+    def root(pivot: Values, variance: Values) -> Values:
         del variance
         pivots.append(pivot)
         return lax.rsqrt(jnp.where(pivot > 0.0, pivot, 1.0))
@@ -35,7 +35,7 @@ def generalised_inverse_factor(cov: Matrix, epsilon: float) -> Matrix:
     """L⁻¹ for cov = L Lᵀ with zero rows for what is known exactly from the components before, up to rounding."""
     floor = 2.0 * len(cov) * epsilon
 
-    def root(pivot: Any, variance: Any) -> Any:
+    def root(pivot: Values, variance: Values) -> Values:
         above = pivot > floor * variance
         return jnp.where(above, lax.rsqrt(jnp.where(above, pivot, 1.0)), 0.0)
 
@@ -43,11 +43,11 @@ def generalised_inverse_factor(cov: Matrix, epsilon: float) -> Matrix:
     return _inverted(lower, roots, roots)
 
 
-def _factor(spread: Matrix, root: Callable[[Any, Any], Any]) -> tuple[Matrix, list[Any]]:
+def _factor(spread: Matrix, root: Callable[[Values, Values], Values]) -> tuple[Matrix, list[Values]]:
     """L below its diagonal, and the reciprocals of the diagonal, from `root(pivot, variance)`."""
     size = len(spread)
     lower: Matrix = [[0.0] * size for _ in range(size)]
-    roots: list[Any] = []
+    roots: list[Values] = []
     for j in range(size):
         pivot = minus(spread[j][j], total(times(lower[j][k], lower[j][k]) for k in range(j)))
         roots.append(root(pivot, spread[j][j]))
@@ -59,7 +59,7 @@ def _factor(spread: Matrix, root: Callable[[Any, Any], Any]) -> tuple[Matrix, li
     return lower, roots
 
 
-def _inverted(lower: Matrix, roots: list[Any], diagonal: list[Any]) -> Matrix:
+def _inverted(lower: Matrix, roots: list[Values], diagonal: list[Values]) -> Matrix:
     size = len(lower)
     inverse: Matrix = [[0.0] * size for _ in range(size)]
     for j in range(size):

@@ -1,24 +1,24 @@
 """Small dense products and solves, written so that XLA fuses them into the scan instead of calling a library."""
 
-from typing import Any
-
 import jax.numpy as jnp
 
+from jgait.types import Values
 
-def product(a: Any, b: Any) -> Any:
+
+def product(a: Values, b: Values) -> Values:
     """Matrix product (i, k)(k, j), or matrix times vector (i, k)(k,)."""
     if b.ndim == 1:
         return jnp.sum(a * b[None, :], axis=1)
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
-def congruence(a: Any, p: Any) -> Any:
+def congruence(a: Values, p: Values) -> Values:
     """The product a p aᵀ for symmetric p, symmetric to the last bit."""
     result = product(product(a, p), a.T)
     return 0.5 * (result + result.T)
 
 
-def cholesky(a: Any, floor: float = 0.0) -> tuple[Any, Any]:
+def cholesky(a: Values, floor: float = 0.0) -> tuple[Values, Values]:
     """The lower triangle L with L Lᵀ = a (n, n), and whether every pivot was above the floor.
 
     A pivot that is not is replaced (by the floor, or by 1 where the floor is 0), so that neither the factor nor its
@@ -26,7 +26,7 @@ def cholesky(a: Any, floor: float = 0.0) -> tuple[Any, Any]:
     """
     size = a.shape[0]
     rows = jnp.arange(size)
-    columns: list[Any] = []
+    columns: list[Values] = []
     good = jnp.asarray(True)
     for j in range(size):
         column = a[:, j]
@@ -39,9 +39,9 @@ def cholesky(a: Any, floor: float = 0.0) -> tuple[Any, Any]:
     return jnp.stack(columns, axis=1), good
 
 
-def forward_substitution(lower: Any, b: Any) -> Any:
+def forward_substitution(lower: Values, b: Values) -> Values:
     """Solve L x = b for b (n,) or (n, k)."""
-    rows: list[Any] = []
+    rows: list[Values] = []
     for i in range(lower.shape[0]):
         value = b[i]
         for k in range(i):
@@ -50,10 +50,10 @@ def forward_substitution(lower: Any, b: Any) -> Any:
     return jnp.stack(rows)
 
 
-def backward_substitution(lower: Any, b: Any) -> Any:
+def backward_substitution(lower: Values, b: Values) -> Values:
     """Solve Lᵀ x = b for b (n,) or (n, k)."""
     size = lower.shape[0]
-    rows: list[Any] = [None] * size
+    rows: list[Values] = [None] * size
     for i in reversed(range(size)):
         value = b[i]
         for k in range(i + 1, size):
@@ -62,7 +62,7 @@ def backward_substitution(lower: Any, b: Any) -> Any:
     return jnp.stack(rows)
 
 
-def scaled_cholesky(p: Any, jitter: float) -> tuple[Any, Any, Any]:
+def scaled_cholesky(p: Values, jitter: float) -> tuple[Values, Values, Values]:
     """Standard deviations d (n,), their inverse, and the factor L of the correlation matrix: p ≈ d (L Lᵀ) d.
 
     Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. Where components are
@@ -82,7 +82,7 @@ def scaled_cholesky(p: Any, jitter: float) -> tuple[Any, Any, Any]:
     return jnp.where(known, 0.0, d), inverse, lower
 
 
-def solve_covariance(p: Any, b: Any) -> Any:
+def solve_covariance(p: Values, b: Values) -> Values:
     """Solve p x = b (n, k) for a covariance p that may hold exactly known components (their x is 0)."""
     _, inverse, lower = scaled_cholesky(p, jitter=p.shape[0])
     return inverse[:, None] * backward_substitution(lower, forward_substitution(lower, inverse[:, None] * b))

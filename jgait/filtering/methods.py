@@ -14,11 +14,12 @@ Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.extend.core import Literal
+from jaxtyping import PyTree
 
 from jgait.filtering.linear_algebra import backward_substitution, product, scaled_cholesky
 
@@ -29,9 +30,9 @@ SIGMA_JITTER = 100.0
 class Affine(NamedTuple):
     """v + A (δ − μ) + e: value (m,), matrix (m, n), covariance of e (m, m)."""
 
-    value: Any
-    matrix: Any
-    spread: Any
+    value: PyTree
+    matrix: PyTree
+    spread: PyTree
 
 
 # The methods are frozen dataclasses and no tuples: EKF(1) and CKF(1) would be equal as tuples, and jit, which finds
@@ -106,12 +107,12 @@ def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - reads as the method
     return EKF(iterations)
 
 
-def _check_iterations(iterations: Any) -> None:
+def _check_iterations(iterations: PyTree) -> None:
     if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 1:
         raise ValueError(f"iterations must be a whole number from 1 up; got {iterations!r}")
 
 
-def check_method(method: Any) -> None:
+def check_method(method: PyTree) -> None:
     """Refuse what is no method, such as the class instead of an instance.
 
     Raises:
@@ -121,7 +122,7 @@ def check_method(method: Any) -> None:
         raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
 
 
-def linearise(method: Method, g: Callable[[Any], Any], mean: Any, cov: Any, what: str) -> Affine:
+def linearise(method: Method, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree, what: str) -> Affine:
     """Replace g about the mean (n,) by an affine function, after the method.
 
     Args:
@@ -145,7 +146,7 @@ def linearise(method: Method, g: Callable[[Any], Any], mean: Any, cov: Any, what
     return Affine(value, matrix, jnp.zeros((value.shape[0],) * 2, value.dtype))
 
 
-def _regression(method: UKF | CKF, g: Callable[[Any], Any], mean: Any, cov: Any) -> Affine:
+def _regression(method: UKF | CKF, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree) -> Affine:
     """Statistical linear regression over the points μ ± c (d L) ξ_i of a covariance d L Lᵀ d.
 
     With the pairs' half differences h_i and half second differences s_i the sums over the points become
@@ -175,17 +176,17 @@ def _scaling(method: UKF | CKF, size: int) -> tuple[float, float]:
     return square, method.beta - method.alpha**2
 
 
-def depends_on_place(g: Callable[[Any], Any], at: Any) -> bool:
+def depends_on_place(g: Callable[[PyTree], PyTree], at: PyTree) -> bool:
     """Whether the Jacobian of g depends on where it is taken, read off the trace of its derivative."""
 
-    def directional(x: Any, tangent: Any) -> Any:
+    def directional(x: PyTree, tangent: PyTree) -> PyTree:
         return jax.jvp(g, (x,), (tangent,))[1]
 
     closed = jax.make_jaxpr(directional)(at, at)
     return any(reached(closed.jaxpr, {closed.jaxpr.invars[0]}))
 
 
-def reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
+def reached(jaxpr: PyTree, sources: set[PyTree]) -> list[bool]:
     """For each output of a jaxpr, whether any of the source variables can influence it.
 
     Calls of functions are followed into; loops and branches count as a whole, which errs on the side of yes.
@@ -204,7 +205,7 @@ def reached(jaxpr: Any, sources: set[Any]) -> list[bool]:
     return [not isinstance(v, Literal) and v in touched for v in jaxpr.outvars]
 
 
-def _called(equation: Any) -> Any:
+def _called(equation: PyTree) -> PyTree:
     """The jaxpr that an equation calls once with its own inputs, or None."""
     if equation.primitive.name in ("scan", "while", "cond"):
         return None

@@ -5,7 +5,9 @@ covariance is addressed by the same names. Vectors and matrices exist only insid
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from jaxtyping import PyTree
 
 from jgait.filtering.covariance import Covariance
 
@@ -13,7 +15,7 @@ from jgait.filtering.covariance import Covariance
 class Belief(NamedTuple):
     """What is believed of a state: its mean, and the covariance of the error about it."""
 
-    mean: Any
+    mean: PyTree
     cov: Covariance
 
 
@@ -45,13 +47,13 @@ class Model(NamedTuple):
     """
 
     initial: Callable[..., Belief]
-    transition: Callable[..., Any]
-    transition_noise: Callable[..., Any]
-    observation: Callable[..., Any]
-    observation_noise: Callable[..., Any]
-    retract: Callable[..., Any] | None = None
-    local: Callable[..., Any] | None = None
-    residual: Callable[..., Any] | None = None
-    error_transition: Callable[..., Any] | tuple[Callable[..., Any], ...] | None = None
-    error_observation: Callable[..., Any] | None = None
-    error_shift: Callable[..., Any] | None = None
+    transition: Callable[..., PyTree]
+    transition_noise: Callable[..., PyTree]
+    observation: Callable[..., PyTree]
+    observation_noise: Callable[..., PyTree]
+    retract: Callable[..., PyTree] | None = None
+    local: Callable[..., PyTree] | None = None
+    residual: Callable[..., PyTree] | None = None
+    error_transition: Callable[..., PyTree] | tuple[Callable[..., PyTree], ...] | None = None
+    error_observation: Callable[..., PyTree] | None = None
+    error_shift: Callable[..., PyTree] | None = None

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering.dense import LOG_2PI, affine_transition
 from jgait.filtering.inputs import PreparedInputs
@@ -33,6 +34,7 @@ from jgait.filtering.linear_algebra import (
 )
 from jgait.filtering.methods import EKF, KF, linearise
 from jgait.filtering.vectors import Moments, VectorModel
+from jgait.types import Values
 
 
 class AffineElement(NamedTuple):
@@ -41,32 +43,32 @@ class AffineElement(NamedTuple):
     δ ← F δ + u + N(0, Q), and the residual e = H δ + N(0, R); `seen` counts its components.
     """
 
-    F: Any
-    u: Any
-    Q: Any
-    H: Any
-    e: Any
-    R: Any
-    seen: Any
-    good: Any
+    F: PyTree
+    u: PyTree
+    Q: PyTree
+    H: PyTree
+    e: PyTree
+    R: PyTree
+    seen: PyTree
+    good: PyTree
 
 
 class Element(NamedTuple):
     """What a stretch of samples does to the belief before it; see the module."""
 
-    A: Any
-    b: Any
-    C: Any
-    eta: Any
-    J: Any
+    A: PyTree
+    b: PyTree
+    C: PyTree
+    eta: PyTree
+    J: PyTree
 
 
 class BackwardElement(NamedTuple):
     """What a stretch of samples makes of the belief after it; see the module."""
 
-    E: Any
-    g: Any
-    L: Any
+    E: PyTree
+    g: PyTree
+    L: PyTree
 
 
 class _FilteredElement(NamedTuple):
@@ -77,7 +79,7 @@ class _FilteredElement(NamedTuple):
     after: Moments
 
 
-def parallel_filter(ready: PreparedInputs, about: Any = None) -> dict[str, Any]:
+def parallel_filter(ready: PreparedInputs, about: PyTree = None) -> dict[str, Any]:
     """The Kalman filter, or the extended one linearised about a given trajectory, in parallel over time.
 
     A sample whose numbers break down is taken for one without transition or without measurement and marked. The
@@ -100,7 +102,7 @@ def parallel_filter(ready: PreparedInputs, about: Any = None) -> dict[str, Any]:
     return _told(about[1], _filtered(ready, *about))
 
 
-def parallel_smoother(ready: PreparedInputs, about: Any = None) -> dict[str, Any]:
+def parallel_smoother(ready: PreparedInputs, about: PyTree = None) -> dict[str, Any]:
     """The Rauch–Tung–Striebel smoother of `parallel_filter`, in parallel over time.
 
     Args:
@@ -125,7 +127,7 @@ def parallel_smoother(ready: PreparedInputs, about: Any = None) -> dict[str, Any
     return {"mean": points + smoothed.g, "cov": smoothed.L, "filtered": _told(points, filtered)}
 
 
-def _about(ready: PreparedInputs, about: Any) -> tuple[KF | EKF, Any]:
+def _about(ready: PreparedInputs, about: PyTree) -> tuple[KF | EKF, PyTree]:
     """How to linearise, and about which states (T, k)."""
     vm, start = ready.vm, ready.start.mean
     if vm.curved:
@@ -141,10 +143,10 @@ def _about(ready: PreparedInputs, about: Any) -> tuple[KF | EKF, Any]:
     return EKF(), jnp.asarray(about, start.dtype)
 
 
-def _filtered(ready: PreparedInputs, method: KF | EKF, points: Any) -> _FilteredElement:
+def _filtered(ready: PreparedInputs, method: KF | EKF, points: PyTree) -> _FilteredElement:
     start = ready.start
 
-    def sample(x: Any, at: Any, measured: Any, control: Any, dt: Any, seen: Any) -> AffineElement:
+    def sample(x: PyTree, at: PyTree, measured: PyTree, control: PyTree, dt: Values, seen: PyTree) -> AffineElement:
         return _affine(ready.vm, Moments(x, jnp.zeros_like(start.cov)), at, measured, control, dt, seen, method)
 
     origins = jnp.concatenate([start.mean[None, :], points[:-1]])
@@ -161,13 +163,20 @@ def _filtered(ready: PreparedInputs, method: KF | EKF, points: Any) -> _Filtered
 
 
 def _affine(
-    vm: VectorModel, origin: Moments, at: Any, measured: Any, control: Any, dt: Any, seen: Any, method: KF | EKF
+    vm: VectorModel,
+    origin: Moments,
+    at: PyTree,
+    measured: PyTree,
+    control: PyTree,
+    dt: Values,
+    seen: PyTree,
+    method: KF | EKF,
 ) -> AffineElement:
     """A sample's transition linearised about the origin, and its observation about the state `at`."""
     prediction = affine_transition(vm, origin, control, dt, method)
     expected = vm.observation(at, control)
 
-    def g(delta: Any) -> Any:
+    def g(delta: PyTree) -> PyTree:
         return vm.residual(vm.observation(at + delta, control), expected)
 
     affine = linearise(method, g, jnp.zeros_like(at), origin.cov, vm.names["observation"])
@@ -183,7 +192,7 @@ def _affine(
     )  # fmt: skip
 
 
-def _element(s: AffineElement) -> tuple[Element, Any]:
+def _element(s: AffineElement) -> tuple[Element, PyTree]:
     """One sample as an element, and False where its measurement is left out because R + H Q Hᵀ is not positive."""
     cross = product(s.H, s.Q)
     lower, positive = cholesky(product(cross, s.H.T) + s.R)
@@ -212,18 +221,18 @@ def _joined(i: Element, j: Element) -> Element:
     )
 
 
-def _times(a: Any, b: Any) -> Any:
+def _times(a: PyTree, b: PyTree) -> PyTree:
     """The product as one batched call: over all samples at once it beats the fused form of `linear_algebra`."""
     return jnp.matmul(a, b, precision=lax.Precision.HIGHEST)
 
 
-def _around(a: Any, p: Any) -> Any:
+def _around(a: PyTree, p: PyTree) -> PyTree:
     result = _times(_times(a, p), a.T)
     return 0.5 * (result + result.T)
 
 
 @jax.custom_jvp
-def _met(C: Any, J: Any) -> tuple[Any, Any]:
+def _met(C: PyTree, J: PyTree) -> tuple[PyTree, PyTree]:
     """A covariance C met by information J: C (I + J C)⁻¹, what is left of C, and (I + J C)⁻¹ J, what is new in J.
 
     With C = B Bᵀ both are sums of squares of (I + Bᵀ J B)⁻¹, which exists in any units. The loops keep the program
@@ -238,7 +247,7 @@ def _met(C: Any, J: Any) -> tuple[Any, Any]:
 
 
 @_met.defjvp
-def _met_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+def _met_jvp(primals: PyTree, tangents: PyTree) -> tuple[PyTree, PyTree]:
     """In W and V = J − J W J: dW = (I − W J) dC (I − J W) − W dJ W, dV = (I − J W) dJ (I − W J) − V dC V."""
     (C, J), (dC, dJ) = primals, tangents
     W, V = _met(C, J)
@@ -248,7 +257,7 @@ def _met_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     return (W, V), (dW, dV)
 
 
-def _factor(p: Any) -> Any:
+def _factor(p: PyTree) -> PyTree:
     """A factor B (n, n) of a perhaps singular covariance, p = B Bᵀ up to rounding; as `scaled_cholesky`."""
     size = p.shape[0]
     rows, floor = jnp.arange(size), size * float(jnp.finfo(p.dtype).eps)
@@ -258,7 +267,7 @@ def _factor(p: Any) -> Any:
     inverse = jnp.where(known, 0.0, 1.0 / jnp.where(known, 1.0, d))
     rest = jnp.where(rows[:, None] == rows[None, :], 1.0, p * inverse[:, None] * inverse[None, :])
 
-    def column(k: Any, carry: Any) -> Any:
+    def column(k: PyTree, carry: PyTree) -> PyTree:
         rest, factor = carry
         pivot = jnp.maximum(rest[k, k], floor)
         values = jnp.where(rows > k, rest[:, k], jnp.where(rows == k, pivot, 0.0)) / jnp.sqrt(pivot)
@@ -267,10 +276,10 @@ def _factor(p: Any) -> Any:
     return d[:, None] * lax.fori_loop(0, size, column, (rest, jnp.zeros_like(rest)))[1]
 
 
-def _inverse(p: Any) -> Any:
+def _inverse(p: PyTree) -> PyTree:
     """The inverse of a symmetric matrix (n, n) that is no less than I, by Gauss and Jordan's exchange steps."""
 
-    def exchange(k: Any, p: Any) -> Any:
+    def exchange(k: PyTree, p: PyTree) -> PyTree:
         pivot, row, column = p[k, k], p[k], p[:, k]
         p = p - column[:, None] * row[None, :] / pivot
         return p.at[k].set(row / pivot).at[:, k].set(-column / pivot).at[k, k].set(1.0 / pivot)
@@ -283,7 +292,7 @@ def _moved(s: AffineElement, before: Moments) -> Moments:
     return Moments(product(s.F, before.mean) + s.u, congruence(s.F, before.cov) + s.Q)
 
 
-def _told(points: Any, filtered: _FilteredElement) -> dict[str, Any]:
+def _told(points: PyTree, filtered: _FilteredElement) -> dict[str, Any]:
     """Fields of `Posterior`, each sample from its own prediction."""
     samples, predicted, after = filtered
 

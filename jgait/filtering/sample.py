@@ -1,23 +1,25 @@
 """Drawing from a model what it says could happen: states, and what the sensors would read."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.filtering import checks
 from jgait.filtering.model import Model
 from jgait.filtering.vectors import pack, unpack, vector_model
+from jgait.types import Values
 
 
-def _root(cov: Any) -> Any:
+def _root(cov: PyTree) -> Values:
     """A matrix whose square is a covariance (n, n), singular or not."""
     values, vectors = jnp.linalg.eigh(cov)
     return vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]
 
 
-def draw(key: Any, model: Model, params: Any, samples: int, *, controls: Any = None, dt: Any = 1.0) -> tuple[Any, Any]:
+def draw(
+    key: PRNGKeyArray, model: Model, params: PyTree, samples: int, *, controls: PyTree = None, dt: Values = 1.0
+) -> tuple[PyTree, PyTree]:
     """Draw one recording from a model: the truth for tests, power studies, and tuners that should find it again.
 
         x₀ ~ N(m₀, P₀),  x_k = f(x_{k−1}) ⊕ N(0, Q),  y_k = h(x_k) + N(0, R)
@@ -50,7 +52,7 @@ def draw(key: Any, model: Model, params: Any, samples: int, *, controls: Any = N
     errors = jax.random.normal(sensing, (samples, vm.observed.num_leaves), dtype)
     interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
 
-    def body(x: Any, sample: Any) -> tuple[Any, Any]:
+    def body(x: PyTree, sample: PyTree) -> tuple[PyTree, PyTree]:
         shock, error, control, step = sample
         noise = _root(vm.transition_noise(x, control, step))
         x = vm.retract(vm.transition(x, control, step), noise @ shock)

@@ -8,11 +8,11 @@ store and load.
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
 
 import jax
 from jax import lax
 from jax.extend.core import Literal
+from jaxtyping import PyTree
 
 from jgait.filtering.tracing import EXPENSIVE, INLINED
 
@@ -22,14 +22,14 @@ WORTH = 3
 _FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})
 
 
-def shared(function: Callable[..., Any]) -> Callable[..., Any]:
+def shared(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
     """The same function of pytrees, with barriers behind what is used again.
 
     Args:
         function: of arrays, typically the body of a scan; loops and branches in it are left as they are.
     """
 
-    def run(*arguments: Any) -> Any:
+    def run(*arguments: PyTree) -> PyTree:
         closed, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
         leaves = jax.tree.leaves(arguments)
         flat, counts = _flattened(closed)
@@ -42,31 +42,31 @@ class _Flat:
     """Equations without calls, on numbered values."""
 
     def __init__(self) -> None:
-        self.equations: list[tuple[Any, list[Any], list[int]]] = []
-        self.values: dict[int, Any] = {}
+        self.equations: list[tuple[PyTree, list[PyTree], list[int]]] = []
+        self.values: dict[int, PyTree] = {}
         self.size = 0
         self.inputs: list[int] = []
-        self.outputs: list[Any] = []
+        self.outputs: list[PyTree] = []
 
     def new(self) -> int:
         self.size += 1
         return self.size - 1
 
 
-def _flattened(closed: Any) -> tuple[_Flat, Counter[int]]:
+def _flattened(closed: PyTree) -> tuple[_Flat, Counter[int]]:
     """A jaxpr with its calls inlined, and how often each value is used."""
     flat = _Flat()
 
-    def constant(value: Any) -> int:
+    def constant(value: PyTree) -> int:
         place = flat.new()
         flat.values[place] = value
         return place
 
-    def inline(jaxpr: Any, consts: Any, arguments: list[Any]) -> list[Any]:
-        names: dict[Any, Any] = dict(zip(jaxpr.constvars, map(constant, consts), strict=True))
+    def inline(jaxpr: PyTree, consts: PyTree, arguments: list[PyTree]) -> list[PyTree]:
+        names: dict[PyTree, PyTree] = dict(zip(jaxpr.constvars, map(constant, consts), strict=True))
         names.update(zip(jaxpr.invars, arguments, strict=True))
 
-        def read(variable: Any) -> Any:
+        def read(variable: PyTree) -> PyTree:
             return variable if isinstance(variable, Literal) else names[variable]
 
         for equation in jaxpr.eqns:
@@ -89,7 +89,7 @@ def _flattened(closed: Any) -> tuple[_Flat, Counter[int]]:
     return flat, counts
 
 
-def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[Any]) -> list[Any]:
+def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree]) -> list[PyTree]:
     values = dict(flat.values)
     costs: dict[int, int] = dict.fromkeys(values, 0)
     for place, argument in zip(flat.inputs, arguments, strict=True):
@@ -97,7 +97,7 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[Any]) -> list[
         values[place] = lax.optimization_barrier(argument) if counts[place] > 1 else argument
         costs[place] = 0
 
-    def read(place: Any) -> Any:
+    def read(place: PyTree) -> PyTree:
         return values[place] if isinstance(place, int) else place.val
 
     for equation, inputs, places in flat.equations:
@@ -113,7 +113,7 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[Any]) -> list[
     return [read(place) for place in flat.outputs]
 
 
-def inputs_of(inputs: list[Any]) -> list[int]:
+def inputs_of(inputs: list[PyTree]) -> list[int]:
     """The places among inputs, without literals."""
     return [place for place in inputs if isinstance(place, int)]
 

@@ -10,9 +10,10 @@ from errors about m_s' to errors about m⁻, and P_s at last to errors about m_s
 Source: H. Rauch, F. Tung, C. Striebel (1965), AIAA Journal 3(8); S. Särkkä (2013), chapters 8 to 10.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
+from jaxtyping import PyTree
 
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
@@ -23,6 +24,7 @@ from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
+from jgait.types import Values
 
 
 class Smoothed(NamedTuple):
@@ -34,16 +36,27 @@ class Smoothed(NamedTuple):
         filtered: the filter's `Posterior`.
     """
 
-    mean: Any
-    cov: Any
+    mean: PyTree
+    cov: PyTree
     filtered: Posterior
 
 
 def kalman_smoother(
-    model: Model, params: Any, observations: Any, *, controls: Any = None, dt: Any = 1.0, mask: Any = None,
-    method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = KEEP,
-    covariance: bool | tuple[str, ...] = True, execution: Execution = "auto", about: Any = None, form: Form = "auto",
-) -> Smoothed:  # fmt: skip
+    model: Model,
+    params: PyTree,
+    observations: PyTree,
+    *,
+    controls: PyTree = None,
+    dt: Values = 1.0,
+    mask: PyTree = None,
+    method: Method = EKF(),
+    initial: Belief | None = None,
+    keep: tuple[str, ...] = KEEP,
+    covariance: bool | tuple[str, ...] = True,
+    execution: Execution = "auto",
+    about: PyTree = None,
+    form: Form = "auto",
+) -> Smoothed:
     """Filter forward, then smooth backward: every sample is judged by all of the recording.
 
     Args:
@@ -87,10 +100,20 @@ def kalman_smoother(
 
 
 def _smoothed(
-    model: Model, params: Any, observations: Any, controls: Any, dt: Any, mask: Any, initial: Belief | None,
-    about: Any, method: Method, keep: tuple[str, ...], covariance: bool | tuple[str, ...], execution: Execution,
+    model: Model,
+    params: PyTree,
+    observations: PyTree,
+    controls: PyTree,
+    dt: Values,
+    mask: PyTree,
+    initial: Belief | None,
+    about: PyTree,
+    method: Method,
+    keep: tuple[str, ...],
+    covariance: bool | tuple[str, ...],
+    execution: Execution,
     form: Form,
-) -> Smoothed:  # fmt: skip
+) -> Smoothed:
     given = inputs(model, params, observations, controls, dt, mask, initial)
     chosen = _components(covariance, given.cm.error)
     mean, cov, kept = smoothed(given, method, keep, execution, about, chosen, form)
@@ -104,7 +127,7 @@ def _smoothed(
 _smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "covariance", "execution", "form"))
 
 
-def _components(covariance: bool | tuple[str, ...], error: Any) -> tuple[int, ...]:
+def _components(covariance: bool | tuple[str, ...], error: PyTree) -> tuple[int, ...]:
     """Which components of the error the names mean; raises ValueError for a name that none has."""
     names = structure_names(error)
     if isinstance(covariance, bool):
@@ -119,6 +142,6 @@ def _means(wanted: str, name: str) -> bool:
     return name == wanted or name.startswith(f"{wanted}.")
 
 
-def _part(chosen: tuple[int, ...], error: Any) -> Any:
+def _part(chosen: tuple[int, ...], error: PyTree) -> PyTree:
     """The structure of the error's tuple with None in place of what was not chosen."""
     return jax.tree.structure(error.unflatten([i if i in chosen else None for i in range(error.num_leaves)]))

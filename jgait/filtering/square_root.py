@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering.dense import LOG_2PI, Correction, affine_observation, affine_transition
 from jgait.filtering.factors import added, changed, covariance, reduced, rooted, squares, triangularised
@@ -28,6 +29,7 @@ from jgait.filtering.inputs import PreparedInputs
 from jgait.filtering.linear_algebra import backward_substitution, forward_substitution, product
 from jgait.filtering.methods import Method
 from jgait.filtering.vectors import Moments, VectorModel
+from jgait.types import Values
 
 SINGULAR = 8.0
 """Below this share of its standard deviation the smoother takes what a state adds for rounding [epsilons]."""
@@ -43,13 +45,13 @@ class Root(NamedTuple):
         rest: what L has rounded off (n, n).
     """
 
-    mean: Any
-    mean_rest: Any
-    factor: Any
-    rest: Any
+    mean: PyTree
+    mean_rest: PyTree
+    factor: PyTree
+    rest: PyTree
 
 
-def root_of(mean: Any, factor: Any) -> Root:
+def root_of(mean: PyTree, factor: PyTree) -> Root:
     """The belief whose numbers are exact."""
     return Root(mean, jnp.zeros_like(mean), factor, jnp.zeros_like(factor))
 
@@ -60,27 +62,27 @@ class _Move(NamedTuple):
     `good` is False where it broke down and the belief stands still instead.
     """
 
-    mean: Any
-    mean_rest: Any
-    change: Any
-    noise: Any
-    good: Any
+    mean: PyTree
+    mean_rest: PyTree
+    change: PyTree
+    noise: PyTree
+    good: PyTree
 
 
 class _RootTerms(NamedTuple):
     """One linear update from the prior: the factor ends at [L + change, extra]; the others as in `dense._Terms`."""
 
-    delta: Any
-    change: Any
-    extra: Any
-    innovation: Any
-    stddev: Any
-    nis: Any
-    log_det: Any
-    good: Any
+    delta: PyTree
+    change: PyTree
+    extra: PyTree
+    innovation: PyTree
+    stddev: PyTree
+    nis: PyTree
+    log_det: PyTree
+    good: PyTree
 
 
-def _affine(vm: VectorModel, before: Root, control: Any, dt: Any, method: Method) -> _Move:
+def _affine(vm: VectorModel, before: Root, control: PyTree, dt: Values, method: Method) -> _Move:
     mean, rest, factor, _ = before
     prediction = affine_transition(vm, Moments(mean, covariance(factor)), control, dt, method)
     eye = jnp.eye(factor.shape[0], dtype=factor.dtype)
@@ -100,14 +102,14 @@ def _affine(vm: VectorModel, before: Root, control: Any, dt: Any, method: Method
     )  # fmt: skip
 
 
-def predicted_root(vm: VectorModel, before: Root, control: Any, dt: Any, method: Method) -> tuple[Root, Any]:
+def predicted_root(vm: VectorModel, before: Root, control: PyTree, dt: Values, method: Method) -> tuple[Root, PyTree]:
     """The belief after the interval, and False where the numbers broke down and the one before it stands."""
     move = _affine(vm, before, control, dt, method)
     return Root(move.mean, move.mean_rest, *changed(before.factor, before.rest, move.change, move.noise)), move.good
 
 
 def corrected_root(
-    vm: VectorModel, prior: Root, measured: Any, control: Any, seen: Any, method: Method
+    vm: VectorModel, prior: Root, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Root, Correction]:
     """`dense.corrected` on a factor."""
     factor = prior.factor
@@ -138,7 +140,7 @@ def corrected_root(
     count = jnp.where(good, jnp.sum(jnp.where(seen, 1.0, 0.0).astype(measured.dtype)), 0.0)
     log_likelihood = -0.5 * (first.nis + first.log_det + count * LOG_2PI)
 
-    def kept(value: Any) -> Any:
+    def kept(value: PyTree) -> PyTree:
         return jnp.where(good, value, 0.0)
 
     return after, Correction(
@@ -147,8 +149,8 @@ def corrected_root(
 
 
 def _linear_update(
-    vm: VectorModel, prior: Root, measured: Any, control: Any, seen: Any, noise: Any, method: Method,
-    at: Any, around: Any,
+    vm: VectorModel, prior: Root, measured: PyTree, control: PyTree, seen: PyTree, noise: PyTree, method: Method,
+    at: PyTree, around: PyTree,
 ) -> _RootTerms:  # fmt: skip
     """Update the prior with the observation linearised at error `at` (n,) with covariance `around` (n, n)."""
     x, factor = prior.mean, prior.factor
@@ -185,7 +187,7 @@ def _linear_update(
     )  # fmt: skip
 
 
-def _regular(lower: Any) -> Any:
+def _regular(lower: PyTree) -> PyTree:
     """A lower triangle with 1 where its diagonal is 0."""
     eye = jnp.eye(lower.shape[0], dtype=bool)
     return jnp.where(eye & (lower <= 0.0), 1.0, lower)
@@ -202,7 +204,7 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
     vm = ready.vm
     factor, positive = rooted(ready.start.cov, jnp.zeros_like(ready.start.cov[0]))
 
-    def body(carry: tuple[Root, Any], sample: Any) -> tuple[tuple[Root, Any], dict[str, Any]]:
+    def body(carry: tuple[Root, PyTree], sample: PyTree) -> tuple[tuple[Root, PyTree], dict[str, PyTree]]:
         before, sound = carry
         measured, control, interval, seen = sample
         predicted, moved = predicted_root(vm, before, control, interval, method)
@@ -237,7 +239,7 @@ def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -
     filtered = kept["mean"], kept["factor"]
     last = jax.tree.map(lambda leaf: leaf[-1], filtered)
 
-    def body(following: Any, sample: Any) -> tuple[Any, Any]:
+    def body(following: PyTree, sample: PyTree) -> tuple[PyTree, PyTree]:
         (mean, factor), control, interval = sample
         smoothed = smoothed_root(ready.vm, root_of(mean, factor), following, control, interval, method)
         return smoothed, smoothed
@@ -250,8 +252,8 @@ def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -
 
 
 def smoothed_root(
-    vm: VectorModel, filtered: Root, following: tuple[Any, Any], control: Any, dt: Any, method: Method
-) -> tuple[Any, Any]:
+    vm: VectorModel, filtered: Root, following: tuple[PyTree, PyTree], control: PyTree, dt: Values, method: Method
+) -> tuple[PyTree, PyTree]:
     """Smoothed mean and factor at one sample, from its filtered belief and the smoothed mean and factor at the next."""
     x, factor = filtered.mean, filtered.factor
     mean, _, change, noise, _ = _affine(vm, filtered, control, dt, method)

@@ -7,10 +7,11 @@ would break up the vector loops.
 
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.components import (
@@ -37,12 +38,13 @@ from jgait.filtering.dense import LOG_2PI
 from jgait.filtering.inverse_factor import inverse_factor
 from jgait.filtering.methods import EKF, KF
 from jgait.filtering.tracing import Expansion
+from jgait.types import Values
 
 
 class Components(NamedTuple):
     """Mean (k scalars), and covariance of the error about it (n × n scalars)."""
 
-    mean: list[Any]
+    mean: list[PyTree]
     cov: Matrix
 
 
@@ -56,17 +58,17 @@ class Sample(NamedTuple):
         seen: what of the observation is there (m bools; True where the mask says nothing).
     """
 
-    measured: list[Any]
-    control: Any
-    dt: Any
-    seen: list[Any]
+    measured: list[PyTree]
+    control: PyTree
+    dt: Values
+    seen: list[PyTree]
 
 
 class Noise(NamedTuple):
     """A noise covariance that is the same at every sample; `health` is finite if it is."""
 
     matrix: Matrix
-    health: Any
+    health: PyTree
 
 
 class Transition(NamedTuple):
@@ -79,10 +81,10 @@ class Transition(NamedTuple):
         health: finite where the transition was.
     """
 
-    mean: list[Any]
+    mean: list[PyTree]
     steps: list[Matrix]
     noise: Matrix
-    health: Any
+    health: PyTree
 
     @property
     def matrix(self) -> Matrix:
@@ -93,15 +95,15 @@ class Transition(NamedTuple):
 class Told(NamedTuple):
     """What an update tells beside its result; see `jgait.filtering.Updated`."""
 
-    innovation: list[Any]
-    stddev: list[Any]
-    log_likelihood: Any
-    nis: Any
-    count: Any
-    health: Any
+    innovation: list[PyTree]
+    stddev: list[PyTree]
+    log_likelihood: PyTree
+    nis: PyTree
+    count: PyTree
+    health: PyTree
 
 
-def dtype_of(moments: Components) -> Any:
+def dtype_of(moments: Components) -> PyTree:
     """The float type of a belief."""
     return jnp.result_type(*(value for value in (*moments.mean, *upper(moments.cov)) if not known(value)))
 
@@ -140,23 +142,23 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
 
 
 def _moving_steps(
-    cm: ComponentModel, trace: Expansion, x: list[Any], mean: list[Any], control: Any, dt: Any
+    cm: ComponentModel, trace: Expansion, x: list[PyTree], mean: list[PyTree], control: PyTree, dt: Values
 ) -> list[Matrix]:
     """The matrices that move an error, as the model states them or as its functions do it."""
 
-    def found(delta: Sequence[Any]) -> list[Any]:
+    def found(delta: Sequence[PyTree]) -> list[PyTree]:
         return cm.local(mean, cm.transition(cm.retract(x, delta), control, dt))
 
-    def stated(step: Any, delta: Sequence[Any]) -> list[Any]:
+    def stated(step: PyTree, delta: Sequence[PyTree]) -> list[PyTree]:
         return list(step(x, delta, control, dt))
 
     steps = [partial(stated, step) for step in cm.error_transition]
-    functions: list[Callable[..., list[Any]]] = [*steps] if steps else [found]
+    functions: list[Callable[..., list[PyTree]]] = [*steps] if steps else [found]
     zero = [0.0] * cm.error.num_leaves
     return [trace.jacobian(function, zero)[1] for function in functions]
 
 
-def _summary(values: Sequence[Any], safe: set[int]) -> Any:
+def _summary(values: Sequence[PyTree], safe: set[int]) -> PyTree:
     """The sum of what is not known, each once: finite if all are, unless it overflows, which is as bad."""
     unknown = {id(value): value for value in values if not known(value) and id(value) not in safe}
     return total(unknown.values())
@@ -177,7 +179,7 @@ def corrected(
     Each iteration linearises at the result of the one before, but starts again from the same prior.
     """
     size = len(prior.cov)
-    at: list[Any] = [0.0] * size
+    at: list[PyTree] = [0.0] * size
     first = last = gains(cm, prior, sample, at, noise)
     health = first.health
     for _ in range(method.iterations - 1):
@@ -214,7 +216,9 @@ def corrected(
     return after, last, _told(first, sample.seen, health), turned
 
 
-def turn(cm: ComponentModel, trace: Expansion, reference: list[Any], delta: list[Any], state: list[Any]) -> Matrix:
+def turn(
+    cm: ComponentModel, trace: Expansion, reference: list[PyTree], delta: list[PyTree], state: list[PyTree]
+) -> Matrix:
     """∂/∂δ of ((reference ⊕ δ) ⊖ state) at `delta`, where the state is reference ⊕ delta."""
     if cm.error_shift is not None:
         shift = cm.error_shift
@@ -223,11 +227,11 @@ def turn(cm: ComponentModel, trace: Expansion, reference: list[Any], delta: list
     return trace.jacobian(lambda d: cm.local(state, cm.retract(reference, d)), delta)[1]
 
 
-def _delta(g: Gains) -> list[Any]:
+def _delta(g: Gains) -> list[PyTree]:
     return [dot(column, g.white) for column in zip(*g.white_cross, strict=True)]
 
 
-def _told(g: Gains, seen: list[Any], health: Any) -> Told:
+def _told(g: Gains, seen: list[PyTree], health: PyTree) -> Told:
     good = sound(health)
     count = total(where(s, 1.0, 0.0) for s in seen)
     nis = dot(g.white, g.white)
@@ -241,7 +245,7 @@ def _told(g: Gains, seen: list[Any], health: Any) -> Told:
     )
 
 
-def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[Any], noise: Noise | None) -> Gains:
+def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree], noise: Noise | None) -> Gains:
     """Linearise the observation at error `at` (n), and factor the innovation's covariance."""
     x, cov = prior
     seen, count = sample.seen, len(sample.measured)
@@ -262,7 +266,7 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[Any], 
     innovation = [where(s, e, 0.0) for s, e in zip(seen, innovation, strict=True)]
     cross = barred(product(matrix, cov))[0]
 
-    def spread_entry(a: int, b: int) -> Any:
+    def spread_entry(a: int, b: int) -> PyTree:
         entry = plus(dot(cross[a], matrix[b]), variance[a][b])
         if a == b:
             return where(seen[a], entry, 1.0)
@@ -284,8 +288,8 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[Any], 
 
 
 def _linearised(
-    cm: ComponentModel, prior: Components, sample: Sample, at: list[Any]
-) -> tuple[list[Any], Matrix, list[Any]]:
+    cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree]
+) -> tuple[list[PyTree], Matrix, list[PyTree]]:
     """What should be seen at error `at`, its Jacobian, and what was seen beside it."""
     control, x = sample.control, prior.mean
     trace = Expansion(dtype_of(prior))

@@ -1,50 +1,53 @@
 """A model on lists of scalars seen as a model on vectors: the inside of the dense filters, and of nothing else."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.filtering.component_model import ComponentModel, component_model, noise_matrix, scalars
 from jgait.filtering.components import Matrix
 from jgait.filtering.linear_algebra import congruence
 from jgait.filtering.model import Model
+from jgait.types import Values
 
 
 class Moments(NamedTuple):
     """Mean (k,), and covariance of the error about it (n, n)."""
 
-    mean: Any
-    cov: Any
+    mean: PyTree
+    cov: PyTree
 
 
 class VectorModel(NamedTuple):
     """The functions of a `ComponentModel` on vectors."""
 
-    state: Any
-    error: Any
-    observed: Any
+    state: PyTree
+    error: PyTree
+    observed: PyTree
     curved: bool
-    names: Any
-    transition: Callable[[Any, Any, Any], Any]
-    transition_noise: Callable[[Any, Any, Any], Any]
-    observation: Callable[[Any, Any], Any]
-    observation_noise: Callable[[Any, Any], Any]
-    retract: Callable[[Any, Any], Any]
-    local: Callable[[Any, Any], Any]
-    residual: Callable[[Any, Any], Any]
-    error_transition: Callable[[Any, Any, Any, Any], Any] | None
-    error_observation: Callable[[Any, Any, Any], Any] | None
-    error_shift: Callable[[Any, Any, Any], Any] | None
+    names: PyTree
+    transition: Callable[[PyTree, PyTree, PyTree], PyTree]
+    transition_noise: Callable[[PyTree, PyTree, PyTree], PyTree]
+    observation: Callable[[PyTree, PyTree], PyTree]
+    observation_noise: Callable[[PyTree, PyTree], PyTree]
+    retract: Callable[[PyTree, PyTree], PyTree]
+    local: Callable[[PyTree, PyTree], PyTree]
+    residual: Callable[[PyTree, PyTree], PyTree]
+    error_transition: Callable[[PyTree, PyTree, PyTree, PyTree], PyTree] | None
+    error_observation: Callable[[PyTree, PyTree, PyTree], PyTree] | None
+    error_shift: Callable[[PyTree, PyTree, PyTree], PyTree] | None
 
-    def recentred(self, reference: Any, delta: Any, cov: Any) -> Any:
+    def recentred(self, reference: PyTree, delta: PyTree, cov: PyTree) -> PyTree:
         """The covariance about `reference`, turned into one about the state at `delta` from it."""
         if not self.curved:
             return cov
         return congruence(self.turn(reference, delta), cov)
 
-    def turn(self, reference: Any, delta: Any) -> Any:
+    def turn(self, reference: PyTree, delta: PyTree) -> PyTree:
         """∂/∂δ of ((reference ⊕ δ) ⊖ (reference ⊕ delta)) at `delta` (n, n)."""
         if self.error_shift is not None:
             shift = self.error_shift
@@ -53,37 +56,37 @@ class VectorModel(NamedTuple):
         return jax.jacfwd(lambda d: self.local(state, self.retract(reference, d)))(delta)
 
 
-def pack(tree: Any, structure: Any, dtype: Any, what: str) -> Any:
+def pack(tree: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> PyTree:
     """A tuple of scalars as one vector; raises ValueError if it is another tuple than expected."""
     return stacked(scalars(tree, structure, dtype, what), dtype)
 
 
-def unpack(vector: Any, structure: Any) -> Any:
+def unpack(vector: PyTree, structure: PyTree) -> PyTree:
     """A vector (or its stack over time) as the tuple it came from."""
     return jax.tree.unflatten(structure, [vector[..., i] for i in range(structure.num_leaves)])
 
 
-def pack_noise(noise: Any, structure: Any, dtype: Any, what: str) -> Any:
+def pack_noise(noise: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> PyTree:
     """A `Covariance`, or a tuple of variances, as a matrix; raises ValueError like `pack`."""
     return dense_matrix(noise_matrix(noise, structure, dtype, what), dtype)
 
 
-def stacked(values: list[Any], dtype: Any) -> Any:
+def stacked(values: list[PyTree], dtype: DTypeLike) -> PyTree:
     """Scalars as a vector of the dtype."""
     return jnp.stack([jnp.asarray(value, dtype) for value in values])
 
 
-def dense_matrix(matrix: Matrix, dtype: Any) -> Any:
+def dense_matrix(matrix: Matrix, dtype: DTypeLike) -> PyTree:
     """Rows of scalars as an array of the dtype."""
     return jnp.stack([stacked(row, dtype) for row in matrix])
 
 
-def vector_model(model: Model, params: Any, mean: Any, observation: Any, dtype: Any) -> VectorModel:
+def vector_model(model: Model, params: PyTree, mean: PyTree, observation: PyTree, dtype: DTypeLike) -> VectorModel:
     """See a model as one on vectors; arguments and errors as of `component_model`."""
     return on_vectors(component_model(model, params, mean, observation, dtype), dtype)
 
 
-def on_vectors(cm: ComponentModel, dtype: Any) -> VectorModel:
+def on_vectors(cm: ComponentModel, dtype: DTypeLike) -> VectorModel:
     """The same model on vectors."""
     return VectorModel(
         cm.state, cm.error, cm.observed, cm.curved, cm.names,
@@ -100,8 +103,8 @@ def on_vectors(cm: ComponentModel, dtype: Any) -> VectorModel:
     )  # fmt: skip
 
 
-def _error_functions(cm: ComponentModel, dtype: Any) -> Any:
-    def moved(x: Any, delta: Any, control: Any, dt: Any) -> Any:
+def _error_functions(cm: ComponentModel, dtype: DTypeLike) -> PyTree:
+    def moved(x: PyTree, delta: PyTree, control: PyTree, dt: Values) -> PyTree:
         error = list(delta)
         for step in cm.error_transition:
             error = step(list(x), error, control, dt)

@@ -6,13 +6,15 @@ from the wearer. Gravity tells which way is up. The axes are forward, left and u
 swing is then a *negative* rate about the axis to the left.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
 from jgait.notes import WRONG_PLACE, Kind, Note
-from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
 MOVING = 1.0
 """[rad/s] A shank that turns more slowly is not swinging."""
@@ -107,20 +109,20 @@ def filled(imu: Imu) -> Imu:
         return imu
     time = as_float(imu.time)
 
-    def between(values: Any) -> np.ndarray:
+    def between(values: AnyArray) -> np.ndarray:
         return np.stack([np.interp(time, time[kept], column[kept]) for column in as_float(values).T], axis=1)
 
     return imu._replace(gyr=between(imu.gyr), acc=None if imu.acc is None else between(imu.acc))
 
 
-def asymmetry(rate: Any) -> float:
+def asymmetry(rate: Float[AnyArray, "time"]) -> float:
     """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is."""
     values = as_float(rate)
     power = float(np.mean(values**2)) if values.size else 0.0
     return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
 
 
-def swing_sign(rate: Any) -> int:
+def swing_sign(rate: Float[AnyArray, "time"]) -> int:
     """The sign that makes the forward swing of a sagittal rate [rad/s] negative: 1, −1, or 0 if it is not told."""
     skew = asymmetry(rate)
     return 0 if abs(skew) < LEAST_ASYMMETRY else int(-np.sign(skew))
@@ -139,7 +141,7 @@ def nearest_axes(axes: Axes) -> np.ndarray:
     return np.stack([np.cross(left, up), left, up])
 
 
-def mounting(axes: Axes, believed: Any) -> str | None:
+def mounting(axes: Axes, believed: npt.ArrayLike) -> str | None:
     """What is wrong with how a sensor is believed to be worn, in words; None if nothing is.
 
     Args:
@@ -158,7 +160,7 @@ def mounting(axes: Axes, believed: Any) -> str | None:
     return None
 
 
-def stance_up(axes: Axes, acc: Any, instants: Any) -> Axes:
+def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray, "instant"]) -> Axes:
     """The axes with up along the mean specific force at given samples, for example the stance valleys.
 
     The ankle hardly accelerates there, and the shank leans by a constant few degrees at most.
@@ -213,7 +215,7 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     return shank, None
 
 
-def clipped(imu: Imu, rows: Any, *, samples: int = 3) -> int:
+def clipped(imu: Imu, rows: Float[AnyArray, "3 3"], *, samples: int = 3) -> int:
     """How many swings reach the gyroscope's range: runs of samples at one axis' greatest or least value.
 
     Args:

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree, Shaped
 
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.person import Person
@@ -14,21 +14,27 @@ from jgait.simulate.population import fitted, person_of, population
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.worn import SEVEN, Truth, limits, room, roomy, samples_in, trimmed, walk
-from jgait.types import Recording
+from jgait.types import AnyArray, Recording, Values
 
 
 @partial(jax.jit, static_argnames=("capacity", "placements"))
 def _walks(
-    keys: Any, people: Person, along: Route, time: Any, errors: ImuErrors, capacity: int, placements: tuple[str, ...]
-) -> Any:
-    def one(key: Any, person: Person, way: Route) -> Any:
+    keys: Shaped[Array, "person ..."],
+    people: Person,
+    along: Route,
+    time: Float[AnyArray, "time"],
+    errors: ImuErrors,
+    capacity: int,
+    placements: tuple[str, ...],
+) -> PyTree:
+    def one(key: PRNGKeyArray, person: Person, way: Route) -> PyTree:
         return walk(key, person, way, time, errors, capacity=capacity, placements=placements)
 
     return jax.vmap(one)(keys, people, along)
 
 
 def walks(
-    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
+    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
     rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
     """Simulate a walk of each of several people, one after another out of batches that share one compilation.
@@ -65,7 +71,7 @@ def walks(
 
 
 def _one_by_one(
-    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], lasts: Sequence[float], errors: ImuErrors,
+    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], lasts: Sequence[float], errors: ImuErrors,
     rate: float, placements: tuple[str, ...], names: Sequence[str], batch: int,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
     capacity = room(max(round(float(person.gait.steps)) for person in people))
@@ -86,7 +92,7 @@ def _one_by_one(
 
 
 def cohort(
-    key: Any, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
+    key: PRNGKeyArray, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
     placements: Sequence[str] = SEVEN, *, batch: int = 16,
 ) -> list[tuple[Recording, Truth]]:  # fmt: skip
     """Simulate one walk of each of `n` people drawn from `population`, each with their own steps along one route.

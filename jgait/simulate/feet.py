@@ -4,7 +4,7 @@ Time is counted in steps since the foot landed: for one step it is the foot that
 off and swings. Turns about heel, ball and toes move the ankle; the point of the foot about which it turns rests.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -12,49 +12,50 @@ from jgait.geometry.trigonometry import sincos
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.person import Body, Gait
 from jgait.simulate.smooth import bump, glide, step
+from jgait.types import Values
 
 
 class Foothold(NamedTuple):
     """Fields of the `Plan` at one foothold, (T,)."""
 
-    x: Any
-    y: Any
-    z: Any
-    foot_yaw: Any
-    slope: Any
-    toe_up: Any
-    heel_up: Any
-    off: Any
-    leave: Any
-    lift: Any
+    x: Values
+    y: Values
+    z: Values
+    foot_yaw: Values
+    slope: Values
+    toe_up: Values
+    heel_up: Values
+    off: Values
+    leave: Values
+    lift: Values
 
 
 class Foot(NamedTuple):
     """One foot at times (T,): ankle [m], pitch [rad] toes up, yaw [rad]."""
 
     ankle: Vector
-    pitch: Any
-    yaw: Any
+    pitch: Values
+    yaw: Values
 
 
-def heel_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+def heel_turn(body: Body, pitch: Values) -> tuple[Values, Values]:
     """How far the ankle moves forward and up [m] when the foot is pitched up about its heel."""
     s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
     return c * body.heel_length - s * body.ankle_height, s * body.heel_length + c * body.ankle_height
 
 
-def ball_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+def ball_turn(body: Body, pitch: Values) -> tuple[Values, Values]:
     """How far the ankle moves forward and up [m] when the heel is lifted by a pitch about the ball of the foot."""
     s, c = jnp.sin(pitch), jnp.cos(pitch) - 1.0
     return -c * body.ball_length + s * body.ankle_height, s * body.ball_length + c * body.ankle_height
 
 
-def toe_turn(body: Body, pitch: Any) -> tuple[Any, Any]:
+def toe_turn(body: Body, pitch: Values) -> tuple[Values, Values]:
     """How far the ball of the foot moves forward and up [m] when it is lifted by a pitch about the tip of the toes."""
     return (1.0 - jnp.cos(pitch)) * body.toe_length, jnp.sin(pitch) * body.toe_length
 
 
-def heel_rise(off: Any, leave: Any, s: Any) -> tuple[Any, Any]:
+def heel_rise(off: Values, leave: Values, s: Values) -> tuple[Values, Values]:
     """How much of its final pitch the leaving foot has, and the toes of theirs [1], s steps after it landed.
 
     The heel comes off slowly while this leg bears alone, and fast about when the other lands; then the ball follows
@@ -83,7 +84,7 @@ TOES_RISE, TOES = 0.14, 0.95
 """Steps before the toes leave at which the ball leaves; pitch of the toes in that of the heel."""
 
 
-def landing_pitch(gait: Gait, s: Any) -> Any:
+def landing_pitch(gait: Gait, s: Values) -> Values:
     """How much of its pitch at landing a foot has [1], s steps after its contact; negative: before it."""
     up = glide((s + TOES_UP) / (TOES_UP - TOES_TURN + 0.1), 0.5, 0.5)
     return up - glide((s + TOES_TURN) / (TOES_TURN + 2.0 * gait.foot_flat), 0.5, 0.5)
@@ -93,7 +94,7 @@ TOES_UP, TOES_TURN = 0.45, 0.16
 """Steps before landing at which the toes begin to come up over the heel, and to come down again."""
 
 
-def standing_foot(body: Body, gait: Gait, at: Foothold, s: Any) -> Foot:
+def standing_foot(body: Body, gait: Gait, at: Foothold, s: Values) -> Foot:
     """The foot that took the last foothold, s in [0, 1] steps ago."""
     down = kept(at.toe_up * landing_pitch(gait, s))
     rise, ahead, up = _rockers(body, at, down, s)
@@ -101,7 +102,7 @@ def standing_foot(body: Body, gait: Gait, at: Foothold, s: Any) -> Foot:
     return kept(Foot(ankle, at.slope + down - rise, at.foot_yaw))
 
 
-def _rockers(body: Body, origin: Foothold, down: Any, s: Any) -> tuple[Any, Any, Any]:
+def _rockers(body: Body, origin: Foothold, down: Values, s: Values) -> tuple[Values, Values, Values]:
     """Pitch of the heel [rad], and how far heel, ball and toes turning move the ankle forward and up [m]."""
     rises, toes = kept(heel_rise(origin.off, origin.leave, s))
     rise = origin.heel_up * rises
@@ -109,7 +110,9 @@ def _rockers(body: Body, origin: Foothold, down: Any, s: Any) -> tuple[Any, Any,
     return rise, sum(ahead for ahead, _ in turns), sum(up for _, up in turns)
 
 
-def _over(body: Body, place: tuple[Any, Any, Any], yaw: Any, incline: Any, ahead: Any, up: Any) -> Vector:
+def _over(
+    body: Body, place: tuple[Values, Values, Values], yaw: Values, incline: Values, ahead: Values, up: Values
+) -> Vector:
     """The ankle over a place on the ground, moved ahead and up [m] along the ground's own directions."""
     x, y, z = place
     s, c = sincos(incline)
@@ -119,7 +122,7 @@ def _over(body: Body, place: tuple[Any, Any, Any], yaw: Any, incline: Any, ahead
     return Vector(x + c * ahead, y + s * ahead, z + up)
 
 
-def _swing(gait: Gait, leave: Any, s: Any) -> tuple[Any, Any]:
+def _swing(gait: Gait, leave: Values, s: Values) -> tuple[Values, Values]:
     """How much of the way from foothold to foothold is done, and of the lift, s in [1, 2] steps after landing."""
     tau = (s - leave) / (2.0 - leave)
     lift = bump(tau / 0.5) + LATE_LIFT * (step((tau - 0.1) / 0.5) - step((tau - LOWERS) / (1.0 - LOWERS)))
@@ -134,7 +137,7 @@ HARD, SOFT = 0.15, 0.44
 """Shares of swing in which the ground stops the foot, and in which the leg does."""
 
 
-def moving_foot(body: Body, gait: Gait, origin: Foothold, target: Foothold, s: Any) -> Foot:
+def moving_foot(body: Body, gait: Gait, origin: Foothold, target: Foothold, s: Values) -> Foot:
     """The foot that took the last but one foothold s in [1, 2] steps ago, pushes off, and swings to the next."""
     way, arc = kept(_swing(gait, origin.leave, s))
     down = kept(target.toe_up * landing_pitch(gait, s - 2.0))

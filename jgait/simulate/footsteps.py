@@ -5,17 +5,19 @@ start; at the contact of foothold k the clock of the walk shows k, and the foot 
 k − 2. The last step closes up. Everything is differentiable in body, gait and route, for a given number of steps.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from jgait.simulate import routes
 from jgait.simulate.feet import HEEL_RISES, LINGER
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.smooth import CURVE, pieces
+from jgait.types import Flags, Values
 
 FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
@@ -51,47 +53,49 @@ class Plan(NamedTuple):
         end: the clock when all is over [1].
     """
 
-    x: Any
-    y: Any
-    z: Any
-    foot_yaw: Any
-    slope: Any
-    side: Any
-    toe_up: Any
-    heel_up: Any
-    off: Any
-    leave: Any
-    lift: Any
-    contact: Any
-    time_curve: Any
-    x_curve: Any
-    y_curve: Any
-    z_curve: Any
-    dip: Any
-    heading_curve: Any
-    distance_curve: Any
-    walking_curve: Any
-    end: Any
+    x: Values
+    y: Values
+    z: Values
+    foot_yaw: Values
+    slope: Values
+    side: Values
+    toe_up: Values
+    heel_up: Values
+    off: Values
+    leave: Values
+    lift: Values
+    contact: Values
+    time_curve: Values
+    x_curve: Values
+    y_curve: Values
+    z_curve: Values
+    dip: Values
+    heading_curve: Values
+    distance_curve: Values
+    walking_curve: Values
+    end: Values
 
 
-def side_of_first(gait: Gait) -> Any:
+def side_of_first(gait: Gait) -> Values:
     """−1 if the right foot takes the first step, 1 if the left."""
     return jnp.where(jnp.asarray(gait.right_first) > 0.5, -1.0, 1.0)
 
 
-def reach(body: Body, knee: Any) -> Any:
+def reach(body: Body, knee: Values) -> Values:
     """Hip to ankle [m] at a knee flexion [rad]: r² = a² + b² + 2 a b cos(knee)."""
     a, b = body.thigh_length, body.shank_length
     return jnp.sqrt(a * a + b * b + 2.0 * a * b * jnp.cos(knee))
 
 
-def _lengths(key: Any, gait: Gait, along: Route, k: Any, side: Any) -> tuple[Any, Any, Any, Any]:
+def _lengths(
+    key: PRNGKeyArray, gait: Gait, along: Route, k: Float[Array, "foothold"], side: Float[Array, "foothold"]
+) -> tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]]:
     """Distance along the route (K,), step times (K,), sideways errors (K,), and the speed there (K,)."""
     walks = (k > 0.5) & (k < gait.steps + 0.5)
     draws = jnp.clip(jax.random.normal(key, (k.shape[0], 3), k.dtype), -2.5, 2.5)
     relative = 1.0 - gait.length_asymmetry * side + gait.length_variability * draws[:, 0]
 
-    def onward(distance: Any, now: tuple[Any, Any]) -> tuple[Any, tuple[Any, Any]]:
+    def onward(distance: Values, now: tuple[Values, Flags]) -> tuple[Values, tuple[Values, Values]]:
         share, moves = now
         speed = routes.value_at(along, along.speed, distance[None])[0]
         distance = distance + jnp.where(moves, 0.5 * gait.stride_length * share * jnp.sqrt(speed), 0.0)
@@ -104,7 +108,7 @@ def _lengths(key: Any, gait: Gait, along: Route, k: Any, side: Any) -> tuple[Any
     return distance, times, jnp.where(walks, gait.width_variability * draws[:, 2], 0.0), speed
 
 
-def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
+def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
     """Lay out a walk, but for the height of the pelvis (`z_curve` and `dip` are 0).
 
     Args:
@@ -156,7 +160,12 @@ def footholds(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     )
 
 
-def _pelvis(person: Person, k: Any, feet: tuple[Any, Any, Any, Any], pace: Any) -> dict[str, Any]:
+def _pelvis(
+    person: Person,
+    k: Float[Array, "foothold"],
+    feet: tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]],
+    pace: Float[Array, "foothold"],
+) -> dict[str, Float[Array, "interval coefficient"]]:
     """Curves of the pelvis over the ground: over the middle of both feet when one lands, and a little ahead."""
     gait = person.gait
     x, y, heading, distance = (0.5 * (values + _before(values)) for values in feet)
@@ -172,12 +181,12 @@ def _pelvis(person: Person, k: Any, feet: tuple[Any, Any, Any, Any], pace: Any) 
     }
 
 
-def _before(values: Any) -> Any:
+def _before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
     """Each foothold's predecessor; the first is its own."""
     return jnp.concatenate([values[:1], values[:-1]])
 
 
-def standing_ahead(person: Person) -> Any:
+def standing_ahead(person: Person) -> Values:
     """How far the hips are ahead of the ankles when standing [m]."""
     b, g = person.body, person.gait
     return -(b.thigh_length * jnp.sin(g.standing_hip) + b.shank_length * jnp.sin(g.standing_hip - g.standing_knee))

@@ -1,6 +1,8 @@
 """Who walks, and how: lengths of the body, parameters of the gait, each one scalar with its unit."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from jgait.types import Values
 
 DEGREE = 0.017453292519943295
 
@@ -20,15 +22,15 @@ class Body(NamedTuple):
         back_depth: from the middle of the hips back to the skin over it; half of the pelvis' depth.
     """
 
-    thigh_length: Any = 0.245 * 1.75
-    shank_length: Any = 0.246 * 1.75
-    hip_width: Any = 0.100 * 1.75
-    ankle_height: Any = 0.039 * 1.75
-    heel_length: Any = 0.030 * 1.75
-    ball_length: Any = 0.078 * 1.75
-    toe_length: Any = 0.044 * 1.75
-    back_height: Any = 0.055 * 1.75
-    back_depth: Any = 0.062 * 1.75
+    thigh_length: Values = 0.245 * 1.75
+    shank_length: Values = 0.246 * 1.75
+    hip_width: Values = 0.100 * 1.75
+    ankle_height: Values = 0.039 * 1.75
+    heel_length: Values = 0.030 * 1.75
+    ball_length: Values = 0.078 * 1.75
+    toe_length: Values = 0.044 * 1.75
+    back_height: Values = 0.055 * 1.75
+    back_depth: Values = 0.062 * 1.75
 
 
 class Gait(NamedTuple):
@@ -69,37 +71,37 @@ class Gait(NamedTuple):
         quiet_after: quiet standing at the end [s].
     """
 
-    stride_length: Any = 1.32
-    stride_time: Any = 1.06
-    stance_fraction: Any = 0.62
-    step_width: Any = 0.09
-    toe_out: Any = 6.0 * DEGREE
-    toe_up: Any = 35.0 * DEGREE
-    heel_up: Any = 77.0 * DEGREE
-    foot_flat: Any = 0.09
-    heel_off: Any = 0.30
-    swing_lift: Any = 0.031
-    landing_speed: Any = 0.38
-    knee_stance: Any = 5.0 * DEGREE
-    pelvis_rise: Any = 0.042
-    pelvis_sway: Any = 0.02
-    pelvis_surge: Any = 0.025
-    pelvis_rotation: Any = 4.0 * DEGREE
-    pelvis_drop: Any = 4.0 * DEGREE
-    pelvis_nod: Any = 1.5 * DEGREE
-    pelvis_shock: Any = 0.0015
-    hip_ahead: Any = 0.045
-    standing_hip: Any = 2.0 * DEGREE
-    standing_knee: Any = 4.0 * DEGREE
-    length_asymmetry: Any = 0.0
-    time_asymmetry: Any = 0.0
-    length_variability: Any = 0.0
-    time_variability: Any = 0.0
-    width_variability: Any = 0.0
-    steps: Any = 6.0
-    right_first: Any = 1.0
-    quiet_before: Any = 3.0
-    quiet_after: Any = 1.5
+    stride_length: Values = 1.32
+    stride_time: Values = 1.06
+    stance_fraction: Values = 0.62
+    step_width: Values = 0.09
+    toe_out: Values = 6.0 * DEGREE
+    toe_up: Values = 35.0 * DEGREE
+    heel_up: Values = 77.0 * DEGREE
+    foot_flat: Values = 0.09
+    heel_off: Values = 0.30
+    swing_lift: Values = 0.031
+    landing_speed: Values = 0.38
+    knee_stance: Values = 5.0 * DEGREE
+    pelvis_rise: Values = 0.042
+    pelvis_sway: Values = 0.02
+    pelvis_surge: Values = 0.025
+    pelvis_rotation: Values = 4.0 * DEGREE
+    pelvis_drop: Values = 4.0 * DEGREE
+    pelvis_nod: Values = 1.5 * DEGREE
+    pelvis_shock: Values = 0.0015
+    hip_ahead: Values = 0.045
+    standing_hip: Values = 2.0 * DEGREE
+    standing_knee: Values = 4.0 * DEGREE
+    length_asymmetry: Values = 0.0
+    time_asymmetry: Values = 0.0
+    length_variability: Values = 0.0
+    time_variability: Values = 0.0
+    width_variability: Values = 0.0
+    steps: Values = 6.0
+    right_first: Values = 1.0
+    quiet_before: Values = 3.0
+    quiet_after: Values = 1.5
 
 
 class Person(NamedTuple):

@@ -6,17 +6,18 @@ steps so that a whole number covers a route.
 
 import math
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PRNGKeyArray
 
 from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.worn import limits, room
+from jgait.types import Values
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
 """Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""
@@ -39,7 +40,7 @@ _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvi
 """What varies from person to person whatever the stride."""
 
 
-def manner(relative_stride: Any) -> dict[str, Any]:
+def manner(relative_stride: Values) -> dict[str, Values]:
     """Fields of a gait that grow with the stride: foot pitch, rise and surge of the pelvis.
 
     In proportion to the stride, the rise to its square as that of an inverted pendulum; never below a third of the
@@ -54,7 +55,7 @@ def manner(relative_stride: Any) -> dict[str, Any]:
 
 def gait(
     speed: float | None = None, stride_length: float | None = None, cadence: float | None = None,
-    stature: float | None = None, **others: Any,
+    stature: float | None = None, **others: Values,
 ) -> Gait:  # fmt: skip
     """A gait from any two of speed, stride length and cadence, or from speed and stature.
 
@@ -103,7 +104,7 @@ def gait(
     return Gait(**{"stride_length": length, "stride_time": 120.0 / beat, **own, **others})
 
 
-def paced(person: Person, factor: Any) -> Person:
+def paced(person: Person, factor: Values) -> Person:
     """The same person with strides longer and quicker by a factor [1]; the speed grows with its square.
 
     The walk ratio stays; the foot's pitch and the pelvis' motion follow.
@@ -116,12 +117,12 @@ def paced(person: Person, factor: Any) -> Person:
     return Person(body, own._replace(**faster, **follows))
 
 
-def _adult(key: Any) -> Person:
+def _adult(key: PRNGKeyArray) -> Person:
     """One adult; see `population`."""
     even = iter(jax.random.uniform(key, (8,)))
     normal = iter(jax.random.truncated_normal(jax.random.fold_in(key, 1), -2.0, 2.0, (48,)))
 
-    def around(mean: Any, deviation: Any) -> Any:
+    def around(mean: Values, deviation: Values) -> Values:
         return mean + deviation * next(normal)
 
     woman, age = (next(even) < 0.5).astype(int), 20.0 + 60.0 * next(even)
@@ -153,12 +154,12 @@ def _adult(key: Any) -> Person:
 
 
 @partial(jax.jit, static_argnames=("n",))
-def _adults(key: Any, n: int) -> Person:
+def _adults(key: PRNGKeyArray, n: int) -> Person:
     drawn = jax.vmap(lambda i: _adult(jax.random.fold_in(key, i)))(jnp.arange(n))
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (n,)), drawn)
 
 
-def population(key: Any, n: int) -> Person:
+def population(key: PRNGKeyArray, n: int) -> Person:
     """Draw `n` healthy adults of 20 to 79 years, half of them women; every field of the result is (n,).
 
     Who comes first does not depend on how many are drawn. The lengths of the body follow stature H, as in `Body`, each
@@ -190,7 +191,7 @@ def person_of(people: Person, i: int) -> Person:
     return jax.tree.map(lambda leaf: float(leaf[i]), people)
 
 
-def fitted(key: Any, person: Person, along: Route) -> Person:
+def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     """The person with a whole number of steps that covers the route exactly, by strides as near their own as can be.
 
     Args:
@@ -219,7 +220,7 @@ def fitted(key: Any, person: Person, along: Route) -> Person:
     return _able(key, jax.tree.map(float, Person(person.body, stretched)), along)
 
 
-def _able(key: Any, person: Person, along: Route) -> Person:
+def _able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     """The person with knees bent by just so much more as keeps every leg from being overstretched; see `fitted`."""
     knee, able = person.gait.knee_stance, person
     for _ in range(4):
@@ -239,11 +240,11 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 
 
 @partial(jax.jit, static_argnames=("capacity",))
-def _stretch(key: Any, person: Person, along: Route, capacity: int) -> Any:
+def _stretch(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Values:
     """By what the strides must be longer so that the last step ends where the route does."""
     total = routes.total_length(along)
 
-    def covered(stride: Any) -> Any:
+    def covered(stride: Values) -> Values:
         stretched = Person(person.body, person.gait._replace(stride_length=stride))
         laid = footholds(key, stretched, along, capacity)
         # At the end of the last interval r = 1, where a polynomial is the sum of its coefficients.

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait import simulate
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Person, Route, Truth
 from jgait.simulate.sensors import FREESENSE, HC_SR04, IDG300, MPU6000, OPAL, ImuErrors, Ranging
 from jgait.simulate.sensors.range import check_ranging, measure_range, nearest_point
-from jgait.types import Recording
+from jgait.types import Recording, Values
 
 
 class Walked(NamedTuple):
@@ -34,7 +35,7 @@ class Walked(NamedTuple):
     extra: dict[str, Any]
 
 
-def _keys(key: Any, people: int) -> tuple[list[Person], list[Any], list[Any]]:
+def _keys(key: PRNGKeyArray, people: int) -> tuple[list[Person], list[PRNGKeyArray], list[PRNGKeyArray]]:
     """People, a key for the walk of each, and one for whatever else is drawn."""
     who, how, other = jax.random.split(key, 3)
     drawn = simulate.population(who, people)
@@ -44,7 +45,7 @@ def _keys(key: Any, people: int) -> tuple[list[Person], list[Any], list[Any]]:
 
 
 def _walked(
-    keys: Sequence[Any], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
+    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
     placements: Sequence[str], name: str,
 ) -> list[Walked]:  # fmt: skip
     """Fit everyone to their route, and simulate."""
@@ -59,7 +60,7 @@ def _walked(
 
 
 def bennett(
-    key: Any, people: int = 1, *, errors: ImuErrors = IDG300, rate: float = 50.0, shortest: float = 3.1,
+    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = IDG300, rate: float = 50.0, shortest: float = 3.1,
     longest: float = 4.0, placements: Sequence[str] = simulate.FOUR,
 ) -> list[Walked]:  # fmt: skip
     """A straight walk of 3 to 4 m with quiet standing, feet parallel, at both ends; thigh and shank at 50 Hz.
@@ -90,7 +91,7 @@ MOTE = IDG300._replace(acc_range=2.0 * GRAVITY, acc_resolution=GRAVITY / 1024.0)
 
 
 def udaya_shankar(
-    key: Any, people: int = 1, duration: float = 14.0, *, errors: ImuErrors = MOTE, rate: float = 50.0,
+    key: PRNGKeyArray, people: int = 1, duration: float = 14.0, *, errors: ImuErrors = MOTE, rate: float = 50.0,
     placements: Sequence[str] = ("thigh_right", "shank_right"),
 ) -> list[Walked]:  # fmt: skip
     """A straight walk at even speed, at least as long as asked; thigh and shank of the right leg at 50 Hz.
@@ -165,7 +166,7 @@ From the paper's counts of strides, Table I: normal over fast is 1.26 and 1.31 o
 
 
 def silva(
-    key: Any, people: int = 1, route: str = "A", speed: str = "normal", *, errors: ImuErrors = MPU6000,
+    key: PRNGKeyArray, people: int = 1, route: str = "A", speed: str = "normal", *, errors: ImuErrors = MPU6000,
     rate: float = 100.0, placements: Sequence[str] = ("ankle_right",),
 ) -> list[Walked]:  # fmt: skip
     """One of three routes at one of two paces; the right ankle at 100 Hz.
@@ -202,7 +203,7 @@ SKIN = 0.04
 
 
 def potter(
-    key: Any, people: int = 1, *, errors: ImuErrors = OPAL, ranging: Ranging = HC_SR04, rate: float = 128.0,
+    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = OPAL, ranging: Ranging = HC_SR04, rate: float = 128.0,
     placements: Sequence[str] = ("foot_right", "foot_left"), straight: float = 50.0, after: float = 25.0,
     turn: float = 0.5 * math.pi,
 ) -> list[Walked]:  # fmt: skip
@@ -251,11 +252,11 @@ def potter(
     ]
 
 
-def _ranged(key: Any, truth: Truth, ranging: Ranging) -> dict[str, Any]:
+def _ranged(key: PRNGKeyArray, truth: Truth, ranging: Ranging) -> dict[str, Any]:
     """Distance from the inner side of the left ankle to the right leg, and what the sensor makes of it."""
     segments = truth.motion.pose
 
-    def rows(vector: Any) -> Any:
+    def rows(vector: PyTree) -> Float[Array, "time 3"]:
         return jnp.stack([jnp.asarray(part) for part in vector], axis=1)
 
     ankle, looks = rows(segments.foot_left.origin), -rows(segments.shank_left.y)
@@ -278,7 +279,7 @@ RIGHT_SIDE = FREESENSE._replace(mounting_x=SIDEWAYS, mounting_y=SIDEWAYS, mounti
 
 
 def kose(
-    key: Any, people: int = 1, *, errors: ImuErrors = RIGHT_SIDE, rate: float = 100.0,
+    key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = RIGHT_SIDE, rate: float = 100.0,
     speeds: Sequence[float] = (1.0, 1.15, 1.3), piece: float = 25.0, placements: Sequence[str] = ("waist",),
 ) -> list[Walked]:  # fmt: skip
     """75 m straight, faster after every 25 m; the waist, on its right side, at 100 Hz.

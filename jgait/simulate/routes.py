@@ -1,10 +1,13 @@
 """Where a walk leads: straight and curved pieces, their slope, and how the speed changes along them."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
+
+from jgait.types import AnyArray, Values
 
 
 class Route(NamedTuple):
@@ -18,11 +21,11 @@ class Route(NamedTuple):
         riser: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
     """
 
-    length: Any
-    turn: Any
-    slope: Any
-    speed: Any
-    riser: Any
+    length: Values
+    turn: Values
+    slope: Values
+    speed: Values
+    riser: Values
 
 
 def route(*pieces: dict[str, float]) -> Route:
@@ -79,7 +82,7 @@ def faster(length: float, *speeds: float) -> Route:
     return route(*({"length": length, "speed": speed} for speed in speeds))
 
 
-def total_length(along: Route) -> Any:
+def total_length(along: Route) -> Values:
     """Length of the whole route [m]."""
     return jnp.sum(along.length)
 
@@ -87,13 +90,13 @@ def total_length(along: Route) -> Any:
 class Place(NamedTuple):
     """A point on the route: where it is [m], and the heading there [rad]."""
 
-    x: Any
-    y: Any
-    z: Any
-    heading: Any
+    x: Values
+    y: Values
+    z: Values
+    heading: Values
 
 
-def at(along: Route, distance: Any) -> Place:
+def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
     """The point a distance (K,) [m] from the start; before it and after the end the route goes straight on.
 
     On an arc of length L that turns by θ:  chord = L sinc(θ/2), in the direction of the arc's middle.
@@ -114,7 +117,9 @@ def at(along: Route, distance: Any) -> Place:
     return Place(x + outside * jnp.cos(heading), y + outside * jnp.sin(heading), z, heading)
 
 
-def value_at(along: Route, field: Any, distance: Any) -> Any:
+def value_at(
+    along: Route, field: Float[AnyArray, "piece"], distance: Float[AnyArray, "*shape"]
+) -> Float[Array, "*shape"]:
     """A field of the route at distances (K,) [m]; it changes over half a metre about each border."""
     borders = jnp.cumsum(jnp.asarray(along.length))[:-1]
     values = jnp.asarray(field)

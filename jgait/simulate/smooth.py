@@ -5,11 +5,14 @@ differentiable, so that sums over samples converge fast to integrals.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jgait.types import AnyArray, Values
 
 ORDER = 6
 """A step's derivatives up to this order vanish at both ends."""
@@ -19,7 +22,7 @@ _INTEGRAL = tuple(_SLOPE * math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) / 2.0 f
 
 
 @jax.custom_jvp
-def step(u: Any) -> Any:
+def step(u: Values) -> Values:
     """From 0 at u ≤ 0 to 1 at u ≥ 1:  ∫ (1 − x²)⁶ dx, normalised, with x = 2u − 1."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     square = x * x
@@ -30,14 +33,14 @@ def step(u: Any) -> Any:
 
 
 @step.defjvp
-def _step_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+def _step_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values, Values]:
     # The polynomial's own derivative would cancel near the ends, where it has to be exactly 0.
     (u,), (du,) = primals, tangents
     return step(u), _SLOPE * bump(u) * du
 
 
 @jax.custom_jvp
-def ramp(u: Any) -> Any:
+def ramp(u: Values) -> Values:
     """The integral of `step`: 0 at u ≤ 0, u − 1/2 at u ≥ 1."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     square = x * x
@@ -50,18 +53,18 @@ def ramp(u: Any) -> Any:
 
 
 @ramp.defjvp
-def _ramp_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+def _ramp_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values, Values]:
     (u,), (du,) = primals, tangents
     return ramp(u), step(u) * du
 
 
-def glide(u: Any, gather: Any, lose: Any) -> Any:
+def glide(u: Values, gather: Values, lose: Values) -> Values:
     """From 0 at u ≤ 0 to 1 at u ≥ 1, at constant speed but for the shares in which it gathers and loses it."""
     way = gather * ramp(u / gather) - lose * ramp((u - 1.0 + lose) / lose)
     return way / (1.0 - 0.5 * (gather + lose))
 
 
-def bump(u: Any) -> Any:
+def bump(u: Values) -> Values:
     """Up to 1 at u = 1/2 and back: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     return (1.0 - x * x) ** ORDER
@@ -87,7 +90,9 @@ def _hermite() -> np.ndarray:
 HERMITE = _hermite()
 
 
-def pieces(values: Any, moving: Any, *, monotone: bool = False) -> Any:
+def pieces(
+    values: Float[Array, "knot"], moving: Float[Array, "knot"], *, monotone: bool = False
+) -> Float[Array, "interval coefficient"]:
     """A curve through given points, four times continuously differentiable, at rest where nothing moves.
 
     Slope and curvature at each point are central differences; the third and fourth derivative are 0.
@@ -117,12 +122,12 @@ def pieces(values: Any, moving: Any, *, monotone: bool = False) -> Any:
     return inside.at[:, 0].add(values[:-1])
 
 
-def curve_at(table: Any, entry: Any, r: Any) -> Any:
+def curve_at(table: Float[AnyArray, "interval coefficient"], entry: Int[Array, "..."], r: Values) -> Values:
     """A curve (see `pieces`) in the intervals of some entries (T,), r (T,) of the way through them."""
     return polynomial([table[:, i][entry] for i in range(CURVE)], r)
 
 
-def polynomial(coefficients: Any, r: Any) -> Any:
+def polynomial(coefficients: Float[AnyArray, "..."] | Sequence[Values], r: Values) -> Values:
     """Σ cᵢ rⁱ with the coefficients along the last axis, or in a list."""
     total = coefficients[-1]
     for c in reversed(coefficients[:-1]):
@@ -130,6 +135,6 @@ def polynomial(coefficients: Any, r: Any) -> Any:
     return total
 
 
-def slope(coefficients: Any, r: Any) -> Any:
+def slope(coefficients: Float[AnyArray, "..."] | Sequence[Values], r: Values) -> Values:
     """Σ i cᵢ rⁱ⁻¹, the derivative of `polynomial`."""
     return polynomial([i * c for i, c in enumerate(coefficients)][1:], r)

@@ -5,11 +5,12 @@ as high as both legs allow with their knees bent by at least `knee_stance`; what
 follows from the lengths of the legs. Nothing is integrated or differenced.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jgait.geometry.segments import Frame, Motion, Segments, differentiated
 from jgait.geometry.trigonometry import sincos
@@ -19,9 +20,10 @@ from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahe
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.smooth import CURVE, bump, curve_at, pieces, polynomial, slope
+from jgait.types import AnyArray, Values
 
 
-def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
+def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
     """Which foothold was taken last, (T,) int, and how much of the step since has passed (T,) [1].
 
     The curve of time over the clock is inverted by Newton's method; two steps that are differentiated make the first
@@ -44,14 +46,14 @@ def clock(plan: Plan, time: Any) -> tuple[Any, Any]:
     return entry, kept(r)
 
 
-def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Any) -> Any:
+def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Values) -> Values:
     """How high the middle of the hips is [m] when this leg bears; hip: relative to that middle, but in the plane."""
     ahead, aside = hip.x - ankle.x, hip.y - ankle.y
     r = reach(body, knee)
     return ankle.z - hip.z + jnp.sqrt(jnp.maximum(r * r - ahead * ahead - aside * aside, 1e-4))
 
 
-def _axes(yaw: Any, pitch: Any, roll: Any) -> tuple[Vector, Vector, Vector]:
+def _axes(yaw: Values, pitch: Values, roll: Values) -> tuple[Vector, Vector, Vector]:
     """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
     (sy, cy), (sp, cp), (sr, cr) = kept((sincos(yaw), sincos(pitch), sincos(roll)))
     x = Vector(cy * cp, sy * cp, sp)
@@ -59,7 +61,7 @@ def _axes(yaw: Any, pitch: Any, roll: Any) -> tuple[Vector, Vector, Vector]:
     return x, y, cross(x, y)
 
 
-def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Any) -> tuple[Frame, Frame]:
+def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Frame]:
     """Thigh and shank between a hip and an ankle, the knee bent forward in the direction of a yaw."""
     a, b = body.thigh_length, body.shank_length
     line = subtract(hip, ankle)
@@ -103,17 +105,17 @@ class Carried(NamedTuple):
     axes: tuple[Vector, Vector, Vector]
     to_new: Vector
     to_old: Vector
-    turn: Any
+    turn: Values
 
 
-def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
+def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> Carried:
     """Feet and pelvis, r (T,) of a step after the foothold of an entry (T,) was taken."""
     body, gait = person.body, person.gait
 
     def foothold(ahead: int) -> Foothold:
         return kept(Foothold(*(getattr(plan, field)[entry + ahead] for field in Foothold._fields)))
 
-    def curve(table: Any) -> Any:
+    def curve(table: Float[AnyArray, "interval coefficient"]) -> Values:
         return kept(curve_at(table, entry, r))
 
     side = plan.side[entry]  # of the foot that landed last
@@ -128,7 +130,7 @@ def carried(person: Person, plan: Plan, entry: Any, r: Any) -> Carried:
     return Carried(new, old, middle, axes, scale(half, axes[1]), scale(-half, axes[1]), heading + 0.5 * yaw)
 
 
-def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
+def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
     """Lay out a walk, footholds and pelvis.
 
     The pelvis is as high as both legs allow at every instant, with their knees bent by `knee_stance` at least.
@@ -146,7 +148,7 @@ def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     laid = footholds(key, person, along, capacity)
     entries = jnp.arange(FIRST, capacity + 3)
 
-    def height(entry: Any, r: Any) -> Any:
+    def height(entry: Int[Array, "..."], r: Values) -> Values:
         now = carried(person, laid, entry, r)
         knee = jnp.asarray(gait.knee_stance)
         both = [
@@ -175,7 +177,7 @@ def plan(key: Any, person: Person, along: Route, capacity: int) -> Plan:
     return laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))
 
 
-def _standing_leg(person: Person) -> Any:
+def _standing_leg(person: Person) -> Values:
     """How high the hips are over the ankles when standing [m]."""
     body, gait = person
     ahead, aside = standing_ahead(person), 0.5 * (body.hip_width - gait.step_width)
@@ -187,17 +189,17 @@ SAMPLES, SHARP = 24, 0.0005
 """Instants of a step at which the legs' reach is looked at; how far from the lowest [m] others still count."""
 
 
-def _dip(r: Any) -> Any:
+def _dip(r: Values) -> Values:
     """Up to 1 in the middle of a step and back, four times continuously differentiable at its ends."""
     return (4.0 * r * (1.0 - r)) ** 5
 
 
-def _height(plan: Plan, entry: Any, r: Any) -> Any:
+def _height(plan: Plan, entry: Int[Array, "..."], r: Values) -> Values:
     """The even path of the pelvis [m] within a step."""
     return curve_at(plan.z_curve, entry, r) - plan.dip[entry] * _dip(r)
 
 
-def pose(person: Person, plan: Plan, time: Any) -> Segments:
+def pose(person: Person, plan: Plan, time: Values) -> Segments:
     """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
     body = person.body
     entry, r = clock(plan, time)
@@ -217,17 +219,17 @@ def pose(person: Person, plan: Plan, time: Any) -> Segments:
     return Segments(Frame(middle, *now.axes), *thighs, *shanks, *feet)
 
 
-def _flat(frame: Frame) -> list[Any]:
+def _flat(frame: Frame) -> list[Values]:
     return [component for vector in frame for component in vector]
 
 
-def _frame(flat: list[Any]) -> Frame:
+def _frame(flat: list[Values]) -> Frame:
     return Frame(*(Vector(*flat[i : i + 3]) for i in range(0, 12, 3)))
 
 
 def _pelvis_oscillation(
-    gait: Gait, side: Any, walking: Any, r: Any
-) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    gait: Gait, side: Values, walking: Values, r: Values
+) -> tuple[tuple[Values, Values, Values], tuple[Values, Values, Values]]:
     """How far the pelvis is ahead, to the left and above its even path [m], and its yaw, pitch and roll [rad].
 
     Once a stride it sways to the leg that bears, turns with the leg that leads and drops on the other side; twice a
@@ -265,8 +267,8 @@ class Slack(NamedTuple):
         stretched: length of the leg over hip to ankle, minus 1 [1]; the least, negative where the leg cannot close.
     """
 
-    aside: Any
-    stretched: Any
+    aside: Values
+    stretched: Values
 
 
 def slack(person: Person, plan: Plan) -> Slack:
@@ -289,6 +291,6 @@ def slack(person: Person, plan: Plan) -> Slack:
     return Slack(far, 1.0 / long - 1.0)
 
 
-def motion(person: Person, plan: Plan, time: Any) -> Motion:
+def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion:
     """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
     return differentiated(lambda t: pose(person, plan, t), time)

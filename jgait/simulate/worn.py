@@ -6,11 +6,12 @@ number. `recording` wraps it in the library's own records.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, PyTree
 
 from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of
 from jgait.geometry.vectors import Vector, dot, kept, subtract
@@ -22,7 +23,7 @@ from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
 from jgait.simulate.walker import Slack, clock, motion, plan, slack
-from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, as_float
+from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, Values, as_float
 
 SEVEN = Segments._fields
 """One sensor on each segment."""
@@ -55,8 +56,8 @@ def mount(body: Body, placement: str) -> Vector:
 class Load(NamedTuple):
     """What one foot bears, (T,) from 0 to 1 [1]: under the heel and under the ball and toes."""
 
-    heel: Any
-    toe: Any
+    heel: Values
+    toe: Values
 
 
 class Truth(NamedTuple):
@@ -82,13 +83,15 @@ class Truth(NamedTuple):
         return self.estimate.strides
 
 
-def duration(plan: Plan, person: Person) -> Any:
+def duration(plan: Plan, person: Person) -> Values:
     """How long the walk lasts [s], quiet standing included."""
     last = plan.end.astype(jnp.int32) + FIRST
     return plan.contact[last] + person.gait.quiet_after
 
 
-def signals(key: Any, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapping[str, Vector]) -> dict[str, Imu]:
+def signals(
+    key: PRNGKeyArray, moving: Motion, time: Float[AnyArray, "time"], errors: ImuErrors, mounts: Mapping[str, Vector]
+) -> dict[str, Imu]:
     """What sensors on a moving body read.
 
     Args:
@@ -112,7 +115,7 @@ def signals(key: Any, moving: Motion, time: Any, errors: ImuErrors, mounts: Mapp
 
 
 def walk(
-    key: Any, person: Person, along: Route, time: Any, errors: ImuErrors = IDEAL, *,
+    key: PRNGKeyArray, person: Person, along: Route, time: Float[AnyArray, "time"], errors: ImuErrors = IDEAL, *,
     capacity: int, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
     clock_of: Mapping[str, Clock] | None = None,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
@@ -145,7 +148,7 @@ def walk(
     return {name: read[name] for name in places}, truth(person, laid, moving, time)
 
 
-def truth(person: Person, laid: Plan, moving: Motion, time: Any) -> Truth:
+def truth(person: Person, laid: Plan, moving: Motion, time: Float[AnyArray, "time"]) -> Truth:
     """The truth about a walk at times (T,) [s]."""
     body = person.body
     entry, r = clock(laid, time)
@@ -174,12 +177,12 @@ def _leg(segments: Segments, side: str, ahead: Vector) -> LegTrajectory:
     return LegTrajectory(hip, hip - tilt, dot(ankle, ahead), ankle.z)
 
 
-def _displacement(foot: Frame, ahead: Vector) -> Any:
+def _displacement(foot: Frame, ahead: Vector) -> Values:
     """How far the ankle has come since the start, along the first heading [m]."""
     return (foot.origin.x - foot.origin.x[0]) * ahead.x[0] + (foot.origin.y - foot.origin.y[0]) * ahead.y[0]
 
 
-def _time_at(laid: Plan, ticks: Any) -> Any:
+def _time_at(laid: Plan, ticks: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
     """Time [s] at which the clock of the walk shows ticks (K,) [1]."""
     entry = jnp.clip(jnp.floor(ticks).astype(jnp.int32) + FIRST, 0, laid.time_curve.shape[0] - 1)
     r = ticks - (entry - FIRST).astype(ticks.dtype)
@@ -191,10 +194,10 @@ def strides(laid: Plan) -> Strides:
     k = jnp.arange(-1, laid.x.shape[0] - 1, dtype=laid.x.dtype)
     valid = (k > 0.5) & (k < laid.end - 0.5)
 
-    def before(values: Any) -> Any:
+    def before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.roll(values, 2)
 
-    def other(values: Any) -> Any:
+    def other(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.roll(values, 1)
 
     dx, dy = laid.x - before(laid.x), laid.y - before(laid.y)
@@ -203,7 +206,7 @@ def strides(laid: Plan) -> Strides:
     leaves = _time_at(laid, jnp.maximum(k - 2.0 + before(laid.leave) + LINGER, -1.0))
     start = jnp.where(k < 2.5, leaves, before(laid.contact))
 
-    def filled(values: Any) -> Any:
+    def filled(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
         return jnp.where(valid, values, 0.0)
 
     side = jnp.where(laid.side > 0.0, 1, 0)
@@ -213,12 +216,12 @@ def strides(laid: Plan) -> Strides:
     )  # fmt: skip
 
 
-def _loads(person: Person, laid: Plan, entry: Any, r: Any) -> tuple[Load, Load]:
+def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> tuple[Load, Load]:
     """What both feet bear: the weight passes to the heel, along the sole, and off the toes."""
     gait = person.gait
     flat = 2.0 * gait.foot_flat
 
-    def load(s: Any, at: Any, lands: Any, leaves: Any) -> Load:
+    def load(s: Values, at: Int[Array, "..."], lands: Bool[Array, "..."], leaves: Bool[Array, "..."]) -> Load:
         off, leave = laid.off[at], laid.leave[at]
         down = jnp.where(lands, step(s / 0.2), 1.0)
         sole = jnp.where(lands, step((s - 0.5 * flat) / (0.2 + 0.5 * flat)), 1.0)
@@ -239,7 +242,7 @@ _walk = jax.jit(walk, static_argnames=("capacity", "placements"))
 
 
 def recording(
-    key: Any, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
+    key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
     rate: float = 100.0, *, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
     clock_of: Mapping[str, Clock] | None = None, name: str = "simulated", subject: str = "simulated",
 ) -> tuple[Recording, Truth]:  # fmt: skip
@@ -285,11 +288,11 @@ _plan = jax.jit(plan, static_argnames=("capacity",))
 
 
 @jax.jit
-def _ends(laid: Plan, person: Person) -> tuple[Any, Slack]:
+def _ends(laid: Plan, person: Person) -> tuple[Values, Slack]:
     return duration(laid, person), slack(person, laid)
 
 
-def limits(key: Any, person: Person, along: Route) -> tuple[float, Slack]:
+def limits(key: PRNGKeyArray, person: Person, along: Route) -> tuple[float, Slack]:
     """How long a walk lasts [s], and how far the legs are from their limits; on the host, in floats."""
     laid = _plan(jax.random.split(key)[0], person, along, room(round(float(person.gait.steps))))
     last, left = _ends(laid, person)
@@ -311,11 +314,11 @@ def roomy(samples: int) -> int:
     return 512 if samples <= 512 else 1024 * math.ceil(samples / 1024)
 
 
-def trimmed(read: Any, true: Any, samples: int) -> Any:
+def trimmed(read: PyTree, true: PyTree, samples: int) -> PyTree:
     """Cut the padding off every array over time and move all to NumPy; for one walk."""
     longest = true.estimate.time.shape[0]
 
-    def cut(leaf: Any) -> np.ndarray:
+    def cut(leaf: AnyArray) -> np.ndarray:
         array = np.asarray(leaf)
         array = array[:samples] if array.ndim and array.shape[0] == longest else array
         return array if array.dtype.kind in "bi" else as_float(array)

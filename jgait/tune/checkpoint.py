@@ -9,16 +9,17 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 FORMAT = 1
 
 
-def fingerprint(**parts: Any) -> dict[str, str]:
+def fingerprint(**parts: object) -> dict[str, str]:
     """A digest of each part of a fit: numbers by their bytes, everything else by its name or text."""
     return {name: _digest(part) for name, part in parts.items()}
 
 
-def _digest(part: Any) -> str:
+def _digest(part: object) -> str:
     found = hashlib.sha256()
     leaves, structure = jax.tree.flatten(part)
     found.update(_text(structure).encode())
@@ -33,12 +34,12 @@ def _digest(part: Any) -> str:
     return found.hexdigest()[:32]
 
 
-def _text(part: Any) -> str:
+def _text(part: object) -> str:
     """How something prints, without the addresses that change from run to run."""
     return re.sub(r"\b0x[0-9a-f]+", "", str(part))
 
 
-def save(path: Path, mark: dict[str, str], state: Any) -> None:
+def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
     """Write a pytree of arrays; the file that was there stays whole until the new one is.
 
     Args:
@@ -60,7 +61,7 @@ def save(path: Path, mark: dict[str, str], state: Any) -> None:
         new.unlink(missing_ok=True)
 
 
-def load(path: Path, mark: dict[str, str], like: Any) -> Any:
+def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
     """Read what `save` wrote.
 
     Args:
@@ -85,7 +86,7 @@ def load(path: Path, mark: dict[str, str], like: Any) -> Any:
     if meta["format"] != FORMAT:
         raise ValueError(f"{path} has checkpoint format {meta['format']}; this version of jgait reads {FORMAT}")
     other = sorted(name for name in mark.keys() | meta["mark"].keys() if mark.get(name) != meta["mark"].get(name))
-    structure: Any = jax.tree.structure(like)
+    structure: PyTree = jax.tree.structure(like)
     if other or structure.num_leaves != len(leaves):
         what = ", ".join(other) or "optimizer"
         raise ValueError(f"{path} belongs to another fit: {what} differ; delete it, or name another file")

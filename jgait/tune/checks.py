@@ -1,34 +1,35 @@
 """What a fit is given, checked at the boundary: parameters, transforms, priors, data, subjects, loss."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Hashable, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Int, PyTree
 
 from jgait.params import Prior, Transform, check_params, unconstrain
+from jgait.types import AnyArray
 
 
-def is_transform(node: Any) -> bool:
+def is_transform(node: object) -> bool:
     """Where a tree of transforms ends."""
     return isinstance(node, Transform)
 
 
-def transforms_of(transforms: Any) -> list[Transform]:
+def transforms_of(transforms: PyTree) -> list[Transform]:
     """The transforms in the order of the parameters."""
     return jax.tree.leaves(transforms, is_leaf=is_transform)
 
 
-def over_transforms(function: Callable[..., Any], transforms: Any, *trees: Any) -> Any:
+def over_transforms(function: Callable[..., PyTree], transforms: PyTree, *trees: PyTree) -> PyTree:
     """Map over parameters with the transform of each; a subtree is whatever stands where the transform does."""
-    treedef: Any
+    treedef: PyTree
     flat, treedef = jax.tree.flatten(transforms, is_leaf=is_transform)
     columns = [treedef.flatten_up_to(tree) for tree in trees]
     return jax.tree.unflatten(treedef, [function(t, *values) for t, *values in zip(flat, *columns, strict=True)])
 
 
-def check_data(data: Any, batched: bool) -> tuple[Any, int]:
+def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
     """Data as NumPy arrays with a leading axis of items, and how many there are.
 
     Args:
@@ -62,7 +63,9 @@ def check_data(data: Any, batched: bool) -> tuple[Any, int]:
     return leaves, jax.tree.leaves(leaves)[0].shape[0]
 
 
-def numbered(subjects: Any, n: int) -> tuple[tuple[Any, ...], np.ndarray]:
+def numbered(
+    subjects: Sequence[Hashable] | AnyArray | None, n: int
+) -> tuple[tuple[Hashable, ...], Int[np.ndarray, "item"]]:
     """Subjects in the order in which they appear, and the number of each item's (n,); None: one subject.
 
     Raises:
@@ -77,7 +80,7 @@ def numbered(subjects: Any, n: int) -> tuple[tuple[Any, ...], np.ndarray]:
     return tuple(order), np.asarray([order[label] for label in listed], np.int32)
 
 
-def spread_out(params: Any, transforms: Any, subjects: int) -> Any:
+def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
     """Give a value for each subject to every parameter that is each subject's own.
 
     Raises:
@@ -86,7 +89,7 @@ def spread_out(params: Any, transforms: Any, subjects: int) -> Any:
     """
     check_params(params, transforms)
 
-    def widen(transform: Transform, value: Any) -> Any:
+    def widen(transform: Transform, value: PyTree) -> PyTree:
         if not transform.own:
             return value
         if subjects == 0:
@@ -99,7 +102,7 @@ def spread_out(params: Any, transforms: Any, subjects: int) -> Any:
     return over_transforms(widen, transforms, params)
 
 
-def check_priors(priors: Any, transforms: Any) -> None:
+def check_priors(priors: PyTree, transforms: PyTree) -> None:
     """Refuse priors that do not stand beside the parameters.
 
     Raises:
@@ -108,7 +111,7 @@ def check_priors(priors: Any, transforms: Any) -> None:
     if priors is None:
         return
 
-    def check(_: Transform, prior: Any) -> None:
+    def check(_: Transform, prior: PyTree) -> None:
         if prior is not None and not isinstance(prior, Prior):
             raise TypeError(f"priors must hold a jgait.params.Prior or None for every parameter; got {prior!r}")
 
@@ -118,14 +121,14 @@ def check_priors(priors: Any, transforms: Any) -> None:
         raise TypeError(f"priors and transforms must have the same structure: {error}") from error
 
 
-def start(params: Any, transforms: Any) -> Any:
+def start(params: PyTree, transforms: PyTree) -> PyTree:
     """Free coordinates as arrays of one fixed type each, as a scan's carry must have.
 
     Raises:
         ValueError: if every parameter is fixed.
     """
 
-    def strong(leaf: Any) -> Any:
+    def strong(leaf: PyTree) -> PyTree:
         kind = leaf.dtype if jnp.issubdtype(leaf.dtype, jnp.floating) else jnp.result_type(float)
         return jnp.asarray(leaf, kind)
 
@@ -135,7 +138,7 @@ def start(params: Any, transforms: Any) -> Any:
     return free
 
 
-def check_loss(loss: Callable[..., Any], params: Any, item: Any) -> Any:
+def check_loss(loss: Callable[..., PyTree], params: PyTree, item: PyTree) -> PyTree:
     """The type of a loss, for parameters and one item.
 
     Raises:

@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Float, PyTree
 
 from jgait.params import Transform, check_params, constrain
 from jgait.tune.checks import is_transform, start, transforms_of
+from jgait.types import AnyArray
 
 
 class Coordinates(NamedTuple):
@@ -24,11 +26,11 @@ class Coordinates(NamedTuple):
 
     names: tuple[str, ...]
     transforms: tuple[Transform, ...]
-    tree: Any
-    vector: Any
+    tree: PyTree
+    vector: Float[AnyArray, "free"]
 
 
-def coordinates(params: Any, transforms: Any) -> Coordinates:
+def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
     """Name and line up what is free.
 
     Args:
@@ -61,15 +63,15 @@ def coordinates(params: Any, transforms: Any) -> Coordinates:
     return Coordinates(tuple(names), tuple(each), tree, ravel_pytree(tree)[0])
 
 
-def natural(at: Coordinates, vectors: Any, transforms: Any, params: Any) -> Any:
+def natural(at: Coordinates, vectors: Float[AnyArray, "*point free"], transforms: PyTree, params: PyTree) -> PyTree:
     """Parameters in natural units from free vectors (…, p); a leading axis goes in front of every free leaf."""
-    unflatten: Callable[[Any], Any] = ravel_pytree(at.tree)[1]
+    unflatten: Callable[[PyTree], PyTree] = ravel_pytree(at.tree)[1]
     for _ in range(jnp.ndim(vectors) - 1):
         unflatten = jax.vmap(unflatten)
     return constrain(unflatten(jnp.asarray(vectors, at.vector.dtype)), transforms, params)
 
 
-def natural_numbers(at: Coordinates, vector: Any) -> tuple[np.ndarray, np.ndarray]:
+def natural_numbers(at: Coordinates, vector: Float[AnyArray, "free"]) -> tuple[np.ndarray, np.ndarray]:
     """Natural values (p,) of free numbers (p,), which may be infinite, and the slopes (p,) of the transforms there."""
     values = np.empty(len(at.names))
     slopes = np.empty(len(at.names))

@@ -4,12 +4,14 @@ import hashlib
 import warnings
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax.sharding import Mesh
+from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.filtering.compile import wide_vectors
 from jgait.params import constrain
@@ -44,7 +46,7 @@ class CrossValidation[P](NamedTuple):
     left_out: np.ndarray
 
 
-def check_split(subjects: Sequence[Hashable], folds: Sequence[Any]) -> None:
+def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None:
     """Refuse folds that cut through a subject: what was learned from a person proves nothing about that person.
 
     Args:
@@ -56,7 +58,7 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Any]) -> None:
     """
     if len(subjects) != len(folds):
         raise ValueError(f"every item needs a subject and a fold; got {len(subjects)} subjects and {len(folds)} folds")
-    of: dict[Any, set[Any]] = {}
+    of: dict[Hashable, set[Hashable]] = {}
     for subject, fold in zip(subjects, folds, strict=True):
         of.setdefault(subject, set()).add(fold)
     torn = {subject: sorted(map(str, found)) for subject, found in of.items() if len(found) > 1}
@@ -67,7 +69,7 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Any]) -> None:
         raise ValueError("cross-validation needs at least two folds; got one")
 
 
-def _check_twins(data: Any, subjects: Sequence[Any]) -> None:
+def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
     """Refuse one recording under the names of two subjects."""
     leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data)]
     seen: dict[bytes, int] = {}
@@ -83,7 +85,9 @@ def _check_twins(data: Any, subjects: Sequence[Any]) -> None:
             )
 
 
-def _folds(subjects: list[Any], folds: Any, key: Any) -> list[Any]:
+def _folds(
+    subjects: list[Hashable], folds: Sequence[Hashable] | int | None, key: PRNGKeyArray | None
+) -> list[Hashable]:
     """The fold of each item."""
     people = list(dict.fromkeys(subjects))
     if folds is None:
@@ -100,24 +104,24 @@ def _folds(subjects: list[Any], folds: Any, key: Any) -> list[Any]:
 
 
 def cross_validate[P](
-    loss: Callable[[P, Any], Any],
+    loss: Callable[[P, PyTree], PyTree],
     params: P,
     transforms: P,
-    data: Any,
+    data: PyTree,
     optimizer: optax.GradientTransformation,
     *,
     subjects: Sequence[Hashable],
     folds: int | Sequence[Hashable] | None = None,
-    error: Callable[[P, Any], Any] | None = None,
+    error: Callable[[P, PyTree], PyTree] | None = None,
     steps: int = 100,
     gradient: str = "auto",
     priors: P | None = None,
     starts: int = 1,
     spread: float = 0.5,
     minibatch: int | None = None,
-    key: Any = None,
+    key: PRNGKeyArray | None = None,
     checkpoint_file: str | Path | None = None,
-    mesh: Any = None,
+    mesh: Mesh | None = None,
     progress: Report | None = None,
     chunk: int | None = None,
 ) -> CrossValidation[P]:
@@ -191,7 +195,7 @@ def cross_validate[P](
     return CrossValidation(*_tables(named, fold_of, *judged), constrain(best, transforms, params), losses, left_out)
 
 
-def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[Any, np.ndarray, np.ndarray]:
+def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[PyTree, np.ndarray, np.ndarray]:
     """Free coordinates of each fold's best start, (F, starts) losses, and (F,) how many items did not count."""
     shape = (learned.shape[0], starts)
     losses, counted = carry.best_score.reshape(shape), np.count_nonzero(carry.weights, axis=1).reshape(shape)
@@ -210,10 +214,12 @@ def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[Any, np.nda
     return jax.tree.map(lambda leaf: leaf[starts * np.arange(shape[0]) + number], carry.best), losses, left_out
 
 
-def _judged(problem: Problem, params: Any, free: Any, best: Any, items: Items, fold: np.ndarray) -> tuple[Any, Any]:
+def _judged(
+    problem: Problem, params: PyTree, free: PyTree, best: PyTree, items: Items, fold: np.ndarray
+) -> tuple[PyTree, PyTree]:
     """(n,) error of every item before, and after the fit that never saw it."""
 
-    def one(at: Any, item: Items) -> Any:
+    def one(at: PyTree, item: Items) -> PyTree:
         known, mine = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
         return problem.loss(constrain(mine, problem.transforms, known), item.data)
 
@@ -223,7 +229,9 @@ def _judged(problem: Problem, params: Any, free: Any, best: Any, items: Items, f
     return np.asarray(program(before, items)), np.asarray(program(after, items))
 
 
-def _tables(subjects: list[Any], fold_of: list[Any], before: np.ndarray, after: np.ndarray) -> tuple[Any, Any]:
+def _tables(
+    subjects: list[Hashable], fold_of: list[Hashable], before: np.ndarray, after: np.ndarray
+) -> tuple["pd.DataFrame", "pd.DataFrame"]:
     import pandas as pd
 
     items = pd.DataFrame(

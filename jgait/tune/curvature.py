@@ -2,18 +2,20 @@
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, PyTree
 
 from jgait.params import Transform, constrain
 from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS
+from jgait.types import AnyArray
 
-Function = Callable[..., Any]
+Function = Callable[..., PyTree]
 
 
 class Curvature(NamedTuple):
@@ -26,18 +28,18 @@ class Curvature(NamedTuple):
         prior: value, gradient (p,) and second derivatives (p, p) of the negative log-prior; zeros without one.
     """
 
-    losses: Any
-    scores: Any
-    hessian: Any
-    prior: tuple[Any, Any, Any]
+    losses: Float[AnyArray, "item"]
+    scores: Float[AnyArray, "item free"]
+    hessian: PyTree
+    prior: tuple[Array, Array, Array]
 
 
 @lru_cache(maxsize=8)
 def program(
     loss: Function,
-    priors: tuple[Any, ...] | None,
+    priors: tuple[PyTree, ...] | None,
     leaves: tuple[Transform, ...],
-    treedef: Any,
+    treedef: PyTree,
     gradient: str,
     second: bool,
 ) -> Function:
@@ -59,13 +61,13 @@ def program(
     transforms = jax.tree.unflatten(treedef, leaves)
     beside = (None,) * len(leaves) if priors is None else priors
 
-    def run(free: Any, params: Any, data: Any) -> Curvature:
+    def run(free: PyTree, params: PyTree, data: PyTree) -> Curvature:
         flat, unflatten = ravel_pytree(free)
 
-        def item_loss(vector: Any, item: Any) -> Any:
+        def item_loss(vector: Float[Array, "free"], item: PyTree) -> Float[Array, ""]:
             return loss(constrain(unflatten(vector), transforms, params), item)
 
-        def prior(vector: Any) -> Any:
+        def prior(vector: Float[Array, "free"]) -> Float[Array, ""]:
             natural = treedef.flatten_up_to(constrain(unflatten(vector), transforms, params))
             terms = [
                 jnp.sum(jnp.asarray(one.penalty(value), vector.dtype))
@@ -82,24 +84,26 @@ def program(
     return jax.jit(run)
 
 
-def _forward(item_loss: Function, flat: Any, data: Any, second: bool, together: bool) -> tuple[Any, Any, Any]:
+def _forward(
+    item_loss: Function, flat: Float[Array, "free"], data: PyTree, second: bool, together: bool
+) -> tuple[Array, Array, Array | None]:
     """Tangents of tangents: no tape through a filter's scan, and one evaluation to compile."""
     eye = jnp.eye(flat.size, dtype=flat.dtype)
 
-    def every(function: Function, over: Any) -> Any:
+    def every(function: Function, over: PyTree) -> PyTree:
         return jax.vmap(function)(over) if together else lax.map(function, over)
 
-    def losses(vector: Any) -> Any:
+    def losses(vector: Float[Array, "free"]) -> Float[Array, "item"]:
         return jax.vmap(item_loss, in_axes=(None, 0))(vector, data)
 
-    def along(direction: Any, vector: Any = flat) -> tuple[Any, Any]:
+    def along(direction: Float[Array, "free"], vector: Float[Array, "free"] = flat) -> tuple[Array, ...]:
         return jax.jvp(losses, (vector,), (direction,))
 
     if not second:
         values, slopes = every(along, eye)
         return values[0], slopes.T, None
 
-    def pair(directions: tuple[Any, Any]) -> tuple[Any, Any, Any]:
+    def pair(directions: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         one, other = directions
         (values, slopes), (_, bends) = jax.jvp(lambda vector: along(one, vector), (flat,), (other,))
         return values, slopes, jnp.sum(bends)
@@ -110,16 +114,18 @@ def _forward(item_loss: Function, flat: Any, data: Any, second: bool, together: 
     return values[0], slopes[np.flatnonzero(rows == columns)].T, upper + jnp.triu(upper, 1).T
 
 
-def _reverse(item_loss: Function, flat: Any, data: Any, second: bool, together: bool) -> tuple[Any, Any, Any]:
+def _reverse(
+    item_loss: Function, flat: Float[Array, "free"], data: PyTree, second: bool, together: bool
+) -> tuple[Array, Array, Array | None]:
     """Tangents of adjoints: p of them, for many parameters."""
 
-    def both(vector: Any) -> tuple[Any, Any]:
+    def both(vector: Float[Array, "free"]) -> tuple[Array, Array]:
         return jax.vmap(jax.value_and_grad(item_loss), in_axes=(None, 0))(vector, data)
 
     if not second:
         return (*both(flat), None)
 
-    def along(direction: Any) -> Any:
+    def along(direction: Float[Array, "free"]) -> tuple[Array, ...]:
         (values, slopes), (_, bends) = jax.jvp(both, (flat,), (direction,))
         return values, slopes, jnp.sum(bends, axis=0)
 

@@ -1,12 +1,16 @@
 """Steps of an optimiser as one `lax.scan`, for several fits side by side; a step into the void is taken back."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import optax
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jgait.tune.problem import Context, Items, Problem, item_losses, total, value, value_of
+from jgait.types import Integer, Values
 
 
 class Settings(NamedTuple):
@@ -42,17 +46,17 @@ class Carry(NamedTuple):
         taken: steps done.
     """
 
-    free: Any
-    optimizer: Any
-    weights: Any
-    loss: Any
-    gradient: Any
-    scale: Any
-    best: Any
-    best_score: Any
-    best_step: Any
-    stopped: Any
-    taken: Any
+    free: PyTree
+    optimizer: PyTree
+    weights: Float[Array, "*lane item"]
+    loss: Float[Array, "*lane"]
+    gradient: PyTree
+    scale: Float[Array, "*lane"]
+    best: PyTree
+    best_score: Values
+    best_step: Int[Array, "*lane"]
+    stopped: Bool[Array, "*lane"]
+    taken: Int[Array, "*lane"]
 
 
 class Trace(NamedTuple):
@@ -65,26 +69,28 @@ class Trace(NamedTuple):
         score: on the items to be judged by, after the step; NaN where they were not looked at.
     """
 
-    loss: Any
-    norm: Any
-    accepted: Any
-    score: Any
+    loss: Values
+    norm: Values
+    accepted: Values
+    score: Values
 
 
-def norm(tree: Any) -> Any:
+def norm(tree: PyTree) -> Float[Array, ""]:
     """Euclidean norm over all leaves."""
     return jnp.sqrt(jax.tree.reduce(jnp.add, [jnp.sum(leaf * leaf) for leaf in jax.tree.leaves(tree)]))
 
 
-def _finite(tree: Any) -> Any:
+def _finite(tree: PyTree) -> Bool[Array, ""]:
     return jax.tree.reduce(jnp.logical_and, [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
 
 
-def _choose(condition: Any, yes: Any, no: Any) -> Any:
+def _choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def first(free: Any, optimizer: Any, weights: Any, dtype: Any) -> Carry:
+def first(
+    free: PyTree, optimizer: optax.GradientTransformation, weights: Float[Array, "item"], dtype: DTypeLike
+) -> Carry:
     """Before the start is evaluated."""
     infinite = jnp.full((), jnp.inf, dtype)
     zero = jnp.zeros((), jnp.int32)
@@ -95,7 +101,9 @@ def first(free: Any, optimizer: Any, weights: Any, dtype: Any) -> Carry:
     return Carry(free, state, weights, infinite, slope, jnp.ones((), dtype), free, infinite, zero, stopped, zero)
 
 
-def _batch(settings: Settings, context: Context, weights: Any, step: Any) -> tuple[Items, Any]:
+def _batch(
+    settings: Settings, context: Context, weights: Float[Array, "item"], step: Int[Array, ""]
+) -> tuple[Items, Float[Array, "batch"]]:
     """The items that a step learns from, and their weights: a stretch of a new order each epoch."""
     if settings.minibatch is None:
         return context.items, weights
@@ -106,12 +114,14 @@ def _batch(settings: Settings, context: Context, weights: Any, step: Any) -> tup
     return jax.tree.map(lambda leaf: leaf[chosen], context.items), weights[chosen]
 
 
-def _score(problem: Problem, settings: Settings, context: Context) -> Callable[[Any, Any], Any] | None:
+def _score(
+    problem: Problem, settings: Settings, context: Context
+) -> Callable[[PyTree, Float[Array, "item"]], Float[Array, ""]] | None:
     """(free, weights) → what the best is chosen by, or None where that is the loss of the step itself."""
     if context.checked is not None:
         checked = context.checked
 
-        def judged(free: Any, weights: Any) -> Any:
+        def judged(free: PyTree, weights: Float[Array, "item"]) -> Float[Array, ""]:
             losses = item_losses(problem, free, context.params, checked)
             return value_of(losses, jnp.ones_like(losses))
 
@@ -121,33 +131,37 @@ def _score(problem: Problem, settings: Settings, context: Context) -> Callable[[
     return lambda free, weights: value(problem, free, context.params, context.items, weights, jnp.sum(weights))
 
 
-def runner(problem: Problem, optimizer: Any, settings: Settings, size: int) -> Callable[..., Any]:
+def runner(
+    problem: Problem, optimizer: optax.GradientTransformation, settings: Settings, size: int
+) -> Callable[..., PyTree]:
     """(carry, number of the first step, context) → carry and trace after `size` steps; step −1 evaluates the start.
 
     Steps past the last one do nothing, so that every stretch of a fit is the same program.
     """
 
-    def run(carry: Carry, begin: Any, context: Context) -> tuple[Carry, Trace]:
+    def run(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:
         look = _score(problem, settings, context)
 
-        def finite_items(free: Any) -> Any:
+        def finite_items(free: PyTree) -> Bool[Array, "item"]:
             return jnp.isfinite(item_losses(problem, free, context.params, context.items))
 
-        def evaluate(free: Any, weights: Any, step: Any, forgiving: Any) -> tuple[Any, ...]:
+        def evaluate(
+            free: PyTree, weights: Float[Array, "item"], step: Int[Array, ""], forgiving: Bool[Array, ""]
+        ) -> tuple[Float[Array, ""], PyTree, Bool[Array, "batch"]]:
             items, own = _batch(settings, context, weights, step)
             return total(problem, free, context.params, items, own, jnp.sum(weights), forgiving)
 
-        def updates(c: Carry, step: Any) -> tuple[Any, Any]:
+        def updates(c: Carry, step: Int[Array, ""]) -> tuple[PyTree, PyTree]:
             items, own = _batch(settings, context, c.weights, jnp.maximum(step, 0))
 
-            def here(free: Any) -> Any:
+            def here(free: PyTree) -> Float[Array, ""]:
                 return value(problem, free, context.params, items, own, jnp.sum(c.weights))
 
             # optax counts steps in integers, which a caller's strict promotion would refuse
             with jax.numpy_dtype_promotion("standard"):
                 return optimizer.update(c.gradient, c.optimizer, c.free, value=c.loss, grad=c.gradient, value_fn=here)
 
-        def move(c: Carry, step: Any) -> tuple[Carry, Trace]:
+        def move(c: Carry, step: Int[Array, ""]) -> tuple[Carry, Trace]:
             starting = step < 0
             update, state = updates(c, step)
             free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, update)
@@ -160,7 +174,7 @@ def runner(problem: Problem, optimizer: Any, settings: Settings, size: int) -> C
             kept = _choose(good, c._replace(free=free, optimizer=state, loss=loss, gradient=gradient), c)
             return _keep_best(c, kept, good, step, look, settings)
 
-        def body(c: Carry, step: Any) -> tuple[Carry, Trace]:
+        def body(c: Carry, step: PyTree) -> tuple[Carry, Trace]:
             unknown = jnp.full_like(c.loss, jnp.nan)
             resting = (c, Trace(c.loss, norm(c.gradient), jnp.ones((), bool), unknown))
             return _choose((step < settings.steps) & ~c.stopped, move(c, step), resting)
@@ -171,7 +185,12 @@ def runner(problem: Problem, optimizer: Any, settings: Settings, size: int) -> C
 
 
 def _keep_best(
-    c: Carry, kept: Carry, good: Any, step: Any, look: Callable[[Any, Any], Any] | None, settings: Settings
+    c: Carry,
+    kept: Carry,
+    good: Bool[Array, ""],
+    step: Int[Array, ""],
+    look: Callable[[PyTree, Float[Array, "item"]], Float[Array, ""]] | None,
+    settings: Settings,
 ) -> tuple[Carry, Trace]:
     """The carry after a step, with the best yet and whether patience is at its end."""
     unknown = jnp.full_like(c.loss, jnp.nan)

@@ -1,15 +1,17 @@
 """Fitting parameters by gradient: optax in a `lax.scan`, in coordinates where every value is allowed."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import Mesh
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
 from jgait.params import constrain
 from jgait.tune import checkpoint
@@ -18,6 +20,7 @@ from jgait.tune.descent import Settings
 from jgait.tune.gradient import check_mode
 from jgait.tune.lanes import Lanes, Report, descend
 from jgait.tune.problem import Context, Items, Problem, of_subject, place
+from jgait.types import AnyArray, Maybe
 
 
 class Starts[P](NamedTuple):
@@ -64,11 +67,11 @@ class Fit[P](NamedTuple):
     last_loss: float
     validation: np.ndarray
     left_out: tuple[int, ...]
-    subjects: tuple[Any, ...]
+    subjects: tuple[Hashable, ...]
     starts: Starts[P]
 
 
-def scattered(key: Any, free: Any, count: int, spread: float) -> Any:
+def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
     """Starts around one: free coordinates with a leading axis (count,), the first as given, the others moved.
 
     Args:
@@ -82,25 +85,27 @@ def scattered(key: Any, free: Any, count: int, spread: float) -> Any:
     leaves, structure = jax.tree.flatten(free)
     keys = jax.random.split(jax.random.fold_in(key, 1), len(leaves))
 
-    def around(one: Any, leaf: Any) -> Any:
+    def around(one: PRNGKeyArray, leaf: Array) -> Array:
         moved = spread * jax.random.normal(one, (count, *leaf.shape), leaf.dtype)
         return leaf[None] + moved.at[0].set(0.0)
 
     return jax.tree.unflatten(structure, [around(*pair) for pair in zip(keys, leaves, strict=True)])
 
 
-def optimizer_mark(optimizer: Any, free: Any) -> Any:
+def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyTree:
     """What the optimiser makes of a gradient of ones: tells one from another, learning rates included."""
     slope = jax.tree.map(jnp.ones_like, free)
 
-    def bowl(at: Any) -> Any:
+    def bowl(at: PyTree) -> Float[Array, ""]:
         return optax.tree.norm(at, squared=True)
 
     with jax.numpy_dtype_promotion("standard"):
         return optimizer.update(slope, optimizer.init(free), free, value=bowl(free), grad=slope, value_fn=bowl)
 
 
-def check_settings(steps: int, chunk: int | None, starts: int, key: Any, minibatch: int | None, n: int) -> None:
+def check_settings(
+    steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int
+) -> None:
     """Refuse settings that cannot be.
 
     Raises:
@@ -116,7 +121,7 @@ def check_settings(steps: int, chunk: int | None, starts: int, key: Any, minibat
         raise ValueError("several starts and minibatches are drawn: give key=jax.random.key(…)")
 
 
-def _split(items: Items, validation: Any, n: int) -> tuple[Items, Items | None, np.ndarray]:
+def _split(items: Items, validation: AnyArray | None, n: int) -> tuple[Items, Items | None, np.ndarray]:
     """Items to learn from, items to be judged by, and the numbers of the first."""
     if validation is None:
         return items, None, np.arange(n)
@@ -141,7 +146,7 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
     return items, weights
 
 
-def supported(optimizer: Any) -> Any:
+def supported(optimizer: optax.GradientTransformation) -> PyTree:
     """The optimiser as one that takes extra arguments.
 
     Raises:
@@ -152,31 +157,31 @@ def supported(optimizer: Any) -> Any:
     return optax.with_extra_args_support(optimizer)
 
 
-def loss_type(problem: Problem, params: Any, items: Items) -> Any:
+def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
     """The type of the loss of one item, by its own subject's parameters; refusals as of `check_loss`."""
     data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
     return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
 
 
 def fit[P](
-    loss: Callable[[P, Any], Any],
+    loss: Callable[[P, PyTree], PyTree],
     params: P,
     transforms: P,
-    data: Any,
+    data: PyTree,
     optimizer: optax.GradientTransformation,
     *,
     steps: int = 100,
     batched: bool = True,
     gradient: str = "auto",
-    subjects: Sequence[Any] | None = None,
+    subjects: Sequence[Hashable] | None = None,
     priors: P | None = None,
     starts: int = 1,
     spread: float = 0.5,
     minibatch: int | None = None,
-    validation: Any = None,
+    validation: PyTree = None,
     every: int | None = None,
     patience: int | None = None,
-    key: Any = None,
+    key: PRNGKeyArray | None = None,
     checkpoint_file: str | Path | None = None,
     mesh: Mesh | None = None,
     progress: Report | None = None,
@@ -255,7 +260,7 @@ def fit[P](
     return _result(problem, params, lanes, labels, numbers)
 
 
-def name_of(loss: Any) -> str:
+def name_of(loss: object) -> str:
     """What a checkpoint knows a loss by: a function by its name, anything else by how it prints."""
     return str(getattr(loss, "__qualname__", None) or repr(loss))
 
@@ -274,12 +279,12 @@ def _whole(items: Items, mesh: Mesh | None) -> Items:
     return items
 
 
-def lane(tree: Any, number: int) -> Any:
+def lane(tree: PyTree, number: int) -> PyTree:
     """One of several fits."""
     return jax.tree.map(lambda leaf: leaf[number], tree)
 
 
-def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Any, ...], numbers: np.ndarray) -> Fit[P]:
+def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Hashable, ...], numbers: np.ndarray) -> Fit[P]:
     carry, trace = lanes
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
     # Starts that had to leave out more items cannot be compared by their loss.

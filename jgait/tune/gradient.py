@@ -1,11 +1,11 @@
 """How a loss is differentiated: forward or reverse, by what suits a filter."""
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, PyTree
 
 FORWARD_UP_TO = 12
 """Free numbers up to which "auto" differentiates forward."""
@@ -14,7 +14,7 @@ GRADIENTS = ("auto", "forward", "together", "reverse")
 """Ways to differentiate, see `value_and_grad`."""
 
 
-def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Callable[..., Any]:
+def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> Callable[..., PyTree]:
     """`jax.value_and_grad` with respect to the first argument, by the way that suits a filter.
 
         forward    one tangent after another, in constant memory and soonest compiled
@@ -36,12 +36,12 @@ def value_and_grad(function: Callable[..., Any], gradient: str = "auto") -> Call
     check_mode(gradient)
     backward = jax.value_and_grad(function)
 
-    def both(free: Any, *rest: Any) -> tuple[Any, Any]:
+    def both(free: PyTree, *rest: PyTree) -> tuple[PyTree, PyTree]:
         flat, unflatten = ravel_pytree(free)
         if gradient == "reverse" or (gradient == "auto" and flat.size > FORWARD_UP_TO):
             return backward(free, *rest)
 
-        def along(direction: Any) -> tuple[Any, Any]:
+        def along(direction: Float[Array, "free"]) -> tuple[Array, ...]:
             return jax.jvp(lambda v: function(unflatten(v), *rest), (flat,), (direction,))
 
         directions = jnp.eye(flat.size, dtype=flat.dtype)

@@ -7,10 +7,11 @@ parameter, one unit of the logit for an interval, and the parameter's own unit f
 import math
 from collections.abc import Callable
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.params import Transform
 from jgait.tune.checks import check_data, check_loss
@@ -173,9 +174,9 @@ def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.nd
     return np.minimum(one, other), np.maximum(one, other)
 
 
-def _beside(transforms: Any, priors: Any) -> tuple[Any, Any, Any]:
+def _beside(transforms: PyTree, priors: PyTree) -> tuple[PyTree, PyTree, PyTree]:
     """Priors and transforms in the order of the parameters, and their structure."""
-    structure: Any
+    structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=lambda node: isinstance(node, Transform))
     if priors is None:
         return None, tuple(leaves), structure
@@ -207,17 +208,17 @@ def _information(found: Curvature, kind: str, count: int) -> tuple[np.ndarray, n
 
 
 def identifiability(
-    loss: Callable[[Any, Any], Any],
-    params: Any,
-    transforms: Any,
-    data: Any,
+    loss: Callable[[PyTree, PyTree], PyTree],
+    params: PyTree,
+    transforms: PyTree,
+    data: PyTree,
     *,
     batched: bool = True,
     gradient: str = "auto",
     information: str = "hessian",
     level: float = 0.95,
     limit: float = 1.0,
-    priors: Any = None,
+    priors: PyTree = None,
 ) -> Identifiability:
     """Say what the data determine at the best parameters, and how well.
 

@@ -4,17 +4,20 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Float, PyTree
 
 from jgait.filtering.compile import wide_vectors
 from jgait.tune import checkpoint
 from jgait.tune.descent import Carry, Settings, Trace, first, runner
 from jgait.tune.problem import Context, Problem
+from jgait.types import AnyArray, Integer
 
 
 class Progress(NamedTuple):
@@ -52,9 +55,19 @@ class Lanes(NamedTuple):
 
 
 def descend(
-    problem: Problem, optimizer: Any, settings: Settings, context: Context, free: Any, weights: Any, dtype: Any, *,
-    chunk: int | None, report: Report | None, file: Path | None, mark: dict[str, str],
-) -> Lanes:  # fmt: skip
+    problem: Problem,
+    optimizer: optax.GradientTransformation,
+    settings: Settings,
+    context: Context,
+    free: PyTree,
+    weights: Float[AnyArray, "lane item"],
+    dtype: PyTree,
+    *,
+    chunk: int | None,
+    report: Report | None,
+    file: Path | None,
+    mark: dict[str, str],
+) -> Lanes:
     """Run several fits to their end.
 
     Args:
@@ -96,7 +109,9 @@ def descend(
     return Lanes(jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace))
 
 
-def _program(problem: Problem, optimizer: Any, settings: Settings, size: int) -> Callable[..., Any]:
+def _program(
+    problem: Problem, optimizer: optax.GradientTransformation, settings: Settings, size: int
+) -> Callable[..., PyTree]:
     run = jax.vmap(runner(problem, optimizer, settings, size), in_axes=(0, None, None))
     everywhere = None if problem.mesh is None else NamedSharding(problem.mesh, PartitionSpec())
     return jax.jit(run, out_shardings=everywhere, compiler_options=wide_vectors() or None)
@@ -106,19 +121,19 @@ AT_ONCE = 128
 """Items times fits that one program works on: as many numbers as the processor's nearest memory takes."""
 
 
-def _group(settings: Settings, weights: Any) -> int:
+def _group(settings: Settings, weights: Float[AnyArray, "lane item"]) -> int:
     """How many fits run side by side in one program."""
     return max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
 
 
-def _in_groups(run: Callable[..., Any], group: int, threads: bool) -> Callable[..., Any]:
+def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callable[..., PyTree]:
     """The same for any number of fits: groups of one size, so that one program is compiled, a thread for each core.
 
     Fits know nothing of each other, and a program over recordings keeps no more than one core busy. Where devices
     share the items, groups run in turn: devices must agree on what they do together.
     """
 
-    def every(carry: Carry, begin: Any, context: Context) -> tuple[Carry, Trace]:
+    def every(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:
         lanes = np.shape(carry.loss)[0]
         if lanes <= group:
             return run(carry, begin, context)
@@ -128,7 +143,7 @@ def _in_groups(run: Callable[..., Any], group: int, threads: bool) -> Callable[.
             for at in starts
         ]
 
-        def one(piece: Carry) -> Any:
+        def one(piece: Carry) -> PyTree:
             return jax.tree.map(np.asarray, run(piece, begin, context))
 
         done = [one(pieces[0])]

@@ -6,9 +6,12 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool, Int, PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.types import (
+    AnyArray,
     Estimate,
     Feet,
     FootTrajectory,
@@ -47,13 +50,13 @@ class Lesson(NamedTuple):
         own: the person's own measures, for `Estimator.own`; empty where there are none.
     """
 
-    inputs: Any
-    reference: Any
-    look: Any
-    standing: Any
-    first: Any
-    last: Any
-    own: dict[str, Any]
+    inputs: PyTree
+    reference: PyTree
+    look: Bool[AnyArray, "*walk time"]
+    standing: Bool[AnyArray, "*walk time"]
+    first: Int[AnyArray, "*walk"]
+    last: Int[AnyArray, "*walk"]
+    own: dict[str, PyTree]
 
 
 class Lessons(NamedTuple):
@@ -68,7 +71,7 @@ class Lessons(NamedTuple):
     """
 
     data: Lesson
-    options: Any
+    options: PyTree
     subjects: tuple[str, ...]
     names: tuple[str, ...]
     failures: tuple[tuple[str, str], ...]
@@ -105,7 +108,7 @@ class _Item(NamedTuple):
     lesson: Lesson
 
 
-def resampled(estimate: Estimate, time: Any) -> Estimate:
+def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
     """An estimate at other times, linear between its samples.
 
     Args:
@@ -122,7 +125,7 @@ def resampled(estimate: Estimate, time: Any) -> Estimate:
     at = np.where(np.abs(ours - inside) < 1e-6, inside, ours)
     valid = np.interp(at, theirs, as_float(estimate.valid), left=0.0, right=0.0) > 1.0 - 1e-6
 
-    def here(values: Any) -> np.ndarray:
+    def here(values: npt.ArrayLike) -> np.ndarray:
         return np.interp(at, theirs, as_float(values))
 
     legs = Legs(*(None if leg is None else LegTrajectory(*(here(field) for field in leg)) for leg in estimate.legs))
@@ -132,12 +135,12 @@ def resampled(estimate: Estimate, time: Any) -> Estimate:
     return Estimate(ours, legs, None, way, valid, numbers, estimate.strides, feet)
 
 
-def _foot(foot: FootTrajectory | None, here: Callable[[Any], np.ndarray]) -> FootTrajectory | None:
+def _foot(foot: FootTrajectory | None, here: Callable[[npt.ArrayLike], np.ndarray]) -> FootTrajectory | None:
     """A foot's trajectory at other times; of an attitude's two signs the one that goes on from the sample before."""
     if foot is None:
         return None
 
-    def columns(values: Any) -> Any:
+    def columns(values: AnyArray) -> np.ndarray:
         return None if values is None else np.stack([here(column) for column in as_float(values).T], axis=1)
 
     attitude = foot.orientation
@@ -149,7 +152,7 @@ def _foot(foot: FootTrajectory | None, here: Callable[[Any], np.ndarray]) -> Foo
     return FootTrajectory(columns(foot.position), columns(foot.velocity), attitude)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: npt.ArrayLike) -> bool:
     return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
@@ -161,7 +164,7 @@ def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.nda
 def _item(
     estimator: Estimator,
     walk: Walk,
-    own: Callable[[Walk], dict[str, Any]] | None,
+    own: Callable[[Walk], dict[str, PyTree]] | None,
     windows: Callable[[Walk, Prepared], Windows] | None,
     reference: bool,
 ) -> _Item:
@@ -266,7 +269,7 @@ def lessons(
     estimator: Estimator,
     walks: Iterable[Walk],
     *,
-    own: Callable[[Walk], dict[str, Any]] | None = None,
+    own: Callable[[Walk], dict[str, PyTree]] | None = None,
     windows: Callable[[Walk, Prepared], Windows] | None = None,
     reference: bool = True,
     samples: int | None = None,

@@ -1,11 +1,12 @@
 """What a tuner minimises: masked, pure JAX, with finite gradients wherever the inputs are finite."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.types import SIDES, Estimate, LegTrajectory
+from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory, Scalar
 
 _DEGREE = jnp.pi / 180.0
 _CENTIMETRE = 0.01
@@ -21,13 +22,13 @@ class TrajectoryWeights(NamedTuple):
         y: [1/m²]; the default counts one centimetre as one.
     """
 
-    hip_angle: Any = 1.0 / _DEGREE**2
-    knee_angle: Any = 1.0 / _DEGREE**2
-    x: Any = 1.0 / _CENTIMETRE**2
-    y: Any = 1.0 / _CENTIMETRE**2
+    hip_angle: Scalar = 1.0 / _DEGREE**2
+    knee_angle: Scalar = 1.0 / _DEGREE**2
+    x: Scalar = 1.0 / _CENTIMETRE**2
+    y: Scalar = 1.0 / _CENTIMETRE**2
 
 
-def masked_mean(values: Any, valid: Any = None) -> Any:
+def masked_mean(values: Float[AnyArray, "*shape"], valid: Bool[AnyArray, "..."] | None = None) -> Float[Array, ""]:
     """Mean of `values` (T,) where `valid` (T,) is True; 0 where nothing is. Masked values get no gradient."""
     values = jnp.asarray(values)
     if valid is None:
@@ -37,7 +38,9 @@ def masked_mean(values: Any, valid: Any = None) -> Any:
     return jnp.sum(kept) / jnp.maximum(count, 1.0)
 
 
-def _difference(estimate: Any, reference: Any, valid: Any) -> Any:
+def _difference(
+    estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None
+) -> Float[Array, "*shape"]:
     """The difference, 0 where masked, so that nothing masked reaches the arithmetic that follows."""
     estimate, reference = jnp.asarray(estimate), jnp.asarray(reference)
     if estimate.shape != reference.shape:
@@ -48,7 +51,9 @@ def _difference(estimate: Any, reference: Any, valid: Any) -> Any:
     return jnp.where(valid, estimate, zero) - jnp.where(valid, reference, jnp.zeros_like(reference))
 
 
-def mean_squared(estimate: Any, reference: Any, valid: Any = None) -> Any:
+def mean_squared(
+    estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None = None
+) -> Float[Array, ""]:
     """Mean squared difference.
 
     (1/n) Σ (estimate − reference)² over the n valid samples
@@ -67,7 +72,7 @@ def mean_squared(estimate: Any, reference: Any, valid: Any = None) -> Any:
     return masked_mean(_difference(estimate, reference, valid) ** 2, valid)
 
 
-def _window(estimate: Estimate, reference: Estimate, window: Any) -> Any:
+def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None) -> Bool[Array, "time"]:
     """Where both say something and the caller looks."""
     both = jnp.asarray(estimate.valid) & jnp.asarray(reference.valid)
     return both if window is None else both & jnp.asarray(window)
@@ -92,10 +97,10 @@ def trajectory(
     reference: Estimate,
     weights: TrajectoryWeights | None = None,
     *,
-    window: Any = None,
-    relative_to: Any = None,
+    window: Bool[AnyArray, "time"] | None = None,
+    relative_to: Bool[AnyArray, "time"] | None = None,
     sides: tuple[str, ...] = SIDES,
-) -> Any:
+) -> Float[Array, ""]:
     """How far a leg's angles and foot path are from the reference.
 
     Σ_f w_f · mean squared difference of field f, averaged over the legs that both have
@@ -118,7 +123,7 @@ def trajectory(
     look = _window(estimate, reference, window)
     still = None if relative_to is None else _window(estimate, reference, relative_to)
 
-    def field(a: Any, b: Any) -> Any:
+    def field(a: Float[AnyArray, "time"], b: Float[AnyArray, "time"]) -> Float[Array, ""]:
         if still is None:
             return mean_squared(a, b, look)
         offset = masked_mean(_difference(a, b, still), still)
@@ -129,13 +134,13 @@ def trajectory(
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
 
 
-def _last(values: Any, valid: Any) -> Any:
+def _last(values: Float[AnyArray, "time"], valid: Bool[Array, "time"]) -> Float[Array, ""]:
     """The last valid of (T,) values; the last one if none is valid."""
     from_end = jnp.argmax(jnp.flip(valid))
     return jnp.asarray(values)[valid.shape[0] - 1 - from_end]
 
 
-def distance(estimate: Estimate, reference: Estimate) -> Any:
+def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
     """Squared relative error of the distance walked.
 
     ((d − d_ref) / d_ref)² at the last sample where both are valid
@@ -158,7 +163,7 @@ def distance(estimate: Estimate, reference: Estimate) -> Any:
     return ((ours - theirs) / theirs) ** 2
 
 
-def stride_length(estimate: Estimate, reference: Estimate) -> Any:
+def stride_length(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
     """Mean squared error of the strides' lengths, read off the walked distance.
 
     (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference
@@ -180,7 +185,11 @@ def stride_length(estimate: Estimate, reference: Estimate) -> Any:
     return mean_squared(at[1] - at[0], rows.length, rows.valid)
 
 
-def event_time(estimate: Any, reference: Any, valid: Any = None) -> Any:
+def event_time(
+    estimate: Float[AnyArray, "event"],
+    reference: Float[AnyArray, "event"],
+    valid: Bool[AnyArray, "event"] | None = None,
+) -> Float[Array, ""]:
     """Mean squared difference of the times of events that have been matched.
 
     An estimator's event times are differentiable where they are found between samples, for example by a soft argmax.
@@ -199,7 +208,7 @@ def event_time(estimate: Any, reference: Any, valid: Any = None) -> Any:
     return mean_squared(estimate, reference, valid)
 
 
-def negative_log_likelihood(posterior: Any, valid: Any = None) -> Any:
+def negative_log_likelihood(posterior: PyTree, valid: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
     """Mean negative log-likelihood of what was measured, by the filter's own innovations.
 
     −Σ log p(y_k | y_1…y_{k−1}) / number of measured components

@@ -2,22 +2,22 @@
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.tune import losses
 from jgait.tune.lessons import Lesson
 from jgait.types import Estimate
 
-Term = Callable[[Estimate, Lesson], Any]
+Term = Callable[[Estimate, Lesson], Float[Array, ""]]
 """(estimate, lesson) → scalar; pure JAX."""
 
 
-def _percent(estimate: Estimate, lesson: Lesson) -> Any:
+def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Signed error of the distance walked over the judged part [%]."""
     if estimate.distance is None or lesson.reference is None or lesson.reference.distance is None:
         raise ValueError("a distance error needs a distance of the estimator and of the reference")
@@ -26,29 +26,29 @@ def _percent(estimate: Estimate, lesson: Lesson) -> Any:
     return 100.0 * (walked / true - 1.0)
 
 
-def distance(estimate: Estimate, lesson: Lesson) -> Any:
+def distance(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Squared error of the distance walked between the first and the last judged sample [%²]."""
     return _percent(estimate, lesson) ** 2
 
 
-def distance_percent(estimate: Estimate, lesson: Lesson) -> Any:
+def distance_percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Size of the error of the distance walked [%], to judge by."""
     return jnp.abs(_percent(estimate, lesson))
 
 
-def trajectory(estimate: Estimate, lesson: Lesson) -> Any:
+def trajectory(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Squared error of angles and foot path where the lesson looks, relative to standing; see `losses.trajectory`."""
     if lesson.reference is None:
         raise ValueError("a trajectory error needs a reference")
     return losses.trajectory(estimate, lesson.reference, window=lesson.look, relative_to=lesson.standing)
 
 
-def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Any:
+def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Root mean square error over hip and knee [°] and foot path [cm], one counted as the other, to judge by."""
     return jnp.sqrt(trajectory(estimate, lesson) / len(losses.TrajectoryWeights._fields))
 
 
-def likelihood(estimate: Estimate, lesson: Lesson) -> Any:
+def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Negative log-likelihood of all that was measured, summed over the legs [nat]; needs no reference."""
     del lesson
     found = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
@@ -81,11 +81,11 @@ class Objective:
     """
 
     run: Callable[..., Estimate]
-    own: Callable[..., Any]
+    own: Callable[..., PyTree]
     options: Hashable
     terms: tuple[tuple[str | Term, float], ...]
 
-    def __call__(self, params: Any, lesson: Lesson) -> Any:
+    def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
         """The weighted sum of the terms, the person's own measures in the parameters."""
         estimate = self.run(self.own(params, lesson.own), lesson.inputs, self.options)
         parts = [
@@ -94,7 +94,7 @@ class Objective:
         return jax.tree.reduce(jnp.add, parts)
 
 
-def objective(estimator: Estimator, options: Any, terms: str | Mapping[str | Term, float]) -> Objective:
+def objective(estimator: Estimator, options: PyTree, terms: str | Mapping[str | Term, float]) -> Objective:
     """A loss over lessons.
 
     Args:
@@ -105,7 +105,7 @@ def objective(estimator: Estimator, options: Any, terms: str | Mapping[str | Ter
     Raises:
         ValueError: if a name is not known, or there is no term.
     """
-    weights: dict[Any, float] = {terms: 1.0} if isinstance(terms, str) else dict(terms)
+    weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else dict(terms)
     unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
     if unknown or not weights:
         raise ValueError(f"terms must be among {', '.join(TERMS)}, or functions; got {unknown or 'none'}")
@@ -116,17 +116,17 @@ def objective(estimator: Estimator, options: Any, terms: str | Mapping[str | Ter
 class _OfSubject:
     """(params, (items, counts)) → the sum of a loss over a subject's items that count."""
 
-    loss: Callable[[Any, Any], Any]
+    loss: Callable[[PyTree, PyTree], PyTree]
 
-    def __call__(self, params: Any, own: tuple[Any, Any]) -> Any:
+    def __call__(self, params: PyTree, own: tuple[PyTree, PyTree]) -> PyTree:
         items, counts = own
-        each: Any = jax.vmap(lambda item: self.loss(params, item))(items)
+        each: PyTree = jax.vmap(lambda item: self.loss(params, item))(items)
         return jnp.sum(jnp.where(counts, each, jnp.zeros_like(each)))
 
 
 def by_subject(
-    loss: Callable[[Any, Any], Any], data: Any, subjects: Sequence[Hashable]
-) -> tuple[Callable[[Any, Any], Any], Any]:
+    loss: Callable[[PyTree, PyTree], PyTree], data: PyTree, subjects: Sequence[Hashable]
+) -> tuple[Callable[[PyTree, PyTree], PyTree], PyTree]:
     """The same sum with a subject an item, for `tune.identifiability`: walks of one person are no independent evidence.
 
     Args:
@@ -149,5 +149,5 @@ def by_subject(
     most = max(map(len, rows.values()))
     index = np.asarray([own + own[:1] * (most - len(own)) for own in rows.values()])
     counts = np.asarray([[i < len(own) for i in range(most)] for own in rows.values()])
-    whole: Any = _OfSubject(loss)
+    whole: PyTree = _OfSubject(loss)
     return whole, (jax.tree.map(lambda leaf: np.asarray(leaf)[index], data), counts)

@@ -7,16 +7,18 @@ subject, come after. So a fit with a leg length for each of a hundred people cos
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, PyTree
 
 from jgait.params import Prior, Transform, constrain
 from jgait.tune.checks import over_transforms
 from jgait.tune.gradient import value_and_grad
+from jgait.types import AnyArray, Integer, Maybe, Scalar, Values
 
 
 class Problem(NamedTuple):
@@ -30,9 +32,9 @@ class Problem(NamedTuple):
         mesh: devices over which items are spread, or None.
     """
 
-    loss: Callable[..., Any]
-    transforms: Any
-    priors: Any
+    loss: Callable[..., PyTree]
+    transforms: PyTree
+    priors: PyTree
     gradient: str
     mesh: Mesh | None
 
@@ -45,8 +47,8 @@ class Items(NamedTuple):
         subject: (n,) number of the subject of each, int32.
     """
 
-    data: Any
-    subject: Any
+    data: PyTree
+    subject: Int[AnyArray, "item"]
 
 
 class Context(NamedTuple):
@@ -59,29 +61,29 @@ class Context(NamedTuple):
         key: PRNG key of the minibatches, or None.
     """
 
-    params: Any
+    params: PyTree
     items: Items
     checked: Items | None
-    key: Any
+    key: Maybe[PRNGKeyArray]
 
 
-def of_subject(tree: Any, transforms: Any, subject: Any) -> Any:
+def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
     """Parameters, or free coordinates, as they are for one subject."""
 
-    def pick(transform: Transform, value: Any) -> Any:
+    def pick(transform: Transform, value: AnyArray | float | None) -> AnyArray | float | None:
         return jnp.asarray(value)[subject] if transform.own and value is not None else value
 
     return over_transforms(pick, transforms, tree)
 
 
-def _one(problem: Problem, free: Any, params: Any, item: Any) -> Any:
+def _one(problem: Problem, free: PyTree, params: PyTree, item: PyTree) -> PyTree:
     return problem.loss(constrain(free, problem.transforms, params), item)
 
 
-def _everyone(problem: Problem, function: Callable[..., Any]) -> Callable[..., Any]:
+def _everyone(problem: Problem, function: Callable[..., PyTree]) -> Callable[..., PyTree]:
     """Map a function of (free, params, item) over items, each with what is its subject's own; over the mesh if any."""
 
-    def each(free: Any, params: Any, item: Items) -> Any:
+    def each(free: PyTree, params: PyTree, item: Items) -> PyTree:
         mine, known = (of_subject(tree, problem.transforms, item.subject) for tree in (free, params))
         return function(mine, known, item.data)
 
@@ -94,23 +96,23 @@ def _everyone(problem: Problem, function: Callable[..., Any]) -> Callable[..., A
     )
 
 
-def item_losses(problem: Problem, free: Any, params: Any, items: Items) -> Any:
+def item_losses(problem: Problem, free: PyTree, params: PyTree, items: Items) -> Float[Array, "item"]:
     """(n,) loss of every item."""
     return _everyone(problem, partial(_one, problem))(free, params, items)
 
 
-def item_gradients(problem: Problem, free: Any, params: Any, items: Items) -> tuple[Any, Any]:
+def item_gradients(problem: Problem, free: PyTree, params: PyTree, items: Items) -> tuple[Float[Array, "item"], PyTree]:
     """(n,) loss of every item, and its gradient with respect to what concerns it, with a leading axis (n,)."""
     both = value_and_grad(partial(_one, problem), problem.gradient)
     return _everyone(problem, both)(free, params, items)
 
 
-def penalty(problem: Problem, free: Any, params: Any) -> Any:
+def penalty(problem: Problem, free: PyTree, params: PyTree) -> Float[Array, ""]:
     """Minus the logarithm of the priors' density [nat], summed over parameters and subjects."""
     natural = constrain(free, problem.transforms, params)
-    terms: list[Any] = []
+    terms: list[Array] = []
 
-    def add(_: Transform, value: Any, prior: Prior | None, moved: Any) -> None:
+    def add(_: Transform, value: Values | None, prior: Prior | None, moved: PyTree) -> None:
         if prior is not None and moved is not None:
             terms.append(jnp.sum(prior.penalty(value)))
 
@@ -118,17 +120,17 @@ def penalty(problem: Problem, free: Any, params: Any) -> Any:
     return sum(terms[1:], terms[0]) if terms else jnp.zeros(())
 
 
-def value_of(losses: Any, weights: Any) -> Any:
+def value_of(losses: Float[Array, "item"], weights: Float[Array, "item"]) -> Float[Array, ""]:
     """Weighted mean of (n,) losses; items without weight may be anything."""
     counted = jnp.where(weights > 0.0, losses, jnp.zeros_like(losses))
     return jnp.sum(weights * counted) / jnp.maximum(jnp.sum(weights), jnp.finfo(losses.dtype).tiny)
 
 
-def gradient_of(problem: Problem, free: Any, slopes: Any, items: Items, weights: Any) -> Any:
+def gradient_of(problem: Problem, free: PyTree, slopes: PyTree, items: Items, weights: Float[Array, "item"]) -> PyTree:
     """Gradient of `value_of`, in the type of `free`, from those of the items."""
     total = jnp.maximum(jnp.sum(weights), jnp.finfo(weights.dtype).tiny)
 
-    def gather(transform: Transform, value: Any, slope: Any) -> Any:
+    def gather(transform: Transform, value: PyTree, slope: PyTree) -> PyTree:
         if value is None:
             return None
         share = (weights / total).astype(slope.dtype).reshape((-1,) + (1,) * (slope.ndim - 1))
@@ -138,7 +140,15 @@ def gradient_of(problem: Problem, free: Any, slopes: Any, items: Items, weights:
     return over_transforms(gather, problem.transforms, free, slopes)
 
 
-def total(problem: Problem, free: Any, params: Any, items: Items, weights: Any, count: Any, forgiving: Any) -> Any:
+def total(
+    problem: Problem,
+    free: PyTree,
+    params: PyTree,
+    items: Items,
+    weights: Float[Array, "item"],
+    count: Scalar,
+    forgiving: Bool[Array, ""],
+) -> tuple[Float[Array, ""], PyTree, Bool[Array, "item"]]:
     """What is minimised, its gradient, and whether each item's part of both is finite.
 
     Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item.
@@ -170,7 +180,9 @@ def total(problem: Problem, free: Any, params: Any, items: Items, weights: Any, 
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
-def value(problem: Problem, free: Any, params: Any, items: Items, weights: Any, count: Any) -> Any:
+def value(
+    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
+) -> Float[Array, ""]:
     """The value of `total` alone, as line searches ask for it; its derivative is taken as `total` takes it."""
     losses = item_losses(problem, free, params, items)
     found = value_of(losses, weights)
@@ -179,12 +191,16 @@ def value(problem: Problem, free: Any, params: Any, items: Items, weights: Any, 
     return found
 
 
-def _value_forward(problem: Problem, free: Any, params: Any, items: Items, weights: Any, count: Any) -> tuple[Any, Any]:
+def _value_forward(
+    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
+) -> tuple[Float[Array, ""], PyTree]:
     found, gradient, _ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
     return found, gradient
 
 
-def _value_backward(problem: Problem, gradient: Any, cotangent: Any) -> tuple[Any, ...]:
+def _value_backward(
+    problem: Problem, gradient: PyTree, cotangent: Float[Array, ""]
+) -> tuple[PyTree, None, None, None, None]:
     return jax.tree.map(lambda g: cotangent.astype(g.dtype) * g, gradient), None, None, None, None
 
 
@@ -197,7 +213,7 @@ def place(problem: Problem, items: Items) -> Items:
         return jax.tree.map(jnp.asarray, items)
     sharding = NamedSharding(problem.mesh, PartitionSpec(problem.mesh.axis_names[0]))
 
-    def put(leaf: Any) -> Any:
+    def put(leaf: AnyArray) -> Array:
         host = np.asarray(leaf)
         host = host.astype(jax.dtypes.canonicalize_dtype(host.dtype))
         return jax.make_array_from_callback(host.shape, sharding, lambda index: host[index])

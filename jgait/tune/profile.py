@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import optax
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jgait.params import Transform
 from jgait.tune.checks import check_data, check_loss
@@ -32,7 +34,7 @@ class Profile(NamedTuple):
     name: str
     values: np.ndarray
     losses: np.ndarray
-    params: Any
+    params: PyTree
     gradient_norms: np.ndarray
     transform: Transform
 
@@ -121,12 +123,12 @@ class Profile(NamedTuple):
         return f"{self.name} lies {bound} ({100 * level:g} %); the profile, to {end}, shows no other end"
 
 
-def _free(transform: Transform, values: Any) -> np.ndarray:
+def _free(transform: Transform, values: npt.ArrayLike) -> np.ndarray:
     to_free: Any = transform.to_free
     return np.asarray(to_free(jnp.asarray(values)), float)
 
 
-def _natural(transform: Transform, free: Any) -> np.ndarray:
+def _natural(transform: Transform, free: npt.ArrayLike) -> np.ndarray:
     to_natural: Any = transform.to_natural
     return np.asarray(to_natural(jnp.asarray(free)), float)
 
@@ -134,28 +136,34 @@ def _natural(transform: Transform, free: Any) -> np.ndarray:
 class _State(NamedTuple):
     """Between steps; the loss is finite unless it was not at the start."""
 
-    others: Any
-    optimizer: Any
-    loss: Any
-    gradient: Any
-    scale: Any
-    best: Any
-    best_loss: Any
-    best_norm: Any
+    others: Float[Array, "others"]
+    optimizer: PyTree
+    loss: Float[Array, ""]
+    gradient: Float[Array, "others"]
+    scale: Float[Array, ""]
+    best: Float[Array, "others"]
+    best_loss: Float[Array, ""]
+    best_norm: Float[Array, ""]
 
 
-def _choose(condition: Any, yes: Any, no: Any) -> Any:
+def _choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def _refit(objective: Callable[[Any], Any], start: Any, optimizer: Any, steps: int, gradient: str) -> Any:
+def _refit(
+    objective: Callable[[Float[Array, "others"]], Float[Array, ""]],
+    start: Float[Array, "others"],
+    optimizer: optax.GradientTransformation,
+    steps: int,
+    gradient: str,
+) -> tuple[Float[Array, "others"], Float[Array, ""], Float[Array, ""]]:
     """Lowest point seen in a scan of steps; one that leads to anything not finite is taken back and halved."""
     differentiate = value_and_grad(objective, gradient)
 
-    def norm(vector: Any) -> Any:
+    def norm(vector: Float[Array, "others"]) -> Float[Array, ""]:
         return jnp.sqrt(jnp.sum(vector * vector))
 
-    def body(state: _State, number: Any) -> tuple[_State, None]:
+    def body(state: _State, number: Int[Array, ""]) -> tuple[_State, None]:
         extra = {"value": state.loss, "grad": state.gradient, "value_fn": objective}
         with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
             updates, after = optimizer.update(state.gradient, state.optimizer, state.others, **extra)
@@ -177,7 +185,7 @@ def _refit(objective: Callable[[Any], Any], start: Any, optimizer: Any, steps: i
     return state.best, state.best_loss, state.best_norm
 
 
-def _values(at: Coordinates, name: str, values: Any) -> tuple[int, np.ndarray]:
+def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.ndarray]:
     """Place of the profiled number and the values to hold it at, ascending."""
     if name not in at.names:
         raise ValueError(f"name must be one of the free numbers {', '.join(at.names)}; got {name!r}")
@@ -192,17 +200,24 @@ def _values(at: Coordinates, name: str, values: Any) -> tuple[int, np.ndarray]:
 
 
 def _runner(
-    loss: Callable[[Any, Any], Any], transforms: Any, at: Coordinates, place: int, optimizer: Any, steps: int,
+    loss: Callable[[PyTree, PyTree], PyTree],
+    transforms: PyTree,
+    at: Coordinates,
+    place: int,
+    optimizer: optax.GradientTransformation,
+    steps: int,
     gradient: str,
-) -> Callable[..., Any]:  # fmt: skip
+) -> Callable[..., PyTree]:
     """(vector, values, params, data) → vectors (V, p), mean losses (V,) and gradient norms (V,)."""
 
-    def run(vector: Any, free: Any, params: Any, data: Any) -> Any:
-        def full(others: Any, value: Any) -> Any:
+    def run(
+        vector: Float[Array, "free"], free: Float[Array, "value"], params: PyTree, data: PyTree
+    ) -> tuple[Float[Array, "value free"], Float[Array, "value"], Float[Array, "value"]]:
+        def full(others: Float[Array, "others"], value: Float[Array, ""]) -> Float[Array, "free"]:
             return jnp.concatenate([others[:place], value[None], others[place:]])
 
-        def one(value: Any) -> Any:
-            def objective(others: Any) -> Any:
+        def one(value: Float[Array, ""]) -> tuple[Float[Array, "free"], Float[Array, ""], Float[Array, ""]]:
+            def objective(others: Float[Array, "others"]) -> Float[Array, ""]:
                 point = natural(at, full(others, value), transforms, params)
                 return jnp.mean(jax.vmap(loss, in_axes=(None, 0))(point, data))
 
@@ -219,12 +234,12 @@ def _runner(
 
 
 def profile(
-    loss: Callable[[Any, Any], Any],
-    params: Any,
-    transforms: Any,
-    data: Any,
+    loss: Callable[[PyTree, PyTree], PyTree],
+    params: PyTree,
+    transforms: PyTree,
+    data: PyTree,
     name: str,
-    values: Any,
+    values: npt.ArrayLike,
     optimizer: optax.GradientTransformation,
     *,
     steps: int = 100,

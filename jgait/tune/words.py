@@ -1,9 +1,10 @@
 """How the findings about parameters read."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.params import Transform, positive
 
@@ -74,7 +75,7 @@ def known(name: str, transform: Transform, value: float, stderr_free: float, std
 
 
 def sentences(
-    found: Any,
+    found: PyTree,
     transforms: tuple[Transform, ...],
     together: list[tuple[int, int]],
     falling: list[Direction],

@@ -1,34 +1,36 @@
 """A body's segments from joint centres: frames built from points, and differentiated exactly with them."""
 
-from typing import Any, NamedTuple
+from collections.abc import Set
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jgait.geometry.segments import Frame, Motion, Segments, differentiated
 from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
 from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, checked_time, covered, evaluate, smooth
-from jgait.types import SIDES, as_float
+from jgait.types import SIDES, AnyArray, Maybe, Values, as_float
 
 
 class LegCentres(NamedTuple):
     """Joint centres and foot markers of one leg, each (T, 3) [m], z up; NaN where not seen."""
 
-    hip: Any
-    knee: Any
-    ankle: Any
-    heel: Any = None
-    toe: Any = None
+    hip: Values
+    knee: Values
+    ankle: Values
+    heel: Values | None = None
+    toe: Values | None = None
 
 
 class PelvisMarkers(NamedTuple):
     """Anterior and posterior iliac spines, each (T, 3) [m], z up; NaN where not seen."""
 
-    front_right: Any
-    front_left: Any
-    back_right: Any
-    back_left: Any
+    front_right: Values
+    front_left: Values
+    back_right: Values
+    back_left: Values
 
 
 class JointCentres(NamedTuple):
@@ -43,11 +45,11 @@ class JointCentres(NamedTuple):
             1 Hz. Needed for one leg without pelvis markers.
     """
 
-    time: Any
+    time: Float[AnyArray, "time"]
     right: LegCentres | None = None
     left: LegCentres | None = None
     pelvis: PelvisMarkers | None = None
-    heading: Any = None
+    heading: Maybe[Float[AnyArray, "time"]] = None
 
 
 class Replay(NamedTuple):
@@ -83,7 +85,7 @@ def _middle(a: Vector, b: Vector) -> Vector:
     return scale(0.5, add(a, b))
 
 
-def frames(points: dict[str, Vector], toe_out: dict[str, Any]) -> Segments:
+def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments:
     """The segments' frames from points, as elementwise functions that can be differentiated.
 
     Thigh: z along the bone, y the pelvis' horizontal lateral axis made perpendicular to it.
@@ -110,7 +112,7 @@ def frames(points: dict[str, Vector], toe_out: dict[str, Any]) -> Segments:
     return Segments(pelvis, *(legs[side][i] for i in range(3) for side in SIDES))
 
 
-def _leg(points: dict[str, Vector], lateral: Vector, side: str, toe_out: Any) -> tuple[Frame | None, ...]:
+def _leg(points: dict[str, Vector], lateral: Vector, side: str, toe_out: Values) -> tuple[Frame | None, ...]:
     if f"hip_{side}" not in points:
         return None, None, None
     hip, knee, ankle = (points[f"{joint}_{side}"] for joint in ("hip", "knee", "ankle"))
@@ -133,11 +135,11 @@ def _bone(proximal: Vector, distal: Vector, lateral: Vector) -> Frame:
 
 
 @jax.jit
-def _motion(points: Motion, toe_out: dict[str, Any]) -> Motion:
+def _motion(points: Motion, toe_out: dict[str, Values]) -> Motion:
     """Frames along p + v s + a s²/2, differentiated at s = 0."""
     place, rate, acceleration = points
 
-    def pose(s: Any) -> Segments:
+    def pose(s: Values) -> Segments:
         return frames(jax.tree.map(lambda p, v, a: p + s * (v + 0.5 * s * a), place, rate, acceleration), toe_out)
 
     return differentiated(pose, jnp.zeros_like(place["lateral"].x))
@@ -161,7 +163,7 @@ def median(values: np.ndarray, valid: np.ndarray) -> float:
 
 def body_motion(
     points: JointCentres,
-    time: Any,
+    time: Float[AnyArray, "time"],
     *,
     cutoff_hz: float = CUTOFF_HZ,
     noise: float | None = None,
@@ -237,7 +239,7 @@ def _named(points: JointCentres) -> dict[str, np.ndarray]:
     return found
 
 
-def _lateral(names: Any) -> dict[str, float]:
+def _lateral(names: Set[str]) -> dict[str, float]:
     """The vector to the left as a sum of points: from the pelvis' markers, else the hips, else the heading."""
     if "pelvis_front_right" in names:
         ends = ("pelvis_front", "pelvis_back")

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float, PyTree
 
 from jgait.geometry.segments import Motion
-from jgait.types import as_float
+from jgait.types import AnyArray, Values, as_float
 
 CUTOFF_HZ = 10.0
 """Where the splines halve the amplitude [Hz]; for filtered points. Raw markers want their `noise` said."""
@@ -28,14 +30,19 @@ class Trajectory(NamedTuple):
         residual: root mean square distance from the points per coordinate [m].
     """
 
-    spline: Any
+    spline: PyTree
     gaps: np.ndarray
     cutoff_hz: float
     residual: float
 
 
 def smooth(
-    time: Any, values: Any, *, cutoff_hz: float = CUTOFF_HZ, noise: float | None = None, max_gap: float = MAX_GAP
+    time: Float[AnyArray, "time"],
+    values: Values,
+    *,
+    cutoff_hz: float = CUTOFF_HZ,
+    noise: float | None = None,
+    max_gap: float = MAX_GAP,
 ) -> Trajectory:
     """Smoothing spline of degree 5 through one point's path.
 
@@ -75,7 +82,7 @@ def smooth(
     weights = np.where(seen, 1.0, np.where(_inside(time, gaps), _FILLED, 0.0))
     fit = _fitter((time - time[0]) / step, filled, weights)
 
-    def fitted(cutoff: float) -> tuple[Any, float]:
+    def fitted(cutoff: float) -> tuple[PyTree, float]:
         spline, residuals = fit((2.0 * math.pi * cutoff * step) ** -6)
         return spline, float(np.sqrt(np.mean(residuals[seen] ** 2)))
 
@@ -90,7 +97,7 @@ def smooth(
     return Trajectory(spline, gaps, cutoff_hz, residual)
 
 
-def checked_time(time: Any) -> np.ndarray:
+def checked_time(time: npt.ArrayLike) -> np.ndarray:
     """Times (T,) [s] as an array; refused with ValueError unless finite and strictly increasing."""
     time = as_float(time)
     if time.ndim != 1 or len(time) < 2:
@@ -113,7 +120,7 @@ def _inside(time: np.ndarray, gaps: np.ndarray) -> np.ndarray:
     return ((time[:, None] > gaps[:, 0]) & (time[:, None] < gaps[:, 1])).any(axis=1)
 
 
-def _fitter(time: np.ndarray, values: np.ndarray, weights: np.ndarray) -> Callable[[float], tuple[Any, np.ndarray]]:
+def _fitter(time: np.ndarray, values: np.ndarray, weights: np.ndarray) -> Callable[[float], tuple[PyTree, np.ndarray]]:
     """The penalised normal equations, banded; a function of λ: (BᵀWB + λP) c = BᵀWy, Pᵢⱼ = ∫ Bᵢ‴ Bⱼ‴ dt."""
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
@@ -135,13 +142,13 @@ def _fitter(time: np.ndarray, values: np.ndarray, weights: np.ndarray) -> Callab
     penalty = gauss.T @ diags_array((half * node_weights).ravel()) @ gauss
     right = basis.T @ (weights[:, None] * values)
 
-    def bands(matrix: Any) -> np.ndarray:
+    def bands(matrix: PyTree) -> np.ndarray:
         size = matrix.shape[0]
         return np.stack([np.concatenate([matrix.diagonal(-k), np.zeros(min(k, size))]) for k in range(6)])
 
     data_bands, penalty_bands = bands(data), bands(penalty)
 
-    def fit(penalised: float) -> tuple[Any, np.ndarray]:
+    def fit(penalised: float) -> tuple[PyTree, np.ndarray]:
         coefficients = solveh_banded(data_bands + penalised * penalty_bands, right, lower=True)
         return BSpline(knots.copy(), coefficients, 5), values - basis @ coefficients
 

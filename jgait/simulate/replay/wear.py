@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
 from jgait.geometry.segments import Motion, in_segment, inertial, segment_of
@@ -14,7 +15,7 @@ from jgait.geometry.vectors import Vector
 from jgait.simulate.replay.body import JointCentres, LegCentres, Replay, body_motion, median
 from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
 from jgait.simulate.sensors import ImuErrors, measure
-from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, as_float
+from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Maybe, Recording, as_float
 
 _PLACES = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "ankle", "foot") for side in SIDES))
 _BEHIND = 0.1  # [m] the pelvis' sensor, behind the middle of the hips
@@ -32,7 +33,7 @@ def replay(
     placements: Sequence[str] | None = None,
     offsets: Mapping[str, Sequence[float]] | None = None,
     errors: ImuErrors | None = None,
-    key: Any = None,
+    key: PRNGKeyArray | None = None,
     cutoff_hz: float = CUTOFF_HZ,
     noise: float | None = None,
     max_gap: float = MAX_GAP,
@@ -109,7 +110,7 @@ def _sensors(
     placements: list[str],
     offsets: Mapping[str, Sequence[float]],
     errors: ImuErrors | None,
-    key: Any,
+    key: Maybe[PRNGKeyArray],
 ) -> dict[str, Imu]:
     places, frames = [], []
     for placement in placements:
@@ -162,7 +163,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
     return Estimate(body.time, Legs(legs["right"], legs["left"]), None, path, valid, diagnostics)
 
 
-def from_walk(walk: Any) -> JointCentres:
+def from_walk(walk: PyTree) -> JointCentres:
     """The joint centres of a `Walk` of `neura_sparse`, or of any whose info holds them in the same way.
 
     Raises:

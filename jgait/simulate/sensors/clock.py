@@ -1,9 +1,10 @@
 """Sensors whose clock is wrong: when they really sampled."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jgait.simulate.sensors.imu import check_fields
+from jgait.types import Values
 
 
 class Clock(NamedTuple):
@@ -14,11 +15,11 @@ class Clock(NamedTuple):
         drift: by how much it runs fast [1]; 20e-6 is a common quartz.
     """
 
-    offset: Any = 0.0
-    drift: Any = 0.0
+    offset: Values = 0.0
+    drift: Values = 0.0
 
 
-def true_times(clock: Clock, time: Any) -> Any:
+def true_times(clock: Clock, time: Values) -> Values:
     """When a sensor really sampled, t = (shown − offset) / (1 + drift).
 
     The motion is evaluated at these times, while the reading keeps the time that the clock showed.

@@ -1,13 +1,16 @@
 """What moves or filters a signal before it is read: the sensor on soft tissue, and the sensor's own low-pass."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jgait.types import AnyArray, Values
 
 
-def low_pass(values: Any, frequency: Any, dt: Any) -> Any:
+def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Values) -> Float[Array, "time *rest"]:
     """Butterworth low-pass of second order, causal, by the bilinear transform prewarped to its −3 dB frequency.
 
     H(s) = 1 / (1 + √2 s/ω + (s/ω)²),  s = ω (1 − z⁻¹) / (K (1 + z⁻¹)),  K = tan(ω dt / 2)
@@ -30,7 +33,7 @@ def low_pass(values: Any, frequency: Any, dt: Any) -> Any:
     gain = 1.0 / (1.0 + math.sqrt(2.0) * k + k * k)
     b, a1, a2 = k * k * gain, 2.0 * (k * k - 1.0) * gain, (1.0 - math.sqrt(2.0) * k + k * k) * gain
 
-    def step(carry: tuple[Any, Any], x: Any) -> tuple[tuple[Any, Any], Any]:
+    def step(carry: tuple[Values, Values], x: Values) -> tuple[tuple[Values, Values], Values]:
         first, second = carry
         y = b * x + first
         return (2.0 * b * x - a1 * y + second, b * x - a2 * y), y
@@ -49,12 +52,12 @@ class Wobble(NamedTuple):
         acceleration: (T, 3) [m/s²].
     """
 
-    displacement: Any
-    velocity: Any
-    acceleration: Any
+    displacement: Values
+    velocity: Values
+    acceleration: Values
 
 
-def soft_tissue(force: Any, frequency: Any, damping: Any, dt: Any) -> Wobble:
+def soft_tissue(force: Float[AnyArray, "time *rest"], frequency: Values, damping: Values, dt: Values) -> Wobble:
     """Motion of a sensor that sits on a mass on a spring, driven by the specific force of the bone under it.
 
     d̈ + 2 ζ ω ḋ + ω² d = −(f − f₀),  ω = 2π frequency,  d = ḋ = 0 at the start
@@ -79,7 +82,9 @@ def soft_tissue(force: Any, frequency: Any, damping: Any, dt: Any) -> Wobble:
     fade = jnp.exp(-damping * omega * dt)
     keep, lift, rub = still * fade, swing * dt * fade, damping * omega * swing * dt * fade
 
-    def step(carry: tuple[Any, Any], pushes: tuple[Any, Any]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    def step(
+        carry: tuple[Values, Values], pushes: tuple[Values, Values]
+    ) -> tuple[tuple[Values, Values], tuple[Values, Values]]:
         now, then = pushes
         slope = (then - now) / dt
         # a push that grows evenly is followed at a distance; what is left of the motion swings freely
@@ -98,7 +103,7 @@ def soft_tissue(force: Any, frequency: Any, damping: Any, dt: Any) -> Wobble:
     return Wobble(*(jnp.where(on, part, jnp.zeros_like(part)) for part in motion))
 
 
-def _oscillation(x: Any) -> tuple[Any, Any]:
+def _oscillation(x: Values) -> tuple[Values, Values]:
     """The pair cos √x and sin √x / √x, smooth through zero to the hyperbolic functions at negative x."""
     near = jnp.abs(x) < 1e-3
     root = jnp.sqrt(jnp.where(near, jnp.ones_like(x), jnp.abs(x)))

@@ -1,15 +1,16 @@
 """What a worn inertial sensor makes of an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from jgait.geometry.rotation import rotation, turn
 from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
-from jgait.types import Imu
+from jgait.types import AnyArray, Imu, Values
 
 DEGREE = math.pi / 180.0
 
@@ -46,31 +47,31 @@ class ImuErrors(NamedTuple):
             who dresses a person: `measure` has its own argument.
     """
 
-    gyr_noise: Any = 0.0
-    gyr_bias: Any = 0.0
-    gyr_drift: Any = 0.0
-    gyr_scale: Any = 0.0
-    gyr_bandwidth: Any = math.inf
-    gyr_range: Any = math.inf
-    gyr_resolution: Any = 0.0
-    acc_noise: Any = 0.0
-    acc_bias: Any = 0.0
-    acc_drift: Any = 0.0
-    acc_scale: Any = 0.0
-    acc_bandwidth: Any = math.inf
-    acc_range: Any = math.inf
-    acc_resolution: Any = 0.0
-    mounting: Any = 0.0
-    mounting_x: Any = 0.0
-    mounting_y: Any = 0.0
-    mounting_z: Any = 0.0
-    packet_loss: Any = 0.0
-    burst_loss: Any = 0.0
-    burst_length: Any = 1.0
-    soft_tissue_frequency: Any = math.inf
-    soft_tissue_damping: Any = 0.2
-    soft_tissue_tilt: Any = 0.0
-    left_flipped: Any = 0.0
+    gyr_noise: Values = 0.0
+    gyr_bias: Values = 0.0
+    gyr_drift: Values = 0.0
+    gyr_scale: Values = 0.0
+    gyr_bandwidth: Values = math.inf
+    gyr_range: Values = math.inf
+    gyr_resolution: Values = 0.0
+    acc_noise: Values = 0.0
+    acc_bias: Values = 0.0
+    acc_drift: Values = 0.0
+    acc_scale: Values = 0.0
+    acc_bandwidth: Values = math.inf
+    acc_range: Values = math.inf
+    acc_resolution: Values = 0.0
+    mounting: Values = 0.0
+    mounting_x: Values = 0.0
+    mounting_y: Values = 0.0
+    mounting_z: Values = 0.0
+    packet_loss: Values = 0.0
+    burst_loss: Values = 0.0
+    burst_length: Values = 1.0
+    soft_tissue_frequency: Values = math.inf
+    soft_tissue_damping: Values = 0.2
+    soft_tissue_tilt: Values = 0.0
+    left_flipped: Values = 0.0
 
 
 _UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
@@ -84,7 +85,7 @@ _RANGES = {
 """Closed ranges of the fields; the others must not be negative. Those without a bound must not be zero either."""
 
 
-def check_fields(errors: Any, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
+def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
     """Refuse a record of numbers of which one lies outside its range.
 
     Args:
@@ -122,29 +123,31 @@ def check_errors(errors: ImuErrors) -> None:
     check_fields(errors, _RANGES, _UNBOUNDED)
 
 
-def _turned_back(values: Any, matrix: Any) -> Any:
+def _turned_back(values: Float[AnyArray, "time 3"], matrix: Float[Array, "*time 3 3"]) -> Float[Array, "time 3"]:
     """Rows of `values` (T, 3) in axes turned by `matrix` (1 or T, 3, 3): Rᵀ v, in full precision on any device."""
     return jnp.sum(values[:, :, None] * matrix, axis=1)
 
 
-def _leaning(gyr: Any, acc: Any, errors: ImuErrors, dt: Any) -> tuple[Any, Any]:
+def _leaning(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], errors: ImuErrors, dt: Values
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:
     """What the sensor feels on soft tissue: it leans towards where it is displaced, about y forward, about x left."""
     frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
     wobble = soft_tissue(acc, frequency, damping, dt)
 
-    def lean(d: Any) -> Any:
+    def lean(d: Values) -> Values:
         return errors.soft_tissue_tilt * jnp.stack([-d[:, 1], d[:, 0], jnp.zeros_like(d[:, 0])], axis=1)
 
     matrix = rotation(lean(wobble.displacement))
     return _turned_back(gyr, matrix) + lean(wobble.velocity), _turned_back(acc + wobble.acceleration, matrix)
 
 
-def _quantise(value: Any, resolution: Any) -> Any:
+def _quantise(value: Values, resolution: Values) -> Values:
     step = jnp.where(resolution > 0.0, resolution, 1.0)
     return jnp.where(resolution > 0.0, step * jnp.round(value / step), value)
 
 
-def _kept(draws: Any, errors: ImuErrors) -> Any:
+def _kept(draws: Float[Array, "time 2"], errors: ImuErrors) -> Bool[Array, "time"]:
     """Which samples arrive (T,), from two uniform draws each (T, 2).
 
     A burst is a chain of two states. One draw decides it: below `burst_loss` the state is lost whatever it was before,
@@ -157,7 +160,14 @@ def _kept(draws: Any, errors: ImuErrors) -> Any:
     return (draws[:, 0] >= errors.packet_loss) & (begun <= ended)
 
 
-def measure(key: Any, time: Any, gyr: Any, acc: Any, errors: ImuErrors, flipped: Any = 0.0) -> Imu:
+def measure(
+    key: PRNGKeyArray,
+    time: Float[AnyArray, "time"],
+    gyr: Float[AnyArray, "time 3"],
+    acc: Float[AnyArray, "time 3"],
+    errors: ImuErrors,
+    flipped: Values = 0.0,
+) -> Imu:
     """Read an exact motion with one sensor.
 
     read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
@@ -184,7 +194,7 @@ def measure(key: Any, time: Any, gyr: Any, acc: Any, errors: ImuErrors, flipped:
     white, steps = draws[: 6 * n].reshape(n, 6), draws[6 * n : 12 * n].reshape(n, 6)
     losses, (bias, scale, mount) = draws[12 * n : 14 * n].reshape(n, 2), draws[14 * n :].reshape(3, 6)
 
-    def channels(of_gyr: Any, of_acc: Any) -> Any:
+    def channels(of_gyr: Values, of_acc: Values) -> Float[Array, "channel"]:
         return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
 
     gyr, acc = _leaning(gyr, acc, e, dt)

@@ -1,13 +1,14 @@
 """Distance between the feet by ultrasound: seen only while one passes the other, now and then by a late echo."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jgait.simulate.sensors.imu import check_fields
-from jgait.types import RangeReadings
+from jgait.types import AnyArray, RangeReadings, Scalar, Values
 
 
 class Ranging(NamedTuple):
@@ -27,21 +28,27 @@ class Ranging(NamedTuple):
         dropout: probability that a ping that should be heard is not [1].
     """
 
-    rate_hz: Any = 30.0
-    phase: Any = 0.0
-    noise: Any = 0.0
-    bias: Any = 0.0
-    half_angle: Any = math.pi / 12.0
-    facing_half_angle: Any = math.pi
-    min_distance: Any = 0.0
-    max_distance: Any = 4.0
-    outlier: Any = 0.0
-    outlier_size: Any = 0.0
-    dropout: Any = 0.0
+    rate_hz: Values = 30.0
+    phase: Values = 0.0
+    noise: Values = 0.0
+    bias: Values = 0.0
+    half_angle: Values = math.pi / 12.0
+    facing_half_angle: Values = math.pi
+    min_distance: Values = 0.0
+    max_distance: Values = 4.0
+    outlier: Values = 0.0
+    outlier_size: Values = 0.0
+    dropout: Values = 0.0
 
 
 def measure_range(
-    key: Any, time: Any, sender: Any, receiver: Any, sender_axis: Any, receiver_axis: Any, ranging: Ranging
+    key: PRNGKeyArray,
+    time: Float[AnyArray, "time"],
+    sender: Float[AnyArray, "time 3"],
+    receiver: Float[AnyArray, "time 3"],
+    sender_axis: Float[AnyArray, "time 3"],
+    receiver_axis: Float[AnyArray, "time 3"],
+    ranging: Ranging,
 ) -> RangeReadings:
     """Read the distance between two feet wherever the one hears the other.
 
@@ -70,7 +77,9 @@ def measure_range(
     apart = square > 0.0
     distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, jnp.ones_like(square))), 0.0)
 
-    def seen(direction: Any, axis: Any, half_angle: Any) -> Any:
+    def seen(
+        direction: Float[AnyArray, "time 3"], axis: Float[AnyArray, "time 3"], half_angle: Scalar
+    ) -> Bool[Array, "time"]:
         return _cosine(direction, axis) >= jnp.cos(jnp.asarray(half_angle, dtype)) - 1e-6  # π is everywhere
 
     # a ping has come since the sample before if their count goes up; the small number keeps t = k / rate in its sample
@@ -88,14 +97,16 @@ def measure_range(
     return RangeReadings(time, jnp.where(mask, read, jnp.zeros_like(read)), mask)
 
 
-def _cosine(a: Any, b: Any) -> Any:
+def _cosine(a: Float[AnyArray, "time 3"], b: Float[AnyArray, "time 3"]) -> Float[Array, "time"]:
     """Cosine of the angle between rows (T, 3); 0 where one has no length."""
     squares = jnp.sum(a * a, axis=1) * jnp.sum(b * b, axis=1)
     long = squares > 0.0
     return jnp.where(long, jnp.sum(a * b, axis=1) / jnp.sqrt(jnp.where(long, squares, jnp.ones_like(squares))), 0.0)
 
 
-def nearest_point(point: Any, start: Any, end: Any) -> Any:
+def nearest_point(
+    point: Float[AnyArray, "time 3"], start: Float[AnyArray, "time 3"], end: Float[AnyArray, "time 3"]
+) -> Float[AnyArray, "time 3"]:
     """The point of a limb, a straight line from start to end, that is nearest to another point: what throws an echo.
 
     Args:
