@@ -8,12 +8,16 @@ from collections.abc import Callable
 from typing import Any
 
 import beartype
+import numpy as np
 import numpy.typing as npt
 
-MODULES = [f"jgait.{name}" for name in ("params", "types", "geometry", "signal", "tune", "simulate")]
+_PACKAGES = ("params", "types", "geometry", "signal", "tune", "simulate", "evaluate", "events", "mounting")
+
+MODULES = [f"jgait.{name}" for name in _PACKAGES]
 """Modules whose functions are checked, with all below them."""
 
-_CONFIGURATION = beartype.BeartypeConf(is_pep484_tower=True)
+_NUMBERS = {int: int | np.integer, float: float | int | np.floating | np.integer, bool: bool | np.bool_}
+"""Python's numbers, or those of NumPy; an int passes as a float."""
 
 
 def check[F: Callable[..., Any]](function: F) -> F:
@@ -21,11 +25,13 @@ def check[F: Callable[..., Any]](function: F) -> F:
     annotations = getattr(function, "__annotations__", {})
     for name, hint in annotations.items():
         annotations[name] = _checkable(hint)
-    return beartype.beartype(conf=_CONFIGURATION)(function)
+    return beartype.beartype(function)
 
 
 def _checkable(hint: Any) -> Any:
     """The hint without what beartype 0.23 does not check: generic NamedTuples, protocols, names in strings."""
+    if isinstance(hint, type) and hint in _NUMBERS:
+        return _NUMBERS[hint]
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     plain = origin or hint
     if hint is npt.ArrayLike or isinstance(hint, str | typing.ForwardRef) or getattr(plain, "_is_protocol", False):

@@ -54,8 +54,8 @@ def stances(
     Args:
         rate: (T,) sagittal rate, the forward swing negative, low-passed at `CUTOFF_HZ` without delay [rad/s].
         speed: (T,) norm of the rate, its axes low-passed in the same way [rad/s].
-        start: (n,) samples at which swings begin, increasing.
-        end: (n,) samples at which they end, each before the next start.
+        start: samples, whole or between, at which swings begin, increasing.
+        end: samples at which they end, each before the next start.
         sampling_rate_hz: of the samples [Hz].
 
     Returns:

@@ -25,7 +25,7 @@ def without_hidden(model: Model, observation: PyTree, mask: PyTree) -> tuple[Mod
     Returns:
         The three, unchanged where nothing is hidden. Where everything is, one component stays, masked everywhere.
     """
-    structure = jax.tree.structure(observation)
+    structure: PyTree = jax.tree.structure(observation)
     if mask is None or structure != jax.tree.structure(mask):
         return model, observation, mask
     leaves = jax.tree.leaves(mask)

@@ -220,7 +220,7 @@ def clipped(imu: Imu, rows: Float[AnyArray, "3 3"], *, samples: int = 3) -> int:
 
     Args:
         imu: the sensor.
-        rows: (3, 3) of its axes; the axis that has most of the sagittal rate is looked at.
+        rows: of its axes; the axis that has most of the sagittal rate is looked at.
         samples: how long a run has to be.
     """
     axis = int(np.argmax(np.abs(as_float(rows)[1])))
