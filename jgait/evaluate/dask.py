@@ -2,12 +2,16 @@
 
 from collections.abc import Generator, Iterable
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import jax
 from jaxtyping import PyTree
 
 from jgait.evaluate.buckets import CohortJob, Failed, evaluated, tables
 from jgait.evaluate.store import Cohort, joined
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 QUEUED = 3
 """Tasks for each thread of the cluster that are submitted at a time; the other items wait unread."""

@@ -145,7 +145,7 @@ def _look(s: ShankState, x: Scalar, t: Scalar) -> _Sample:
     return _Sample((s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising)
 
 
-def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[State, Bool[Array, ""]]:
+def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[ShankState, Bool[Array, ""]]:
     """The state with this sample's swing in it, and whether the shank has come to rest."""
     peak = jnp.maximum(s.peak, jnp.abs(x))
     angle = s.angle + 0.5 * (t - s.time) * (jnp.maximum(-x, 0.0) + jnp.maximum(-s.rate, 0.0))

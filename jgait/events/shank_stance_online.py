@@ -54,7 +54,7 @@ def begin(rate: ArrayLike) -> StanceSearch:
 
 def step(
     s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Scalar, landing: Scalar
-) -> tuple[State, PyTree]:
+) -> tuple[StanceSearch, PyTree]:
     """One sample.
 
     Args:
