@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jgait.estimators.leg_ekf import inclination
-from jgait.estimators.leg_ekf.inclination import InclinationControl, InclinationNoise, Vector
+from jgait.estimators.leg_ekf.inclination import InclinationControl, InclinationNoise
 from jgait.filtering import Belief, Covariance, Model, draw, kalman_filter
+from jgait.geometry.vectors import Vector
 
 
 class Cart(NamedTuple):

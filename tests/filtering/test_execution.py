@@ -15,6 +15,7 @@ from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, Itera
 from jgait.filtering.components import known
 from jgait.filtering.inputs import inputs
 from jgait.filtering.tracing import Expansion
+from jgait.geometry.vectors import Vector
 
 SAMPLES = 30
 ONE_UPDATE = EKF()
@@ -168,10 +169,10 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
         controls = None if name == "heading" else Push(series())
         return Case({"cart": CART, "bent": BENT, "heading": HEADING}[name], p, seen, controls, dt, mask(seen))
     if name == "inclination":
-        up = inclination.Vector(series(0.1), 1.0 + series(0.1), series(0.1))
-        seen = inclination.InclinationObservation(up, inclination.Vector(series(0.1), series(0.1), series(0.1)))
+        up = Vector(series(0.1), series(0.1), 1.0 + series(0.1))
+        seen = inclination.InclinationObservation(up, Vector(series(0.1), series(0.1), series(0.1)))
         still = jnp.asarray(rng.random(samples) > 0.5)
-        rate = inclination.Vector(series(), series(), series())
+        rate = Vector(series(), series(), series())
         controls = inclination.InclinationControl(rate, still, jnp.ones(samples, bool))
         return Case(inclination.MODEL, inclination.InclinationNoise(), seen, controls, dt, mask(seen))
     params = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)

@@ -87,7 +87,7 @@ def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Any) -> Pl
     excess = jnp.where(filled.how == FILLED, p.filled_noise**2 * persists, 0.0).astype(filled.rate.dtype)
     told = filled.how != HELD
     return PlanarSegment(
-        filled.rate + one.bias, acc[:, 0], acc[:, 1], jnp.ones_like(told), told, excess, one.bias, one.variance
+        filled.rate + one.bias, acc[:, 0], acc[:, 2], jnp.ones_like(told), told, excess, one.bias, one.variance
     )
 
 

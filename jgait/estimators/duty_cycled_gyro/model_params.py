@@ -323,7 +323,7 @@ def planar(segment: Segment, gyro_on: Any = None, excess: Any = None) -> PlanarS
     """The sagittal plane of a leg's segment, as `leg_calibration` gives it, under a gyroscope mask.
 
     Args:
-        segment: in segment axes (forward, up, right), accelerations in units of gravity.
+        segment: in segment axes (forward, left, up).
         gyro_on: (T,) bool, see `PlanarSegment`; None: always.
         excess: (T,) see `PlanarSegment` [rad²/s²]; None: none.
 
@@ -335,12 +335,12 @@ def planar(segment: Segment, gyro_on: Any = None, excess: Any = None) -> PlanarS
         if values is not None and np.shape(values) != (samples,):
             raise ValueError(f"{name} must have shape ({samples},), one for each sample; got {np.shape(values)}")
     return PlanarSegment(
-        segment.gyr[:, 2],
-        GRAVITY * segment.acc[:, 0],
-        GRAVITY * segment.acc[:, 1],
+        -segment.gyr[:, 1],
+        segment.acc[:, 0],
+        segment.acc[:, 2],
         segment.measured,
         np.ones(samples, bool) if gyro_on is None else gyro_on,
         np.zeros(samples, segment.gyr.dtype) if excess is None else excess,
-        segment.bias[2],
+        -segment.bias[1],
         segment.variance,
     )

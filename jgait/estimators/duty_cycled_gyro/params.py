@@ -145,10 +145,10 @@ def filter_params(p: DutyCycledParams) -> DutyParams:
 
 
 class GapSegment(NamedTuple):
-    """One sensor's signals in its segment's axes (forward, up, right).
+    """One sensor's signals in its segment's axes (forward, left, up).
 
     Attributes:
-        gyr: (T,) rate about the right axis, positive when the distal end swings forward [rad/s]; 0 where it is off.
+        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 where it is off.
         acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
         on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
         bias: of the gyroscope at rest [rad/s].

@@ -20,7 +20,6 @@ from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.estimators.leg_ekf.prepare import orient
 from jgait.estimators.notes import NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
-from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -131,8 +130,8 @@ def _leg(
     found, notes = orient(both, side, standing, still | asleep, rate_hz, estimator=NAME)
 
     def segment_of(one: Segment) -> GapSegment:
-        gyr = np.where(one.measured, one.gyr[:, 2], 0.0)
-        return GapSegment(gyr, GRAVITY * one.acc, one.measured, one.bias[2], one.variance)
+        gyr = np.where(one.measured, -one.gyr[:, 1], 0.0)
+        return GapSegment(gyr, one.acc, one.measured, -one.bias[1], one.variance)
 
     if alone is not None:
         if "thigh" in own:

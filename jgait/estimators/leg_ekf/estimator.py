@@ -12,7 +12,6 @@ from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
-from jgait.estimators.leg_ekf.inclination import Vector
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.params import (
@@ -27,6 +26,7 @@ from jgait.estimators.leg_ekf.params import (
 )
 from jgait.estimators.leg_ekf.prepare import prepare
 from jgait.filtering import Belief, Covariance, Model
+from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
 
 __all__ = [
@@ -43,11 +43,6 @@ __all__ = [
     "run",
     "with_body",
 ]
-
-
-def vector(values: Any) -> Vector:
-    """The last axis (3,) of an array as named components."""
-    return Vector(values[..., 0], values[..., 1], values[..., 2])
 
 
 def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
@@ -115,7 +110,7 @@ def observe(
         # Standing again means the standing pose again, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
-        rates = (leg.thigh.gyr[..., 2], leg.shank.gyr[..., 2])
+        rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
         tilted = inputs.still & inputs.valid if options.standing else False
     measured = leg.thigh.measured & leg.shank.measured & inputs.valid
     closed = inputs.valid if options.closure else False
@@ -129,7 +124,7 @@ def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOpt
     With gravity the inclination filter has taken the biases out already.
     """
     zero = jnp.zeros_like(start_variance)
-    thigh_bias, shin_bias = (zero, zero) if options.gravity else (leg.thigh.bias[2], leg.shank.bias[2])
+    thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
     return leg_model.standing_belief(
         model_params(p, leg), STANDING + p.standing_hip, -p.standing_knee, thigh_bias, shin_bias, start_variance
     )

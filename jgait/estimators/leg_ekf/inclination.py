@@ -2,7 +2,7 @@ r"""Which way is up, seen from a body segment: a Kalman filter on the gravity di
 
 The gyroscope turns the direction of gravity in the segment's axes, the accelerometer pulls it slowly back, and
 standing fixes it firmly. State: the unit vector that points up and the gyroscope's bias, both in segment axes
-(forward, up, right). With the rate ω − β over one interval as rotation vector w,
+(forward, left, up). With the rate ω − β over one interval as rotation vector w,
 
     u ← exp(−[w]×) u,      z = acc / g = u + noise,      gyr = β + noise while standing.
 
@@ -21,14 +21,7 @@ import jax.numpy as jnp
 from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
 from jgait.filtering.execution import Execution
-
-
-class Vector(NamedTuple):
-    """Three components in segment axes: forward, up and to the right."""
-
-    forward: Any
-    up: Any
-    right: Any
+from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
 
 
 class InclinationState(NamedTuple):
@@ -71,15 +64,9 @@ class InclinationNoise(NamedTuple):
     standing_rate: Any = 0.02
 
 
-def cross(a: Vector, b: Vector) -> Vector:
-    """Cross product a × b in the right-handed axes (forward, up, right)."""
-    return Vector(a.up * b.right - a.right * b.up, a.right * b.forward - a.forward * b.right,
-                  a.forward * b.up - a.up * b.forward)  # fmt: skip
-
-
 def _rotate_back(u: Vector, w: Vector) -> Vector:
     """exp(−[w]×) u; the sine and cosine factors are power series in |w|², exact to 1e-9 for |w| ≤ 1 rad."""
-    a = w.forward * w.forward + w.up * w.up + w.right * w.right
+    a = dot(w, w)
     sine = 1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0 * (1.0 - a / 72.0)))
     cosine = 0.5 * (1.0 - a / 12.0 * (1.0 - a / 30.0 * (1.0 - a / 56.0)))
     wu = cross(w, u)
@@ -148,21 +135,17 @@ class Inclination(NamedTuple):
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
     """Sagittal angle, rate and variance of the angle, for one sample or a whole recording.
 
-    The rate is the derivative of atan2(u_f, u_u) under u̇ = −ω × u:
-    θ̇ = ω_r − u_r (u_u ω_u + u_f ω_f) / (u_f² + u_u²), so a turn does not leak into a leaning segment's angle.
+    The rate is the derivative of atan2(u_x, u_z) under u̇ = −ω × u:
+    θ̇ = −ω_y + u_y (u_z ω_z + u_x ω_x) / (u_x² + u_z²), so a turn does not change the angle of a leaning segment.
     """
     u = state.up
     w = Vector(*(r - b for r, b in zip(rate, state.bias, strict=True)))
-    square = jnp.maximum(u.forward * u.forward + u.up * u.up, 1e-6)
-    angle = jnp.arctan2(u.forward, u.up)
-    slope = w.right - u.right * (u.up * w.up + u.forward * w.forward) / square
-    df, du = u.up / square, -u.forward / square
-    variance = (
-        df * df * cov["up.forward", "up.forward"]
-        + du * du * cov["up.up", "up.up"]
-        + 2.0 * df * du * cov["up.forward", "up.up"]
-    )
-    return Inclination(angle, slope, variance, state.bias.right)
+    square = jnp.maximum(u.x * u.x + u.z * u.z, 1e-6)
+    angle = jnp.arctan2(u.x, u.z)
+    slope = u.y * (u.z * w.z + u.x * w.x) / square - w.y
+    dx, dz = u.z / square, -u.x / square
+    variance = dx * dx * cov["up.x", "up.x"] + dz * dz * cov["up.z", "up.z"] + 2.0 * dx * dz * cov["up.x", "up.z"]
+    return Inclination(angle, slope, variance, -state.bias.y)
 
 
 def run(
@@ -184,7 +167,7 @@ def run(
     Args:
         params: noise, see `InclinationNoise`.
         gyr: (T,) components [rad/s] in segment axes.
-        acc: (T,) components in units of gravity [1] in segment axes.
+        acc: (T,) components [m/s²] in segment axes.
         still: (T,) bool, the person stands.
         measured: (T,) bool, the sample is there.
         dt: (T,) time from the sample before [s]; 0 at the first.
@@ -221,9 +204,9 @@ def prior(bias: Vector, start_variance: Any) -> Belief:
         bias: gyroscope bias [rad/s].
         start_variance: of the direction [rad²].
     """
-    zero = jnp.zeros_like(bias.up)
+    zero = jnp.zeros_like(bias.z)
     spread = Vector(*(zero + start_variance,) * 3)
-    mean = InclinationState(Vector(zero, zero + 1.0, zero), bias)
+    mean = InclinationState(Vector(zero, zero, zero + 1.0), bias)
     return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
 
 
@@ -234,4 +217,4 @@ def observe(gyr: Vector, acc: Vector, still: Any, measured: Any) -> tuple[Inclin
     """
     at_rest = False if still is None else still & measured
     mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))
-    return InclinationObservation(acc, gyr), mask
+    return InclinationObservation(scale(1.0 / GRAVITY, acc), gyr), mask

@@ -8,11 +8,11 @@ from jgait.estimators.axes import Axis, Held, Sampled, Times
 
 
 class Segment(NamedTuple):
-    """One sensor's signals, turned into its segment's axes (forward, up, right), as the filters take them.
+    """One sensor's signals, turned into its segment's axes (forward, left, up), as the filters take them.
 
     Attributes:
         gyr: (T, 3) [rad/s].
-        acc: (T, 3) in units of gravity [1]; zeros without an accelerometer.
+        acc: (T, 3) [m/s²], of standard gravity at standing; zeros without an accelerometer.
         measured: (T,) bool.
         bias: (3,) gyroscope bias at rest [rad/s].
         variance: sagittal gyroscope variance at rest [rad²/s²].

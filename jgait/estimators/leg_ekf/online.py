@@ -21,11 +21,10 @@ from jgait.estimators.leg_ekf.estimator import (
     observe,
     prior_of,
     trajectory_of,
-    vector,
 )
-from jgait.estimators.leg_ekf.inclination import Vector
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.filtering import Belief
+from jgait.geometry.vectors import Vector, vector
 from jgait.types import LegTrajectory
 
 
@@ -92,7 +91,7 @@ def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs
     Args:
         p: parameters of this leg, see `one_side`.
         state: from `start` or the step before.
-        sample: gyr (3,) [rad/s] and acc (3,) [g] in segment axes, measured; bias and variance from the calibration.
+        sample: gyr (3,) [rad/s] and acc (3,) [m/s²] in segment axes, measured; bias and variance from the calibration.
         inputs: dt [s], still and valid of this sample; its legs are not used.
         options: as of `leg_ekf`.
 

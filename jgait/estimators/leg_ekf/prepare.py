@@ -15,6 +15,7 @@ from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SEGMENT_ALONE, SEGMENTS_SWAPPED
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
+from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.leg import leg_mounting
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
@@ -116,15 +117,15 @@ def orient(
     """
     worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
     segments = {}
-    for segment, (forward, left, up) in worn.rows.items():
-        imu, axes = sensors[worn.placements[segment]], np.stack([forward, up, -left])
+    for segment, axes in worn.rows.items():
+        imu = sensors[worn.placements[segment]]
         gyr = as_float(imu.gyr) @ axes.T
         acc = np.zeros_like(gyr)
         if imu.acc is not None:
             raw = as_float(imu.acc)
-            acc = raw @ axes.T / np.linalg.norm(raw[standing].mean(axis=0))
+            acc = raw @ axes.T * (GRAVITY / np.linalg.norm(raw[standing].mean(axis=0)))
         # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
-        variance = np.maximum(np.var(gyr[standing, 2]), SMALLEST_VARIANCE)
+        variance = np.maximum(np.var(gyr[standing, 1]), SMALLEST_VARIANCE)
         measured = np.asarray(imu.mask, bool)
         segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance)
     notes: list[Note] = []

@@ -84,7 +84,7 @@ def test_angles_are_those_of_strapdown_on_a_clean_signal(walk, integrated):
         assert rms_deg(segment.angle - truth) < 1.0
         assert np.degrees(np.max(np.abs(segment.angle - truth))) < 2.0
         assert bool(jnp.all(segment.valid))
-    rate = prepared.right.shank.gyr[:, 2] - prepared.right.shank.bias[2]
+    rate = prepared.right.shank.bias[1] - prepared.right.shank.gyr[:, 1]
     assert np.sqrt(np.mean((found.shank.rate - rate) ** 2)) < 0.01 * np.sqrt(np.mean(rate**2))
 
 
@@ -175,7 +175,7 @@ def test_a_gap_widens_the_belief_and_the_truth_stays_in_it(walk, integrated, gap
     on, _, found = gaps
     off = ~on & ~prepared.still
     error = found.shank.angle - integrated[1]
-    rate = prepared.right.shank.gyr[:, 2] - prepared.right.shank.bias[2]
+    rate = prepared.right.shank.bias[1] - prepared.right.shank.gyr[:, 1]
     # Errors of a few strides, and far from Gaussian: a factor of two is what they can tell.
     assert 0.3 < np.sqrt(np.mean((error[off] / found.shank.angle_stddev[off]) ** 2)) < 2.0
     assert 0.3 < np.sqrt(np.mean(((found.shank.rate - rate)[off] / found.shank.rate_stddev[off]) ** 2)) < 2.0
