@@ -67,7 +67,7 @@ def integrated(walk):
 
     def angle(segment):
         rate = segment.gyr - segment.bias
-        turned = strapdown.attitude(jnp.asarray(rate[:, (0, 2, 1)] * [1.0, -1.0, 1.0]), T, jnp.eye(3))
+        turned = strapdown.attitude(jnp.asarray(rate), T, jnp.eye(3))
         return np.arctan2(-turned[:, 0, 2], turned[:, 2, 2])
 
     return angle(leg.thigh), angle(leg.shank)
