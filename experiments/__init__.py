@@ -3,7 +3,9 @@
 `python -m experiments NAME` runs an experiment, `python -m experiments NAME.PART` one of its parts; see `__main__`.
 """
 
-EXPERIMENTS = {
+from pathlib import Path
+
+FIRST = {
     "leg_ekf": "bennett2013",
     "duty_cycled_gyro": "udaya2010",
     "ankle_stride": "silva2017",
@@ -15,8 +17,21 @@ EXPERIMENTS = {
     "cohort": "cohort",
     "layout": "layout",
 }
-"""Name of an experiment → its package (or module) in this folder. A package lists its `PARTS`, modules with a function
-`rows(quick)`; a module has that function itself."""
+"""Name of an experiment → its package in this folder, in the order of the table; others follow by their names."""
+
+
+def _others() -> list[str]:
+    """The further packages and modules in this folder; each gave its experiment its name."""
+    known = {"common", "benchmark", *FIRST.values()}
+    paths = [
+        path for path in Path(__file__).parent.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
+    ]
+    return sorted(path.stem for path in paths if path.stem not in known and not path.stem.startswith("_"))
+
+
+EXPERIMENTS = FIRST | {name: name for name in _others()}
+"""Name of an experiment → its package (or module). A package lists its `PARTS`, modules with a function `rows(quick)`;
+a module has that function itself."""
 
 BENCHMARKS = {"benchmark_filters": "benchmark.filters", "benchmark_import": "benchmark.imports"}
 """The same for comparisons with other libraries: they need the environment of `make bench`."""

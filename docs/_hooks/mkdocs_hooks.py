@@ -37,6 +37,7 @@ DIRECTIVES = {
     "experiments": sources.experiments,
     "command_line": sources.command_line,
     "formats": sources.formats,
+    "methods": sources.methods,
     "changelog": _changelog,
 }
 """What may stand alone on a line of a page: `{{ name argument … }}`."""
@@ -49,6 +50,8 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     for entry in config.nav or []:
         if "Gallery" in entry:
             entry["Gallery"] = pages
+        if "Methods" in entry:
+            entry["Methods"] = ["methods/index.md", *sources.pages_of_methods()]
         if "API" in entry:
             entry["API"] = api.navigation()
     return config

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 
 _PRINT = """
 import json, typer
-from jgait import cli
+from jgait import cli, estimators
 from jgait.io.formats import registry
 
 def told(command, name, parent=None):
@@ -24,7 +24,11 @@ def told(command, name, parent=None):
 
 formats = [(one.title, one.files, one.states, one.module) for one in registry.FORMATS.values()]
 others = list(getattr(registry, "OTHERS", {}).items())
-print(json.dumps([told(typer.main.get_command(cli.app), "jgait"), formats, others]))
+methods = []
+for name in estimators.names():
+    one = estimators.get(name)
+    methods.append((name, one.run.__module__.split(".")[2], one.about.title, one.about.needs))
+print(json.dumps([told(typer.main.get_command(cli.app), "jgait"), formats, others, methods]))
 """
 
 
@@ -77,12 +81,25 @@ def experiments() -> str:
 
 
 @cache
-def _printed() -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
+def _printed() -> list[list[list[str]]]:
+    """What the library prints: the help of each command, formats, other files and their readers, and estimators."""
     done = subprocess.run([sys.executable, "-c", _PRINT], cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"the command line's help cannot be read:\n{done.stderr}")
-    helps, formats, others = json.loads(done.stdout)
-    return helps, formats, others
+        raise RuntimeError(f"commands, formats and estimators cannot be read from the library:\n{done.stderr}")
+    printed: list[list[list[str]]] = json.loads(done.stdout)
+    return printed
+
+
+def pages_of_methods() -> list[str]:
+    """A page for each package of `jgait.estimators`, in the order of its estimators."""
+    return list(dict.fromkeys(f"methods/{package}.md" for _, package, _, _ in _printed()[3]))
+
+
+def methods() -> str:
+    """A table of the estimators: what each gives, and the columns of a recording that it needs."""
+    lines = ["| estimator | gives | needs |", "|---|---|---|"]
+    lines += [f"| [{name}]({package}.md) | {title} | {needs} |" for name, package, title, needs in _printed()[3]]
+    return "\n".join(lines)
 
 
 def command_line() -> str:
@@ -92,7 +109,7 @@ def command_line() -> str:
 
 def formats() -> str:
     """A table of the formats that are read, and of files that other functions read."""
-    _, every, others = _printed()
+    _, every, others, _ = _printed()
     lines = ["| format | files | what file or format states | reader |", "|---|---|---|---|"]
     for title, files, states, module in every:
         files = re.sub(r"[\w*]*\.\w+", r"`\g<0>`", files)

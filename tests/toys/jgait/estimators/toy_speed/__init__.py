@@ -1,0 +1,69 @@
+"""A toy: the distance of a person who walks at one speed while the sensor at the waist measures.
+
+Deviations from the paper:
+    1. There is no paper.
+
+Sensors:
+    One at the waist.
+
+Outputs:
+    The distance over time.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jgait.estimators.toy_speed.about import ABOUT
+
+from jgait import params
+from jgait.estimators.axes import Sampled, Times
+from jgait.estimators.interface import Estimator, Prepared, with_measures
+from jgait.types import Estimate, Legs, Recording, RecordingError
+
+
+class ToyParams(NamedTuple):
+    """Parameters of the toy.
+
+    Attributes:
+        toy_speed: of walking [m/s].
+    """
+
+    toy_speed: Any = 1.2
+
+
+class ToyInputs(NamedTuple):
+    """The samples, (T,) each.
+
+    Attributes:
+        time: [s].
+        dt: since the sample before; 0 at the first and in padding [s].
+        valid: False in padding.
+    """
+
+    time: Times
+    dt: Sampled
+    valid: Sampled
+
+
+TRANSFORMS = ToyParams(params.positive)
+
+
+def prepare(recording: Recording) -> Prepared[ToyInputs]:
+    """The times of the sensor at the waist."""
+    if "waist" not in recording.sensors:
+        raise RecordingError(f"toy_speed needs a sensor at the waist; the recording has {list(recording.sensors)}")
+    time = np.asarray(recording.sensors["waist"].time)
+    return Prepared(ToyInputs(time, np.diff(time, prepend=time[0]), np.ones(time.shape, bool)), None, ())
+
+
+def run(p: ToyParams, inputs: ToyInputs, options: None = None) -> Estimate:
+    """The distance at one speed: pure, for jit, vmap and grad."""
+    return Estimate(inputs.time, Legs(None, None), None, p.toy_speed * jnp.cumsum(inputs.dt), inputs.valid, {})
+
+
+def estimator() -> Estimator[ToyParams, ToyInputs]:
+    """The toy as a record of functions."""
+    own = partial(with_measures, "toy_speed", ("toy_speed",))
+    return Estimator("toy_speed", ToyParams(), TRANSFORMS, prepare, run, own, ABOUT)
