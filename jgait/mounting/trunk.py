@@ -122,7 +122,7 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     return np.asarray(spread > LEAST**2)
 
 
-class Worn(NamedTuple):
+class WornTrunk(NamedTuple):
     """How a sensor on the trunk is worn.
 
     Attributes:
@@ -138,7 +138,7 @@ class Worn(NamedTuple):
     turned_deg: float
 
 
-def worn(axes: TrunkAxes) -> Worn:
+def worn(axes: TrunkAxes) -> WornTrunk:
     """How the sensor is worn: which of its axes looks which way, and how far it is turned from that."""
     names, nearest = [], np.zeros((3, 3))
     for number in (2, 0):
@@ -152,4 +152,4 @@ def worn(axes: TrunkAxes) -> Worn:
     lean = np.rad2deg(np.arccos(np.clip(axes.rows[2] @ nearest[2], -1.0, 1.0)))
     forward = nearest[0] - (nearest[0] @ axes.rows[2]) * axes.rows[2]
     turned = np.rad2deg(np.arctan2(forward @ axes.rows[1], forward @ axes.rows[0]))
-    return Worn(names[0], names[1], float(lean), float(abs(turned)))
+    return WornTrunk(names[0], names[1], float(lean), float(abs(turned)))

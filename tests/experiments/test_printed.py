@@ -11,7 +11,7 @@ from made.observability import observability_rank
 from jgait.estimators.duty_cycled_gyro.model_params import ShinState, ThighState
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.stride_width_ekf import model as width_model
-from jgait.estimators.stride_width_ekf.model import FootControl, WidthControl, WidthState
+from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
 
 T = 0.02
 STATES = (
@@ -83,7 +83,7 @@ def test_element_c_of_the_leg_is_no_derivative(load_experiment):
 def test_the_signs_of_the_stride_width(load_experiment):
     literal = load_experiment("potter.literal")
     state = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
-    control = WidthControl(FootControl(0.5, 0.1, 0.2, 0.6, 1.0), FootControl(0.4, -0.2, -0.3, 0.5, 0.0))
+    control = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
     moved, right = (m.transition(None, state, control, 1.0) for m in (literal, width_model))
     assert moved.y_left == pytest.approx(2.4 - 0.2 * np.cos(-0.7) - 0.4 * np.sin(-0.7))
     assert moved[:4] == right[:4] and moved.heading_left == right.heading_left

@@ -31,10 +31,10 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params
 from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.online_state import (
+    AnkleOnlineState,
     Filters,
     Now,
-    OnlineState,
-    Swung,
+    OnlineSwing,
     begin,
     filters_of,
     level_prior,
@@ -56,8 +56,8 @@ from jgait.types import Strides
 
 __all__ = [
     "ONLINE",
+    "AnkleOnlineState",
     "Now",
-    "OnlineState",
     "Worn",
     "begin",
     "check_options",
@@ -84,7 +84,7 @@ class _Delayed(NamedTuple):
 
 
 def _filter_step(
-    p: AnkleParams, worn: Worn, state: OnlineState, row: Any, stands: Any, options: AnkleOptions
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, row: Any, stands: Any, options: AnkleOptions
 ) -> tuple[Belief, Any, Any]:
     """The filter over the row of the history that leaves it: belief, whether it has started, its numbers are sound."""
     stands = stands & (row[8] == 0.0)
@@ -113,7 +113,7 @@ def _filter_step(
 
 
 def _stride(
-    p: AnkleParams, worn: Worn, state: OnlineState, swung: Swung, belief: Belief, stood: Any
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, swung: OnlineSwing, belief: Belief, stood: Any
 ) -> tuple[Strides, Strides, dict[str, Any], Heading]:
     """The stride that ends at the filter's sample, its deviations, its flags, and the heading there."""
     way = ankle_strides.measured(belief.mean.position, ankle_strides.across(belief.cov))
@@ -131,8 +131,8 @@ def _stride(
 
 
 def _seen(
-    worn: Worn, filters: Filters, state: OnlineState, gyr: Any, acc: Any, measured: Any, options: AnkleOptions
-) -> tuple[OnlineState, Any]:
+    worn: Worn, filters: Filters, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any, options: AnkleOptions
+) -> tuple[AnkleOnlineState, Any]:
     """The state after the part that knows the newest sample, and the row (11,) that the history takes."""
     there = jnp.asarray(measured)
     x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
@@ -156,7 +156,7 @@ def _seen(
     doubt = jnp.where(there, 0.0, jnp.asarray([LOST_RATE, LOST_FORCE], x.dtype))
     calm = (slow >= worn.calm).astype(x.dtype)
     late = butterworth.delay(settings.cutoff_hz, worn.rate_hz)
-    swung = Swung(
+    swung = OnlineSwing(
         leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
         lands=jnp.where(found.stride, found.end - late, state.swung.lands),
         known=jnp.where(found.stride, index, state.swung.known),
@@ -170,9 +170,9 @@ def _seen(
 
 
 def _advanced(
-    p: AnkleParams, worn: Worn, filters: Filters, state: OnlineState, sample: tuple[Any, Any, Any],
+    p: AnkleParams, worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Any, Any, Any],
     options: AnkleOptions,
-) -> tuple[OnlineState, Now]:  # fmt: skip
+) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """One sample: what it says of swing and stance, then the filter a lag behind, then the stride if there is one."""
     state, newest = _seen(worn, filters, state, *sample, options)
     rows, index = state.history.shape[0], state.index
@@ -207,9 +207,9 @@ def _advanced(
 
 
 def one(
-    p: AnkleParams, worn: Worn, state: OnlineState, gyr: Any, acc: Any, measured: Any = True,
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any = True,
     options: AnkleOptions = ONLINE,
-) -> tuple[OnlineState, Now]:  # fmt: skip
+) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """`step`, not compiled: to be part of another program."""
     check_options(options)
     filters = filters_of(p, worn, options, state.last.dtype)
@@ -217,9 +217,9 @@ def one(
 
 
 def over(
-    p: AnkleParams, worn: Worn, state: OnlineState, gyr: Any, acc: Any, measured: Any = None,
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any = None,
     options: AnkleOptions = ONLINE,
-) -> tuple[OnlineState, Now]:  # fmt: skip
+) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """The same step over many samples in one scan, not compiled: to be part of another program.
 
     Args:

@@ -19,7 +19,7 @@ from jgait.signal import butterworth
 from jgait.types import Strides
 
 
-class Swung(NamedTuple):
+class OnlineSwing(NamedTuple):
     """The swings since the last stride: from when to when [s], the sample at which that was known, whether any."""
 
     leaves: Any
@@ -28,7 +28,7 @@ class Swung(NamedTuple):
     any: Any
 
 
-class OnlineState(NamedTuple):
+class AnkleOnlineState(NamedTuple):
     """What is carried from sample to sample, all of a fixed size.
 
     Attributes:
@@ -61,7 +61,7 @@ class OnlineState(NamedTuple):
     valley: shank_valley.StanceSearch
     stood: Any
     slow: Any
-    swung: Swung
+    swung: OnlineSwing
     before: Any
     belief: Belief
     restart: Any
@@ -116,7 +116,7 @@ def reading(worn: Worn, gyr: Any, acc: Any) -> Any:
     return jnp.concatenate([worn.axes @ jnp.asarray(gyr), worn.axes @ jnp.asarray(acc)])
 
 
-def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions = ONLINE) -> OnlineState:
+def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions = ONLINE) -> AnkleOnlineState:
     """The state before the first sample.
 
     Args:
@@ -134,7 +134,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions 
     cascades = filters_of(p, worn, options, x.dtype)
     rates = x[:3] - worn.gyr_bias
     zero, none, no = jnp.zeros_like(x[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
-    return OnlineState(
+    return AnkleOnlineState(
         index=none - 1,
         last=jnp.stack([x, x]),
         low_passed=tuple(map(butterworth.at_rest, cascades, (x, rates, rates[1]))),
@@ -144,7 +144,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions 
         valley=shank_valley.begin(rates[1]),
         stood=none - 2**30,
         slow=none,
-        swung=Swung(zero, zero, none, no),
+        swung=OnlineSwing(zero, zero, none, no),
         before=x,
         belief=jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), level_prior(p, worn, x)),
         restart=zero,

@@ -60,7 +60,7 @@ class _Seen(NamedTuple):
     found: SegmentEstimate
 
 
-class _LegResult(NamedTuple):
+class _DutyLegResult(NamedTuple):
     """One leg: its segments, and its angles if both are worn."""
 
     thigh: _Seen | None
@@ -91,7 +91,7 @@ def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Any) -> Pl
     )
 
 
-def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: DutyCycledOptions) -> _LegResult:
+def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: DutyCycledOptions) -> _DutyLegResult:
     """Fill and filter one leg, with parameters of its side."""
     rates = dict[str, Filled]()
     above = None
@@ -112,8 +112,8 @@ def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: Du
         None if one is None else _Seen(rates[segment], one) for segment, one in zip(SEGMENTS, found, strict=True)
     )
     if found.thigh is None or found.shank is None:
-        return _LegResult(thigh, shank, None, None)
-    return _LegResult(thigh, shank, *_joints(p, found.thigh, found.shank))
+        return _DutyLegResult(thigh, shank, None, None)
+    return _DutyLegResult(thigh, shank, *_joints(p, found.thigh, found.shank))
 
 
 def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
@@ -130,7 +130,7 @@ def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate)
     )
 
 
-def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_LegResult | None]:
+def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_DutyLegResult | None]:
     """Both legs; side by side in one program where the same is worn on both."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
     worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]

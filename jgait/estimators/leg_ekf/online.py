@@ -28,7 +28,7 @@ from jgait.geometry.vectors import Vector, vector
 from jgait.types import LegTrajectory
 
 
-class OnlineState(NamedTuple):
+class LegOnlineState(NamedTuple):
     """What is carried from sample to sample.
 
     Attributes:
@@ -47,12 +47,12 @@ class OnlineState(NamedTuple):
 class OnlineStep(NamedTuple):
     """The state to carry on, the leg now, and its standard deviations."""
 
-    state: OnlineState
+    state: LegOnlineState
     leg: LegTrajectory
     stddev: LegTrajectory
 
 
-def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> OnlineState:
+def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> LegOnlineState:
     """The state before the first sample.
 
     Args:
@@ -66,7 +66,7 @@ def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOption
     """
     beliefs = [inclination.prior(vector(segment.bias), start_variance) for segment in leg]
     rates = tuple(vector(segment.gyr[0]) for segment in leg)
-    return OnlineState(beliefs[0], beliefs[1], prior_of(p, leg, start_variance, options), (rates[0], rates[1]))
+    return LegOnlineState(beliefs[0], beliefs[1], prior_of(p, leg, start_variance, options), (rates[0], rates[1]))
 
 
 def _incline(
@@ -85,7 +85,7 @@ def _incline(
 
 
 @partial(jax.jit, static_argnames=("options",))
-def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
+def step(p: LegParams, state: LegOnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
     """One sample of one leg.
 
     Args:
@@ -111,7 +111,7 @@ def step(p: LegParams, state: OnlineState, sample: LegSignals, inputs: LegInputs
     belief = result.belief
     rates = (vector(sample.thigh.gyr), vector(sample.shank.gyr))
     return OnlineStep(
-        OnlineState(thigh, shank, belief, rates),
+        LegOnlineState(thigh, shank, belief, rates),
         trajectory_of(belief.mean),
         deviation_of(p, belief.mean, belief.cov),
     )

@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from jgait.estimators.axes import Axis, Held, Sampled
-from jgait.estimators.stride_width_ekf.model import FootControl
+from jgait.estimators.stride_width_ekf.model import PathControl
 
 
 class StrideRows(NamedTuple):
@@ -59,8 +59,8 @@ class WidthInputs(NamedTuple):
     """
 
     time: Held
-    right: Annotated[FootControl, Axis()]
-    left: Annotated[FootControl, Axis()]
+    right: Annotated[PathControl, Axis()]
+    left: Annotated[PathControl, Axis()]
     height_right: Held
     height_left: Held
     distance: Sampled

@@ -36,7 +36,7 @@ class WidthState(NamedTuple):
     moved_y_left: Any
 
 
-class FootControl(NamedTuple):
+class PathControl(NamedTuple):
     """What one foot did over an interval within one of its strides; equation 2.
 
     Attributes:
@@ -57,8 +57,8 @@ class FootControl(NamedTuple):
 class WidthControl(NamedTuple):
     """Both feet."""
 
-    right: FootControl
-    left: FootControl
+    right: PathControl
+    left: PathControl
 
 
 class WidthObservation(NamedTuple):
@@ -102,7 +102,7 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
     )
 
 
-def _foot_noise(params: WidthModelParams, heading: Any, foot: FootControl, side: str) -> dict[tuple[str, str], Any]:
+def _foot_noise(params: WidthModelParams, heading: Any, foot: PathControl, side: str) -> dict[tuple[str, str], Any]:
     """V R Vᵀ of one foot: noise of Δx and Δy grows with the way, that of Δθ comes with a stride and turns the way."""
     shift = params.position_noise * foot.way
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)

@@ -11,7 +11,7 @@ import numpy as np
 from jgait.estimators.interface import Prepared
 from jgait.estimators.stride_width_ekf import notes as kinds
 from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
-from jgait.estimators.stride_width_ekf.model import FootControl
+from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
 from jgait.estimators.stride_width_ekf.trajectories import Foot, Pair, checked_feet, contact_times
 from jgait.notes import Note
@@ -243,7 +243,7 @@ def _inputs(
     return inputs._replace(strides=_rows(pair, time, kind)) if walks else inputs
 
 
-def _control(foot: Foot, time: np.ndarray, mid: np.ndarray) -> FootControl:
+def _control(foot: Foot, time: np.ndarray, mid: np.ndarray) -> PathControl:
     """What a foot does from moment to moment; an interval lies within one stride, since stances are moments."""
     before = np.maximum(np.arange(time.size) - 1, 0)
     stride = np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))
@@ -251,7 +251,7 @@ def _control(foot: Foot, time: np.ndarray, mid: np.ndarray) -> FootControl:
     step = np.diff(foot.place(time), axis=0, prepend=foot.place(time[:1]))
     c, s = np.cos(heading), np.sin(heading)
     leaves = mid[before] & (np.arange(time.size) > 0)
-    return FootControl(
+    return PathControl(
         c * step[:, 0] + s * step[:, 1],
         c * step[:, 1] - s * step[:, 0],
         np.diff(heading, prepend=heading[:1]),

@@ -9,11 +9,11 @@ from made.notes import note, texts
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
-from jgait.estimators.stride_width_ekf.model import FootControl, WidthControl, WidthState
+from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
 from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
 
 STATE = WidthState(1.0, 2.0, 0.3, 0.8, 2.4, -0.4, 0.1, 0.2, 0.3, 0.4)
-CONTROL = WidthControl(FootControl(0.5, 0.1, 0.2, 0.6, 1.0), FootControl(0.4, -0.2, -0.3, 0.5, 0.0))
+CONTROL = WidthControl(PathControl(0.5, 0.1, 0.2, 0.6, 1.0), PathControl(0.4, -0.2, -0.3, 0.5, 0.0))
 
 
 @pytest.fixture(scope="module")
