@@ -35,6 +35,10 @@ def test_no_file_is_long():
     assert long == []
 
 
+def test_no_class_name_is_used_twice():
+    assert layering.repeated_classes(ROOT) == {}
+
+
 def test_a_circle_and_an_upward_import_are_detected(tmp_path):
     files = {
         "__init__.py": "from jgait.types import A",

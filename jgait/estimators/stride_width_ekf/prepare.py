@@ -13,7 +13,7 @@ from jgait.estimators.stride_width_ekf import notes as kinds
 from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
-from jgait.estimators.stride_width_ekf.trajectories import Foot, Pair, checked_feet, contact_times
+from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
 from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError
 
@@ -79,7 +79,7 @@ def prepare_from_feet(
     return Prepared(inputs, options, tuple(notes))
 
 
-def _turns(foot: Foot, limit: float) -> list[tuple[float, float]]:
+def _turns(foot: FootTrack, limit: float) -> list[tuple[float, float]]:
     """From when to when a foot turns [s]: the two strides between which its heading changes."""
     change = np.abs(np.diff(foot.heading))
     return [(foot.mids[k], foot.mids[k + 2]) for k in np.flatnonzero(change > limit)]
@@ -243,7 +243,7 @@ def _inputs(
     return inputs._replace(strides=_rows(pair, time, kind)) if walks else inputs
 
 
-def _control(foot: Foot, time: np.ndarray, mid: np.ndarray) -> PathControl:
+def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
     """What a foot does from moment to moment; an interval lies within one stride, since stances are moments."""
     before = np.maximum(np.arange(time.size) - 1, 0)
     stride = np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))

@@ -15,7 +15,7 @@ STILL_SPEED = 0.3  # m/s; a slower foot is on the ground
 STILL_SHARE = 0.15  # of its fastest in a stride, the same
 
 
-class Foot(NamedTuple):
+class FootTrack(NamedTuple):
     """One foot's trajectory.
 
     Attributes:
@@ -57,8 +57,8 @@ class Foot(NamedTuple):
 class Pair(NamedTuple):
     """Both feet."""
 
-    right: Foot
-    left: Foot
+    right: FootTrack
+    left: FootTrack
 
 
 def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair, list[Note]]:
@@ -75,7 +75,7 @@ def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair,
         raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
     if len(stances) != 2:
         raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
-    found: list[Foot] = []
+    found: list[FootTrack] = []
     notes: list[Note] = []
     for side, foot, mids in zip(SIDES, feet, stances, strict=True):
         one, more = _checked(side, time, foot, np.asarray(mids))
@@ -84,7 +84,9 @@ def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair,
     return Pair(*found), notes
 
 
-def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray) -> tuple[Foot, list[Note]]:
+def _checked(
+    side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray
+) -> tuple[FootTrack, list[Note]]:
     if foot is None:
         raise RecordingError(f"stride_width_ekf needs both feet; the {side} one was not measured")
     position = np.asarray(foot.position, np.float64)
@@ -111,7 +113,7 @@ def _checked(side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.
     heading, first = _headings(position[mids, :2])
     c, s = np.cos(first), np.sin(first)
     x, y, z = position.T
-    return Foot(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps), notes
+    return FootTrack(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps), notes
 
 
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
@@ -127,7 +129,7 @@ def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
     return heading - heading[0], float(heading[0])
 
 
-def contact_times(foot: Foot) -> tuple[np.ndarray, np.ndarray]:
+def contact_times(foot: FootTrack) -> tuple[np.ndarray, np.ndarray]:
     """When the foot leaves and lands in each of its strides [s], by its horizontal speed."""
     speed = foot.speed()
     leave, land = [], []

@@ -23,7 +23,7 @@ from jgait.estimators.waist.params import (
     with_body,
 )
 from jgait.estimators.waist.prepare import prepare
-from jgait.estimators.waist.readout import Walked, earlier
+from jgait.estimators.waist.readout import WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides
@@ -93,7 +93,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     return stated(inputs, found, walked)
 
 
-def stated(inputs: WaistInputs, found: Intervals, walked: Walked) -> Estimate:
+def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate:
     """The estimate that a walk's intervals and the ways over them come to; as `run` returns it."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
@@ -122,7 +122,7 @@ def _along(inputs: WaistInputs, values: Any, there: Any) -> Any:
     return jnp.interp(inputs.time, when, jnp.where(there, values, jnp.where(inputs.count > 0, final, 0.0)))
 
 
-def _strides(inputs: WaistInputs, found: Intervals, walked: Walked, there: Any) -> tuple[Strides, Strides, Any]:
+def _strides(inputs: WaistInputs, found: Intervals, walked: WaistWalk, there: Any) -> tuple[Strides, Strides, Any]:
     """Strides of both feet, their standard deviations and flags; a row a node."""
     valid = inputs.stride & there
     start, end = earlier(inputs.contact, 2), inputs.contact

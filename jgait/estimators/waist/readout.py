@@ -28,7 +28,7 @@ EDGE_STEPS = 2
 """So many intervals after standing, and before it, are of setting off and of stopping."""
 
 
-class Walked(NamedTuple):
+class WaistWalk(NamedTuple):
     """What was walked up to each node, and over the step and the stride that end there; (K,) each.
 
     Attributes:
@@ -118,7 +118,7 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Any
     return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 
 
-def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, options: WaistOptions) -> Walked:
+def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, options: WaistOptions) -> WaistWalk:
     """The state-space model over a walk."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
@@ -158,10 +158,10 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, opti
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
     }
-    return Walked(mean.distance, deviation.distance, mean.step, mean.stride, deviation.stride, unsure, told)
+    return WaistWalk(mean.distance, deviation.distance, mean.step, mean.stride, deviation.stride, unsure, told)
 
 
-def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked:
+def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistWalk:
     """The pendulum's steps alone; from and to standing half of the step beside it."""
     own = jnp.where(inputs.steps, p.pendulum_constant * found.pendulum, 0.0)
     beside = jnp.maximum(jnp.concatenate([own[1:], own[:1]]), jnp.concatenate([own[:1], own[:-1]]))
@@ -169,7 +169,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked
     variance = jnp.where(inputs.moves, _step_variance(p, inputs, found), 0.0)
     distance, share = jnp.cumsum(step), p.pendulum_constant_sd
     stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
-    return Walked(
+    return WaistWalk(
         distance=distance,
         distance_sd=root(jnp.cumsum(variance) + (share * distance) ** 2),
         step=step,
@@ -182,7 +182,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Walked
 
 def by_integration(
     p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Any, held: Any, start_sd: Any
-) -> Walked:
+) -> WaistWalk:
     """The paper's way, and how far it can be right.
 
     A bias b of the forward acceleration makes the speed wrong by b t up to the cycle from which OFDRI holds the speed,
@@ -207,4 +207,4 @@ def by_integration(
     wrong = start_sd + drifted - drifted[begun(inputs)]
     off = jnp.cumsum(jnp.where(inputs.moves, wrong * found.duration, 0.0))
     stride, two = step + earlier(step, 1), found.duration + earlier(found.duration, 1)
-    return Walked(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})
+    return WaistWalk(distance, off, step, stride, wrong * two, ~inputs.stood | turned, {})
