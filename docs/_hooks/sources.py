@@ -27,7 +27,7 @@ others = list(getattr(registry, "OTHERS", {}).items())
 methods = []
 for name in estimators.names():
     one = estimators.get(name)
-    methods.append((name, one.run.__module__.split(".")[2], one.about.title, one.about.needs))
+    methods.append((name, one.run.__module__.split(".")[2], one.about.title, one.about.needs, one.about.source))
 print(json.dumps([told(typer.main.get_command(cli.app), "jgait"), formats, others, methods]))
 """
 
@@ -92,13 +92,14 @@ def _printed() -> list[list[list[str]]]:
 
 def pages_of_methods() -> list[str]:
     """A page for each package of `jgait.estimators`, in the order of its estimators."""
-    return list(dict.fromkeys(f"methods/{package}.md" for _, package, _, _ in _printed()[3]))
+    return list(dict.fromkeys(f"methods/{package}.md" for _, package, *_ in _printed()[3]))
 
 
 def methods() -> str:
-    """A table of the estimators: what each gives, and the columns of a recording that it needs."""
-    lines = ["| estimator | gives | needs |", "|---|---|---|"]
-    lines += [f"| [{name}]({package}.md) | {title} | {needs} |" for name, package, title, needs in _printed()[3]]
+    """A table of the estimators: what each gives, the columns of a recording that it needs, and its source."""
+    lines = ["| estimator | gives | needs | after |", "|---|---|---|---|"]
+    for name, package, *cells in _printed()[3]:
+        lines.append(f"| [{name}]({package}.md) | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -197,6 +197,7 @@ class About(NamedTuple):
     Attributes:
         title: what it estimates, from which sensors.
         needs: the columns of a recording that it needs, in words.
+        source: authors and year of the method.
         default: the options of its default pipeline.
         paper: the options of the paper's pipeline, or None where there is none.
         measures: of a person.
@@ -213,6 +214,7 @@ class About(NamedTuple):
 
     title: str = "Gait from wearable sensors"
     needs: str = ""
+    source: str = ""
     default: Any = None
     paper: Any = None
     measures: tuple[BodyMeasure, ...] = ()

@@ -57,6 +57,7 @@ _HEIGHT = "height of the sensor over the ankle"
 ABOUT = About(
     title="Strides from a sensor at the ankle or on the shank",
     needs="ankle_right_gyr_x … shank_left_acc_z, one leg or both, mounted in any way.",
+    source="Silva et al. 2017",
     default=DEFAULT,
     measures=(
         BodyMeasure("lever_ankle", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor at the ankle", "--lever", 0.03),

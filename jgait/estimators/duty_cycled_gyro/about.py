@@ -122,6 +122,7 @@ def _filler(name: str) -> str:
 ABOUT = About(
     title="Hip and knee angles from sensors whose gyroscopes sleep part of the time",
     needs="the columns of leg_ekf, or those of one segment alone.",
+    source="Udaya Shankar et al. 2010",
     default=DEFAULT,
     paper=PAPER,
     measures=(THIGH, SHANK),

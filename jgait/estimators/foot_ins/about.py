@@ -24,6 +24,7 @@ def totals(estimate: Estimate) -> list[dict[str, Any]]:
 ABOUT = About(
     title="Paths and strides of the feet from sensors on the shoes",
     needs="foot_right_gyr_x … foot_left_acc_z, one foot or both.",
+    source="Potter et al., Foxlin 2005",
     default=DEFAULT,
     measures=(PIVOT,),
     options=(

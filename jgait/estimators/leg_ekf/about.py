@@ -31,6 +31,7 @@ ABOUT = About(
         "thigh_right_gyr_x … thigh_right_acc_z, likewise shank_right, thigh_left, shank_left; one leg is enough. "
         "Accelerometers keep the angles correct in turns and on long walks."
     ),
+    source="Bennett et al. 2013",
     default=DEFAULT,
     paper=PAPER,
     measures=(THIGH, SHANK),

@@ -39,6 +39,7 @@ ABOUT = FOOT._replace(
         "foot_right_gyr_x … foot_left_acc_z, and feet_range [m], the distance between the feet, empty where none was "
         "measured."
     ),
+    source="Potter et al.",
     default=DEFAULT,
     paper=PAPER,
     measures=(

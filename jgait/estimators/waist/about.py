@@ -55,6 +55,7 @@ def _drawn(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
 ABOUT = About(
     title="Contacts, strides and distance from one sensor at the waist",
     needs="waist_gyr_x … waist_acc_z (or lower_back, or pelvis), mounted in any way.",
+    source="Köse et al. 2011",
     default=DEFAULT,
     paper=PAPER,
     measures=(
