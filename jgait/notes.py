@@ -5,7 +5,9 @@ A kind of fact is declared once, beside the code that notices it: `LOST = Kind("
 `LOST(placement="waist", lost=3)`. Programs read `code`, `severity` and `values`; people read `text` and `meaning`.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, cast
 
 Severity = Literal["stop", "check", "corrected", "info"]
@@ -40,8 +42,9 @@ class Kind(NamedTuple):
         return Note(self, {name: _plain(value) for name, value in values.items()})
 
 
-class Note(NamedTuple):
-    """One fact about one recording or result.
+@dataclass(frozen=True)
+class Note:
+    """One fact about one recording or result; unlike a NamedTuple no pytree, so that JAX takes it as one leaf.
 
     Attributes:
         kind: which kind of fact it is.
@@ -96,6 +99,23 @@ class Note(NamedTuple):
         severity = cast(Severity, content["severity"])
         kind = Kind(str(content["code"]), severity, text, str(content["meaning"]))
         return kind(**cast(Mapping[str, object], content["values"]))
+
+
+def to_json(notes: Iterable[Note]) -> str:
+    """Notes as one text, for a cell of a table."""
+    return json.dumps([note.to_dict() for note in notes], ensure_ascii=False)
+
+
+def from_json(text: str) -> tuple[Note, ...]:
+    """The notes that `to_json` wrote.
+
+    Raises:
+        ValueError: if the text is not JSON of notes.
+    """
+    try:
+        return tuple(map(Note.from_dict, json.loads(text)))
+    except (TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"these are no notes in JSON: {text[:60]!r}") from error
 
 
 def _plain(value: object) -> Value:

@@ -14,6 +14,7 @@ from experiments.common.recordings import walks
 from experiments.common.signals import low_pass
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
+from jgait.notes import Note
 from jgait.types import SIDES, Imu, Walk, as_float
 
 FULL = 0.65  # of the recording's median: a shorter stride is a half-step
@@ -69,7 +70,7 @@ class Leg(NamedTuple):
     rate_hz: float
     leg_length: float | None
     reference: Reference
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def legs(name: str, only: tuple[str, ...] | None = None) -> list[Leg]:

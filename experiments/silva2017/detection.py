@@ -52,7 +52,7 @@ def _line(scores: list[Score]) -> list[Any]:
 
 def mistaken(groups: dict[str, list[Leg]]) -> list[Row]:
     """Sensors that are not where they are said to be, as the code noticed."""
-    noticed = [[f"{leg.walk}, {leg.side}", note] for of in groups.values() for leg in of for note in leg.notes]
+    noticed = [[f"{leg.walk}, {leg.side}", str(note)] for of in groups.values() for leg in of for note in leg.notes]
     if noticed:
         show("Noticed", ["", ""], noticed)
     return [Row("sensors_noticed_exchanged", float(len(noticed)), "legs", n=sum(map(len, groups.values())))]

@@ -15,6 +15,7 @@ from jgait import estimators
 from jgait.commands.console import stop
 from jgait.commands.recordings import recording_of
 from jgait.estimators.about import BodyMeasure
+from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_of
 
 
@@ -61,6 +62,21 @@ AT_ENDS = 0.25
 """[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
 
 
+COLUMN_UNUSED = Kind("column_unused", "info", "column {column!r} is left out{hint}", LEFT_OUT)
+SUBJECTS_UNKNOWN = Kind(
+    "subjects_unknown",
+    "info",
+    "no column 'subject': every recording counts as another person",
+    "If recordings are of the same people, intervals are narrower than they should be.",
+)
+MEASURE_OF_SOME = Kind(
+    "measure_of_some",
+    "check",
+    "{without} of {recordings} recordings have no {column}: the default length is taken for them",
+    DEFAULT_MEASURE,
+)
+
+
 class Source(NamedTuple):
     """A cohort, not yet read.
 
@@ -78,7 +94,7 @@ class Source(NamedTuple):
     read: Callable[[Any], Walk] | None
     marks: dict[str, str]
     failures: list[tuple[str, str]]
-    notes: list[str]
+    notes: list[Note]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Walk by walk; walks that cannot be read are added to the failures."""
@@ -260,19 +276,19 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes)
 
 
-def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[str]:
+def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[Note]:
     """Notes about columns that the user may have misspelt or forgotten."""
-    notes = []
+    notes: list[Note] = []
     others = [name for name in names if name not in COLUMNS]
     for name in others:
         near = difflib.get_close_matches(name, COLUMNS, 1, 0.7)
-        notes.append(f"column {name!r} is left out" + (f"; did you mean {near[0]!r}?" if near else ""))
+        notes.append(COLUMN_UNUSED(column=name, hint=f"; did you mean {near[0]!r}?" if near else ""))
     if not any(row.get("subject") for row in rows.values()):
-        notes.append("no column 'subject': every recording counts as another person")
+        notes.append(SUBJECTS_UNKNOWN())
     for name in measures:
         without = sum(not row.get(f"{name}_m") for row in rows.values())
         if without and name in ASKED_FOR:
-            notes.append(f"{without} of {len(rows)} recordings have no {name}_m: the default length is taken for them")
+            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=f"{name}_m"))
     return notes
 
 

@@ -42,6 +42,7 @@ def evaluate(
     cannot be used stops no other. Exit code 0: all recordings were used; 1: some could not be used; 2: none.
     """
     from jgait import evaluate as evaluation
+    from jgait.evaluate.store import OtherEvaluationError
 
     pipeline = pipeline_of(estimator, paper)
     start = start_of(pipeline, params, paper)
@@ -59,8 +60,10 @@ def evaluate(
                 pipeline, source.items, start, own=body_of, read=source.read, out=out / "run", batch=batch,
                 progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
             )  # fmt: skip
+        except OtherEvaluationError as error:
+            stop(f"{error}; --fresh starts anew")
         except (ValueError, OSError) as error:
-            stop(f"{error}; --fresh starts anew" if "another evaluation" in str(error) else str(error))
+            stop(str(error))
     results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
     failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
     say_failures(failures)

@@ -10,7 +10,10 @@ from jgait import estimators
 from jgait.commands.console import note, stop
 from jgait.commands.own_options import given_of, refuse
 from jgait.estimators import About, Estimator
+from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.types import Estimate, Recording
+
+MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", DEFAULT_MEASURE)
 
 
 class Choice(NamedTuple):
@@ -30,7 +33,7 @@ class Choice(NamedTuple):
     given: dict[str, Any]
     paper: bool = False
 
-    def personal(self, known: Mapping[str, Any]) -> tuple[Any, list[str]]:
+    def personal(self, known: Mapping[str, Any]) -> tuple[Any, list[Note]]:
         """The parameters of one person, and notes about measures for which the default stands in.
 
         Args:
@@ -55,7 +58,7 @@ class Choice(NamedTuple):
         return result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
 
 
-def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) -> list[str]:
+def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) -> list[Note]:
     """Notes about measures that are not known, neither of the person nor from parameters.
 
     Args:
@@ -65,7 +68,7 @@ def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) ->
         default: default parameters.
     """
     measures = {measure.name: measure for measure in about.measures}
-    notes = []
+    notes: list[Note] = []
     for group in about.missing:
         lacking = []
         for name in group.measures:
@@ -76,7 +79,7 @@ def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) ->
             continue
         options = list(dict.fromkeys(lacking))
         words = f"neither {' nor '.join(options)}" if group.any_one else f"no {' and '.join(options)}"
-        notes.append(f"{words}: {group.text.format(p=params)}")
+        notes.append(MEASURES_ABSENT(options=words, consequence=group.text.format(p=params)))
     return notes
 
 

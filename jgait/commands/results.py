@@ -94,7 +94,7 @@ def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, An
     of_all = {
         "duration_s": float(estimate.time[-1] - estimate.time[0]),
         "distance_m": distance,
-        "notes": list(map(str, estimate.diagnostics["notes"])),
+        "notes": [note.to_dict() for note in estimate.diagnostics["notes"]],
         "files": [str(path) for path in files],
     }
     tables = {table.json: _records(table, estimate, about) for table in about.tables if table.json}

@@ -109,15 +109,19 @@ def tune(
     say_failures(failures)
     _check_reference(made, {loss, judge or loss}, source.title)
     _make_room(out, fresh)
+    from jgait.tune.checkpoint import OtherFitError
+
     job = _job(pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run")
     with progress() as bars, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             results = _learned(job, Bar(bars), cross, loss)
+        except OtherFitError as error:
+            stop(f"{error}; --fresh starts anew")
         except (ValueError, TypeError) as error:
-            stop(f"{error}; --fresh starts anew" if "belongs to another fit" in str(error) else str(error))
-    for line in dict.fromkeys(str(warning.message) for warning in caught):
-        note(line)
+            stop(str(error))
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        note(message)
     how = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,

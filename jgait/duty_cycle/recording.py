@@ -25,7 +25,7 @@ SEGMENTS = ("thigh", "shank")
 
 SLEEP_FILLED = Kind(
     "sleep_filled",
-    "info",
+    "check",
     "{placement}: of the gyroscope's samples {filled:.0%} are filled ({filler}), {held:.0%} masked, since too little "
     "was measured before them",
     "Filled samples were computed by the filler and not measured; results there are less certain.",

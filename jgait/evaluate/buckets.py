@@ -17,7 +17,7 @@ from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
-from jgait.notes import Note
+from jgait.notes import Note, to_json
 from jgait.params import check_params
 from jgait.types import AnyArray, Estimate, RecordingError, Walk, reason_of
 
@@ -278,7 +278,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
 
     recordings = [
         (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
-         np.mean(estimate.valid), "; ".join(map(str, ready.notes)))
+         np.mean(estimate.valid), to_json(ready.notes))
         for ready, estimate, _ in good
     ]  # fmt: skip
     quantities = [

@@ -38,12 +38,16 @@ _WHOLE = ("n_samples", "s_id")
 _DESCRIPTION = "cohort.json"
 
 
+class OtherEvaluationError(ValueError):
+    """A folder holds results of an evaluation with other data or settings."""
+
+
 class Cohort(NamedTuple):
     """How an estimator did on a cohort; pandas tables, sorted by recording.
 
     Attributes:
         recordings: a row a recording: `recording subject n_samples seconds valid notes`; `valid` is the share of
-            samples at which the estimate says something [1].
+            samples with an estimate [1]; `notes` are JSON, read by `jgait.notes.from_json`.
         quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
             rel_error`, in the unit that the quantity's name ends with; NaN where there is no reference.
         strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s].
@@ -151,7 +155,9 @@ class Folder:
         differ = [name for name in sorted({*before, *description}) if before.get(name) != description.get(name)]
         if differ:
             told = "; ".join(f"{k}: {before.get(k, 'none')} there, {description.get(k, 'none')} here" for k in differ)
-            raise ValueError(f"{self._path} holds results of another evaluation ({told}); give another folder as out")
+            raise OtherEvaluationError(
+                f"{self._path} holds results of another evaluation ({told}); give another folder as out"
+            )
         for left in self._path.glob(f".{rank}-part-*"):
             shutil.rmtree(left)
         own = [int(p.name.rsplit("-", 1)[1]) for p in self._parts() if p.name.startswith(f"part-{rank}-")]

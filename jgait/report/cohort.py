@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.estimators import about_of
+from jgait.notes import from_json
 from jgait.report import flags
 from jgait.report.made import Made
 from jgait.report.page import (
@@ -134,7 +135,7 @@ def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
     seen: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
     for text in cohort.recordings["notes"]:
-        own = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(text)}
+        own = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(str(text))}
         seen.update(own.keys())
         example = own | example
     gathered = [
@@ -146,9 +147,9 @@ def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
     return [*flags.explained(made.notes), *gathered]
 
 
-def _noted(text: Any) -> list[Flag]:
+def _noted(text: str) -> list[Flag]:
     """The notes of a recording that are more than information."""
-    return [flag for flag in flags.explained(flags.apart(str(text))) if flag.grade != "info"]
+    return [flag for flag in flags.explained(from_json(text)) if flag.grade != "info"]
 
 
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
@@ -276,7 +277,7 @@ def _recordings(cohort: "Cohort") -> Section:
         rows.append([
             Cell(without_folders(str(row.recording))), Cell(str(row.subject)), cell(row.seconds, 1),
             cell(100.0 * float(row.valid), 0), cell(known["estimate"], 2), cell(known["reference"], 2),
-            Cell("; ".join(line for flag in _noted(row.notes) for line in flag.text.splitlines())),
+            Cell("; ".join(line for flag in _noted(str(row.notes)) for line in flag.text.splitlines())),
         ])  # fmt: skip
     left = len(cohort.recordings) - len(rows)
     text = f"The first {len(rows)}; {left} more are in the tables of jgait evaluate." if left else ""

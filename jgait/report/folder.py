@@ -8,6 +8,7 @@ from typing import Any
 import jax
 
 from jgait.evaluate.store import COLUMNS, Cohort, frame
+from jgait.notes import from_json
 from jgait.report.made import Made
 
 TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
@@ -24,6 +25,8 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
         ValueError: if one of them lacks a column, or has words in the place of numbers.
     """
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
+    for text in tables["recordings"]["notes"]:
+        from_json(text)
     failed = _strings(folder / "failures.csv", ("recording", "reason"))
     failures = list(zip(failed["recording"], failed["reason"], strict=True))
     whose = _whose(folder / "run")

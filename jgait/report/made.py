@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jgait.notes import Note
 from jgait.report.page import Cell, Table, significant
 from jgait.version import __version__
 
@@ -21,7 +22,7 @@ class Made(NamedTuple):
         pipeline: which variant of the estimator, such as "the paper's".
         file: name of the file or data set.
         command: that makes the page again.
-        notes: in words, what was assumed on the way.
+        notes: what was assumed on the way.
         version: of jgait that computed it.
     """
 
@@ -31,7 +32,7 @@ class Made(NamedTuple):
     pipeline: str = ""
     file: str = ""
     command: str = ""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     version: str = __version__
 
     def settings(self) -> list[tuple[str, str]]:

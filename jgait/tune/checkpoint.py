@@ -61,6 +61,10 @@ def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
         new.unlink(missing_ok=True)
 
 
+class OtherFitError(ValueError):
+    """A file holds a fit with other data or settings."""
+
+
 def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
     """Read what `save` wrote.
 
@@ -73,7 +77,8 @@ def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
         The pytree, its leaves NumPy arrays; None if there is no file.
 
     Raises:
-        ValueError: if the file is no checkpoint, or one of another fit; the message says what differs.
+        ValueError: if the file is no checkpoint.
+        OtherFitError: if it is one of another fit; the message states the differences.
     """
     if not path.exists():
         return None
@@ -89,5 +94,5 @@ def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
     structure: PyTree = jax.tree.structure(like)
     if other or structure.num_leaves != len(leaves):
         what = ", ".join(other) or "optimizer"
-        raise ValueError(f"{path} belongs to another fit: {what} differ; delete it, or name another file")
+        raise OtherFitError(f"{path} belongs to another fit: {what} differ; delete it, or name another file")
     return jax.tree.unflatten(structure, leaves)

@@ -76,7 +76,9 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     (told,) = json.loads(numbers.read_text())["recordings"].values()
     assert told["legs"][0]["distance_m"] == pytest.approx(leg["distance_m"])
     assert told["distance_m"] == pytest.approx(leg["distance_m"])
-    assert told["notes"] == list(io.read_csv(tmp_path / "walk.csv").notes)  # and nothing of the estimator's
+    assert told["notes"] == [
+        note.to_dict() for note in io.read_csv(tmp_path / "walk.csv").notes
+    ]  # and nothing of the estimator's
     special = [one["special"] for one in told["strides"]]
     assert special == [["half-step"], [], ["turning"], ["stairs"], [], ["half-step"]]
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from made.notes import note
 from typer.testing import CliRunner
 
 from jgait import io, plot
@@ -60,7 +61,8 @@ def made(how, *, joints=True, samples=2000):
     time = np.arange(samples) / RATE
     wave = np.sin(2.0 * np.pi * time)
     told = {"gyro_energy_saved": 0.4, "usable_share": 0.5, "mean_power": 0.02, "battery_life": 7200.0,
-            "battery_life_always_on": 3600.0, "latency": 0.0, "notes": ("said",), "standing": (0, 50)}  # fmt: skip
+            "battery_life_always_on": 3600.0, "latency": 0.0, "notes": (note("a fact"),),
+            "standing": (0, 50)}  # fmt: skip
     for name in ("thigh_right", "shank_right") if joints else ("shank_right",):
         flags = how if name == "shank_right" else np.full(samples, MEASURED)
         told |= {f"angle_{name}": 0.3 * wave, f"angle_stddev_{name}": np.full(samples, 0.02), f"gyro_{name}": wave,
@@ -96,7 +98,7 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
     assert seen["sensors"] == {"thigh_right", "shank_right"} and seen["p"].thigh_length.right == 0.4
     assert type(seen["p"].filler).__name__ == "Ridge"
     assert "│ walk │ 50 │ 2 │ 40 │ 2.00 │ -17 … 17 │ -34 … 34 │ – │ – │" in said and "gaps filled by ridge" in said
-    assert "walk.csv: said" in said and "no --duty" not in said
+    assert "walk.csv: a fact" in said and "no --duty" not in said
     assert {path.name for path in out.iterdir()} == {
         "walk_segments.csv", "walk_legs.csv", "walk_gyroscopes.png", "numbers.json",
     }  # fmt: skip

@@ -170,8 +170,8 @@ def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
     walk = found.read("a.csv")
     assert cohort.body(walk, ("pivot_height", "range_offset")) == {"pivot_height": 0.09, "range_offset": -0.05}
     legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", LEGS)
-    assert [note.split(":")[0] for note in legs.notes] == [
-        "1 of 1 recordings have no thigh_length_m", "1 of 1 recordings have no shank_length_m",
+    assert [(note.code, note.values["column"], note.values["without"]) for note in legs.notes] == [
+        ("measure_of_some", "thigh_length_m", 1), ("measure_of_some", "shank_length_m", 1)
     ]  # fmt: skip
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.cohort import FAKE, TRACED, Params, read, run, walk
-from made.notes import note
+from made.notes import note, texts
 
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import prepare as leg_calibration
 from jgait.evaluate import buckets, devices, scores
 from jgait.evaluate.store import Folder, described
+from jgait.notes import from_json
 from jgait.signal import windows as signal
 from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
@@ -54,7 +55,7 @@ def test_everyone_s_numbers_are_those_of_a_run_alone(twenty):
         row = twenty.recordings.iloc[i]
         assert (row["subject"], row["n_samples"], row["valid"]) == (f"00{i % 4}", item.reference.time.size, 1.0)
         assert row["seconds"] == pytest.approx(item.reference.time[-1])
-        assert row["notes"] == "as it came; prepared"
+        assert texts(from_json(row["notes"])) == ["as it came", "prepared"]
         estimate = alone(item)
         table = twenty.quantities[twenty.quantities["recording"] == row["recording"]].set_index("quantity")
         error = evaluate.distance_error(estimate, item.reference)

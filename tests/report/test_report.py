@@ -23,7 +23,9 @@ from jgait.commands.cohort import Source
 from jgait.commands.pipeline import chosen
 from jgait.estimators import ankle_stride, leg_ekf
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
+from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.io.atomic import write_text
+from jgait.notes import SEVERITIES
 from jgait.report import figures, flags, strides
 from jgait.report.page import number, without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
@@ -57,7 +59,7 @@ def walking_legs(cycle=1.2, speed=1.25, hz=25.0, seconds=20.0, knee=60.0, hip=25
         hips = np.where(moving, np.deg2rad(hip) * np.cos(phase), 0.0)
         legs.append(LegTrajectory(hips, knees, 0.3 * np.sin(hips), -0.8 * np.cos(hips)))
     spread = LegTrajectory(*(np.full(time.size, value) for value in (0.05, 0.05, 0.01, 0.01)))
-    told = {"notes": ("the recording does not start standing still; its first angles are uncertain",), "nis_right": 0.9}
+    told = {"notes": (NO_FIRST_STANDING(),), "nis_right": 0.9}
     return Estimate(time, Legs(*legs), Legs(spread, spread), speed * on, time > -1.0, told)
 
 
@@ -81,7 +83,7 @@ def walking_ankles(name="", lengths=LENGTHS, seconds=20.0, hz=25.0):
         "stairs": none,
         "clipped": none,
         "half": row < 2,
-        "notes": (name,) * bool(name),
+        "notes": (made_notes.note(name, "check"),) * bool(name),
     }
     way = np.interp(time, [2.0, 9.0], [0.0, 8.4])
     return Estimate(time, Legs(None, None), None, way, time > -1.0, told, columns, strides_stddev=spread)
@@ -155,8 +157,9 @@ def test_cycles_of_legs_are_found_and_measured(legs):
 
 
 def test_a_recording_in_which_nobody_walks_is_a_page_too():
-    still = walking_ankles("ankle_right does not walk", lengths=LENGTHS[:0])
-    page = report.of_estimate(still._replace(distance=None), recording("ankle_right"))
+    still = walking_ankles("", lengths=LENGTHS[:0])
+    facts = {**still.diagnostics, "notes": (NO_STEPS(placement="ankle_right"),)}
+    page = report.of_estimate(still._replace(distance=None, diagnostics=facts), recording("ankle_right"))
     assert page.numbers["flags"][0]["grade"] == "stop"
     assert "No strides were found" in page.html and "must not be relied on" in page.html
     standing = walking_legs()
@@ -259,44 +262,15 @@ def test_folders_are_left_out(said, expected):
     assert without_folders(said) == expected
 
 
-NOTES = (
-    ("waist does not walk", "stop"),
-    ("the distance of 3.0 m is only known to within 4.0 m: it should not be used", "stop"),
-    ("right thigh and shank sensors look swapped (the 'thigh' turns faster); taken the other way round", "check"),
-    ("left and right foot seem to be exchanged: so the ranges are 9 nats likelier", "check"),
-    ("a foot has 1 strides, and two of each are needed: no widths", "check"),
-    ("2 strides of foot_left are left out: more than 0.5 s of them is lost", "check"),
-    ("the gyroscope of foot_left clips in 12 samples, which count for less", "check"),
-    ("thigh_right gyr_x is clipped at 8.7 rad/s in 3 samples", "check"),
-    ("shank_left acc_z is constant at 0 m/s²", "check"),
-    ("ankle_left swings as fast backwards as forwards: which way is forward is not sure", "check"),
-    ("waist: it is not sure which way is forward", "check"),
-    ("no accelerometer: angles come from the gyroscopes alone and drift", "check"),
-    ("foot_left never rests for half a second: its gyroscope's bias is not known, headings drift more", "check"),
-    ("bout 2 of 2, from 8.0 s, does not begin from standing: what integration says …", "check"),
-    ("thigh_right: 8 of 415 samples are missing", "check"),
-    ("2 gaps in time, the longest 0.1 s after 3.00 s; 9 samples inserted and masked", "check"),
-    ("2 of 4 recordings have no thigh_length_m: the default length is taken for them", "check"),
-    ("the accelerometer of foot_left reads +3.2 % of gravity at rest; corrected", "corrected"),
-    ("waist: its z axis looks up and its x forward; corrected", "corrected"),
-    ("left out 3 ranges in turns", "corrected"),
-    ("5 samples of waist are lost; the filter goes on without them", "check"),
-    ("8 samples of foot_left are lost; strides across them are stated less certain", "check"),
-    ("the range's clock is 20 ± 2 ms late; taken off", "corrected"),
-    ("sampling rate 50 Hz, from the time stamps", "info"),
-)
-
-
 def test_notes_are_explained_each_by_its_meaning():
-    for note, grade in NOTES:
-        (flag,) = flags.explained([note])
-        assert flag.grade == grade, note
-        assert "Noticed while" not in flag.meaning, note
-    found = flags.explained([note for note, _ in NOTES] * 2)
-    grades = [flag.grade for flag in found]
-    assert grades == sorted(grades, key=list(flags.GRADES).index)
-    assert sum(len(flag.text.splitlines()) for flag in found) == len(NOTES)  # each once
-    assert flags.apart("; ".join(note for note, _ in NOTES)) == [note for note, _ in NOTES]
+    notes = [
+        made_notes.note(f"{severity} {number}", severity) for number in range(2) for severity in reversed(SEVERITIES)
+    ]
+    (flag,) = flags.explained([made_notes.note("a fact of /data/anna/walk.csv"), made_notes.note("time_s is new")])
+    assert flag == flags.Flag("info", "A fact of walk.csv\ntime_s is new", "Made for tests, info.")
+    found = flags.explained(notes * 2)
+    assert [flag.grade for flag in found] == list(flags.GRADES) == list(SEVERITIES)
+    assert all(len(flag.text.splitlines()) == 2 for flag in found)  # each once
     assert "3 things" in flags.verdict([flags.Flag("check", "", "")] * 3)
 
 
@@ -436,7 +410,9 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
 def test_what_is_not_given_of_a_person_is_said():
     ankle = chosen("ankle_stride", False, None, {})
     _, missing = ankle.personal({})
-    assert len(missing) == 1 and missing[0].startswith("no --lever: a sensor at the ankle is taken to sit 0.03 m above")
+    assert len(missing) == 1 and missing[0].text.startswith(
+        "no --lever: a sensor at the ankle is taken to sit 0.03 m above"
+    )
     assert [flag.grade for flag in flags.explained(missing)] == ["check"]
     legs = chosen("leg_ekf", False, None, {"scale": 1.1, "thigh": 0.4})
     p, missing = legs.personal({"shank_length": (0.4, 0.41)})

@@ -1,0 +1,100 @@
+"""Notes: every kind of the library is complete and used, and no code reads facts out of sentences."""
+
+import ast
+import json
+import re
+import string
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made.notes import kinds
+
+import jgait
+from jgait.notes import SEVERITIES, Kind, Note, from_json, to_json
+
+ROOT = Path(jgait.__file__).parent
+KINDS = kinds()
+LOST = Kind("samples_lost", "check", "{placement}: {lost} of {share:.1f} % are lost in {files}", "Data are lost.")
+
+
+def fields(kind: Kind) -> set[str]:
+    """Names of the values in a kind's sentence."""
+    return {name for _, name, _, _ in string.Formatter().parse(kind.text) if name}
+
+
+def calls() -> Iterator[tuple[str, str, set[str] | None]]:
+    """File, name of the function and keywords (None where a mapping is unpacked) of every call in the library."""
+    for path in sorted(ROOT.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
+                name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+                keywords = [keyword.arg for keyword in node.keywords]
+                known = {keyword for keyword in keywords if keyword is not None}
+                yield str(path.relative_to(ROOT)), name, known if None not in keywords else None
+
+
+CALLS = list(calls())
+
+
+def test_codes_are_unique_and_snake_case():
+    codes = [kind.code for kind in KINDS.values()]
+    assert len(codes) > 80
+    assert sorted(code for code in set(codes) if codes.count(code) > 1) == []
+    assert [code for code in codes if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", code)] == []
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_kind_is_complete_and_is_called_with_its_values(name):
+    kind = KINDS[name]
+    assert kind.severity in SEVERITIES
+    assert re.match(r"[A-Z].*\.$", kind.meaning), kind.meaning
+    own = name.rpartition(".")[2]
+    given = [keywords for _, called, keywords in CALLS if called == own]
+    assert given, f"{own} is never called"
+    for keywords in given:
+        assert keywords is None or keywords == fields(kind)
+
+
+def test_a_note_is_its_sentence_and_its_values():
+    note = LOST(placement="waist", lost=np.int64(3), share=np.float64(1.25), files=["a.csv", "b.csv"])
+    assert str(note) == note.text == "waist: 3 of 1.2 % are lost in a.csv, b.csv"
+    assert (note.code, note.severity) == ("samples_lost", "check")
+    assert note.values == {"placement": "waist", "lost": 3, "share": 1.25, "files": ("a.csv", "b.csv")}
+    assert len({note, LOST(placement="waist", lost=3, share=1.25, files=("a.csv", "b.csv"))}) == 1
+
+
+def test_notes_come_back_from_json():
+    note = LOST(placement="a {strange} name", lost=3, share=0.5, files=["a.csv"])
+    content = json.loads(json.dumps(note.to_dict()))
+    assert set(content) == {"code", "severity", "values", "text", "meaning"}
+    back = Note.from_dict(content)
+    assert back.to_dict() == note.to_dict() and back.text == note.text and back.values == note.values
+    assert [each.to_dict() for each in from_json(to_json([note, note]))] == [note.to_dict()] * 2
+    assert from_json("[]") == ()
+
+
+@pytest.mark.parametrize("text", ["waist does not walk", "", '["a"]', '[{"code": "a"}]', "3"])
+def test_other_texts_are_no_notes(text):
+    with pytest.raises(ValueError, match=r"no notes in JSON|Expecting value"):
+        from_json(text)
+
+
+def test_a_value_that_the_sentence_needs_is_missed():
+    with pytest.raises(KeyError, match="lost"):
+        str(LOST(placement="waist"))
+
+
+def test_no_code_reads_facts_out_of_sentences():
+    searches = re.compile(r"re\.\w+\([^\n]*\b(?:notes?|reason|message|str\(error\))\b")
+    rewrites = re.compile(
+        r"str\((?:error|note)\)\.(?:replace|removeprefix|split|partition)|in (?:str\(note\)|note\.text)\b"
+    )
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in sorted(ROOT.rglob("*.py"))
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if searches.search(line) or rewrites.search(line)
+    ]
+    assert found == []
