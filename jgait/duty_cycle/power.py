@@ -1,12 +1,13 @@
-r"""What a sensor costs that sleeps part of the time: power, schedules, masks, energy, battery life.
+r"""Energy of a sensor that is switched off part of the time: power, schedules, masks, battery life.
 
 A schedule repeats m units on and n units off, each of u seconds. Before it measures, the sensor is powered for its
-wake-up time w. Taken out of the off-time, as the paper does, the mean power over the period c = (m + n) u is
+wake-up time w. If w is part of the off-time, as in the paper, the mean power over the period c = (m + n) u is
 
     p̄ = [p_on m u + p_wake min(w, n u) + p_off (n u − min(w, n u))] / c.
 
 The paper's Table 2, duty cycle p/q in lowest terms, is p of q units of 1.4 s on: ten units, 10/q wake-ups in 14 s, a
-saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscope's energy. All nine printed values come out.
+saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscope's energy. This gives all nine printed
+values.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010, sections 1 and 5, Table 2. Test:
@@ -15,10 +16,13 @@ tests/duty_cycle/test_power.py.
 
 import math
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Shaped
+
+from jgait.types import AnyArray
 
 JOULES_PER_WATT_HOUR = 3600.0
 PAPER_UNIT = 1.4
@@ -26,7 +30,7 @@ PAPER_UNIT = 1.4
 
 
 class Sensor(NamedTuple):
-    """What a sensor draws.
+    """The power of a sensor.
 
     Attributes:
         on: power while it measures [W].
@@ -35,13 +39,13 @@ class Sensor(NamedTuple):
         wake_up: from power on to the first usable sample [s].
     """
 
-    on: Any
-    off: Any = 0.0
-    wake: Any = None
-    wake_up: Any = 0.0
+    on: float
+    off: float = 0.0
+    wake: float | None = None
+    wake_up: float = 0.0
 
     @property
-    def waking(self) -> Any:
+    def waking(self) -> float:
         """Power while it wakes up [W]."""
         return self.on if self.wake is None else self.wake
 
@@ -54,21 +58,21 @@ ACCELEROMETER = Sensor(on=2.7e-3)
 
 
 class Battery(NamedTuple):
-    """What a battery holds.
+    """A battery.
 
     Attributes:
         energy: usable energy [J].
     """
 
-    energy: Any
+    energy: float
 
     @classmethod
-    def from_watt_hours(cls, energy: Any) -> "Battery":
-        """A battery of so many watt-hours [Wh]."""
+    def from_watt_hours(cls, energy: float) -> "Battery":
+        """A battery with its energy in watt-hours [Wh]."""
         return cls(energy * JOULES_PER_WATT_HOUR)
 
-    def life(self, *powers: Any) -> Any:
-        """How long it lasts [s] under the sum of mean powers [W]."""
+    def life(self, *powers: float) -> float:
+        """The time that the battery lasts under the sum of mean powers [W], in seconds."""
         return self.energy / sum(powers[1:], powers[0])
 
 
@@ -79,8 +83,8 @@ class Schedule(NamedTuple):
         on: units on in each period [1].
         off: units off in each period [1]; 0 never switches.
         unit: length of a unit [s].
-        ahead: True wakes the sensor at the end of the off-time, so that the whole on-time is measured (the paper);
-            False at the start of the on-time, of which the wake-up is then lost.
+        ahead: True: the sensor wakes up at the end of the off-time, and the whole on-time is measured (the paper);
+            False: it wakes up at the start of the on-time, whose first samples are lost.
     """
 
     on: int
@@ -103,19 +107,19 @@ class Masks(NamedTuple):
     """A sensor over time.
 
     Attributes:
-        powered: (T,) it draws power: measures or wakes up.
-        usable: (T,) its samples are good.
+        powered: (T,) True where it draws power, measuring or waking up.
+        usable: (T,) True where its samples can be used.
     """
 
-    powered: Any
-    usable: Any
+    powered: Shaped[AnyArray, "*batch time"]
+    usable: Shaped[AnyArray, "*batch time"]
 
 
-def check_duty(duty: Any) -> None:
+def check_duty(duty: float) -> None:
     """Refuse a duty cycle outside (0, 1].
 
     Raises:
-        ValueError: if it is; 40 % is 0.4.
+        ValueError: if the duty cycle lies outside; 40 % is 0.4.
     """
     if not (math.isfinite(duty) and 0.0 < duty <= 1.0):
         hint = f"; {duty:g} % is {duty / 100:g}" if math.isfinite(duty) and 1.0 < duty <= 100.0 else ""
@@ -123,10 +127,10 @@ def check_duty(duty: Any) -> None:
 
 
 def check_sensor(sensor: Sensor) -> None:
-    """Refuse powers and times that no sensor has.
+    """Refuse powers and times that no sensor can have.
 
     Raises:
-        ValueError: if one is negative or not finite.
+        ValueError: if a power or time is negative or not finite.
     """
     for name, value in (("on", sensor.on), ("off", sensor.off), ("wake", sensor.waking), ("wake_up", sensor.wake_up)):
         if not (math.isfinite(value) and value >= 0.0):
@@ -138,8 +142,8 @@ def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
     """Refuse a schedule that the sensor cannot follow.
 
     Raises:
-        ValueError: if units are not whole or not there, if the wake-up is longer than the on-time (more is spent on
-            waking than on measuring), or longer than the off-time it is taken from (the sensor would never be off).
+        ValueError: if the numbers of units are not whole, if the wake-up is longer than the on-time (waking up would
+            cost more than measuring), or longer than the off-time that it is part of (the sensor would never be off).
     """
     check_sensor(sensor)
     for name, units, least in (("on", schedule.on, 1), ("off", schedule.off, 0)):
@@ -170,9 +174,9 @@ def schedule_of_duty(
     Args:
         duty: part of the time that is measured [1], in (0, 1].
         unit: length of a unit [s].
-        largest: most units in a period; the paper's tenths need 10.
+        largest: largest number of units in a period; the paper's tenths need 10.
         ahead: see `Schedule`.
-        sensor: that has to follow it.
+        sensor: the sensor that follows the schedule.
 
     Returns:
         The schedule.
@@ -206,20 +210,20 @@ def mean_power(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
 
 
 def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
-    """Part of the sensor's own energy that the schedule saves against always on [1]: the paper's Table 2 is 100 ×."""
+    """Share of the sensor's energy that the schedule saves against always on [1]; the paper's Table 2 has it in %."""
     return 1.0 - mean_power(schedule, sensor) / sensor.on
 
 
 def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
-    """A schedule at the samples of a recording that starts with the on-time.
+    """The masks of a schedule at the samples of a recording that starts with the on-time.
 
-    The sensor is taken to have followed the schedule before: with `ahead`, the first sample is usable.
+    The sensor followed the schedule before the recording: with `ahead`, the first sample is usable.
 
     Args:
-        schedule: to be followed.
+        schedule: the schedule.
         samples: T.
         rate_hz: sampling rate [Hz].
-        sensor: that follows it.
+        sensor: the sensor that follows the schedule.
 
     Returns:
         Boolean (T,) masks.
@@ -232,7 +236,7 @@ def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYR
         raise ValueError(f"rate_hz must be positive; got {rate_hz!r}")
     if schedule.off == 0:
         return Masks(np.ones(samples, bool), np.ones(samples, bool))
-    # A sample belongs to the interval it begins; the hundredth of a sample keeps rounding off the edges.
+    # A sample belongs to the interval that it begins; a hundredth of a sample keeps rounding errors away from edges.
     late = 0.01 / rate_hz
     phase = np.mod(np.arange(samples) / rate_hz + late, schedule.period)
     on = phase < schedule.on * schedule.unit
@@ -242,20 +246,21 @@ def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYR
 
 
 def wake_samples(sensor: Sensor, rate_hz: float) -> int:
-    """Whole samples that a wake-up lasts, rounded up."""
+    """Number of samples of a wake-up, rounded up."""
     return math.ceil(sensor.wake_up * rate_hz - 1e-6)
 
 
-def powered_for(wanted: Any, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
-    """When the sensor must be powered so that wanted samples are good: it is woken ahead, which takes foresight.
+def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor = GYROSCOPE) -> Bool[Array, "time"]:
+    """When the sensor must be powered so that the wanted samples are usable: it wakes up ahead of them.
 
     Args:
         wanted: (T,) bool.
         rate_hz: sampling rate [Hz].
-        sensor: that is switched.
+        sensor: the sensor that is switched.
 
     Returns:
-        (T,) bool: wanted, or within the wake-up time before. A wake-up before the first sample is not in it.
+        (T,) bool: wanted, or within the wake-up time before a wanted sample. A wake-up before the first sample is not
+        part of it.
     """
     wanted = jnp.asarray(wanted, bool)
     lead = wake_samples(sensor, rate_hz)
@@ -264,16 +269,16 @@ def powered_for(wanted: Any, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
     return on[lead + 1 :] - on[: wanted.shape[0]] > 0
 
 
-def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Any:
+def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Float[Array, ""]:
     """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1.
 
     Args:
-        used: (T,) masks; what is powered and not usable is waking.
+        used: (T,) masks; a sensor that is powered and not usable wakes up.
         rate_hz: sampling rate [Hz].
-        sensor: that is switched.
+        sensor: the sensor that is switched.
 
     Returns:
-        Energy [J]; over T / rate_hz it is the mean power.
+        Energy [J]; divided by T / rate_hz it is the mean power.
 
     Raises:
         ValueError: if the masks differ in shape.

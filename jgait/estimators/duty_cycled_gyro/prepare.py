@@ -169,7 +169,7 @@ def prepare(
     bare = [name for name in names if sensors[name].acc is None]
     if gaps and bare and check_filler(options.filler).needs_acc:
         raise RecordingError(
-            f"the filler {options.filler!r} is told from the accelerometer; '{bare[0]}' has only a gyroscope: take "
+            f"the filler {options.filler!r} needs an accelerometer; '{bare[0]}' has only a gyroscope: take "
             f"another filler"
         )
     still, (start, stop), notes = find_standing(sensors, used, time)

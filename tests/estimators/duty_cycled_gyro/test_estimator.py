@@ -311,9 +311,9 @@ def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
         duty_cycled_gyro.prepared(recording._replace(sensors={"waist": recording.sensors["thigh_right"]}))
     bare = shank_only(recording)
     bare = bare._replace(sensors={n: i._replace(acc=None) for n, i in bare.sensors.items()})
-    with pytest.raises(RecordingError, match="'neighbours' is told from the accelerometer; 'shank_right' has only"):
+    with pytest.raises(RecordingError, match="'neighbours' needs an accelerometer; 'shank_right' has only"):
         duty_cycled_gyro.prepared(bare, SLEEPY)
-    with pytest.raises(RecordingError, match="'neighbours' is told from the accelerometer"):
+    with pytest.raises(RecordingError, match="'neighbours' needs an accelerometer"):
         fill_recording(bare, schedule=0.5)
     assert "drift" in " ".join(texts(duty_cycled_gyro.prepared(bare).notes))
     with pytest.raises(ValueError, match="gyro_on has a mask of 'foot_left'"):
