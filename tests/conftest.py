@@ -32,6 +32,14 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
 
 
+@pytest.fixture
+def unchecked() -> Iterator[None]:
+    """Annotations are not checked, so that values of a wrong type reach the errors that users see."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 MAPPINGS = 15_000
 """Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept
 for the whole run, they end it with a crash in the compiler."""

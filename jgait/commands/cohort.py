@@ -239,7 +239,8 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     Raises:
         ValueError: if the file is no table with a column `file`, or a unit is unknown.
     """
-    from jgait.io.arrays import ACC_UNITS, GYR_UNITS, unit_scale
+    from jgait.io.arrays import GYR_UNITS, unit_scale
+    from jgait.io.checks import ACC_UNITS
 
     for unit, units, option in ((gyr_unit, GYR_UNITS, "--gyr-unit"), (acc_unit, ACC_UNITS, "--acc-unit")):
         if unit is not None:

@@ -3,13 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
+from jaxtyping import PyTree
+
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.about import About
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["About", "Estimator", "Prepared", "about_of", "get", "names"]
 
-_ESTIMATORS: dict[str, Callable[..., Estimator]] = {
+_ESTIMATORS: dict[str, Callable[..., Estimator[PyTree, PyTree]]] = {
     "leg_ekf": leg_ekf.estimator,
     "foot_ins": foot_ins.estimator,
     "stride_width_ekf": stride_width_ekf.estimator,
@@ -30,7 +32,7 @@ def about_of(name: str) -> About:
     return get(name).about if name in _ESTIMATORS else About()
 
 
-def get(name: str, *args: Any, **settings: Any) -> Estimator:
+def get(name: str, *args: Any, **settings: Any) -> Estimator[PyTree, PyTree]:
     """An estimator by name.
 
     Args:

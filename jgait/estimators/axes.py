@@ -85,7 +85,7 @@ def pad[I](inputs: I, samples: int) -> I:
 
 def _grown(record: Any, have: int, samples: int) -> Any:
     changed = {}
-    for name, axis in axes_of(type(record)).items():
+    for name, axis in axes_of(record.__class__).items():
         value = getattr(record, name)
         if axis is not None:
             more, padded = axis.length(samples) - axis.length(have), axis.padded

@@ -1,6 +1,6 @@
 """What every estimator offers: decisions on the host, a pure function to compile and map, and what both come to."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -27,7 +27,7 @@ class Prepared[I](NamedTuple):
     """
 
     inputs: I
-    options: Hashable
+    options: Any
     notes: tuple[Note, ...]
     standing: tuple[int, int] | None = None
     extra: Any = None

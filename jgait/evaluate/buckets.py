@@ -31,7 +31,7 @@ WAITING = 3
 class CohortJob(NamedTuple):
     """What is done with each recording; see `cohort`."""
 
-    estimator: Estimator
+    estimator: Estimator[PyTree, PyTree]
     params: PyTree
     own: Callable[[Walk], dict[str, PyTree]] | None
     read: Callable[[PyTree], Walk] | None

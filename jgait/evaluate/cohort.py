@@ -26,7 +26,7 @@ Progress = Callable[[int, int], None]
 
 
 def cohort(
-    estimator: Estimator,
+    estimator: Estimator[PyTree, PyTree],
     items: Iterable[PyTree],
     params: PyTree = None,
     *,

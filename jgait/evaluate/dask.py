@@ -37,7 +37,7 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client
     shared = client.submit(_same, job, pure=False)
     sent: dict[PyTree, list[tuple[str, PyTree]]] = {}
 
-    def send(group: list[tuple[str, PyTree]]) -> "Future":
+    def send(group: list[tuple[str, PyTree]]) -> "Future[Cohort]":
         future = client.submit(task, shared, group, pure=False)
         sent[future] = group
         return future
@@ -69,7 +69,7 @@ def _threads(client: "Client") -> int:
     return max(1, sum(client.nthreads().values()))
 
 
-def _result(future: "Future") -> Cohort | None:
+def _result(future: "Future[Cohort]") -> Cohort | None:
     """What a task gave; None if its workers died of it."""
     from distributed import KilledWorker
 

@@ -257,10 +257,11 @@ def _strapdown() -> Any:
     from jax import lax
 
     from jgait.estimators.ankle_stride import length_steps as steps
+    from jgait.signal.marks import Marks
 
     def over(p: Any, gyr: Any, acc: Any, dt: Any) -> Any:
         began = steps.stride_begin(p, vector(gyr[0]), vector(acc[0]))
-        nowhere = steps.Marks(np.False_, np.False_)
+        nowhere = Marks(np.False_, np.False_)
 
         def one(state: Any, sample: Any) -> Any:
             state, _ = steps.stride_step(p, state, vector(sample[0]), vector(sample[1]), nowhere, dt)

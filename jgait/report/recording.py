@@ -10,7 +10,7 @@ from jgait.estimators.about import EstimatedRecording
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Content, Report, Section, Table, number, significant
+from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk, as_float
 
 CURVES = {
@@ -184,7 +184,7 @@ def _place(name: str) -> str:
 
 def _numbers(
     estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, Any]],
-    total: tuple[float, float | None] | None, raised: list[flags.Flag], made: Made,
+    total: tuple[float, float | None] | None, raised: list[Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
     """The content of the page as JSON numbers."""
     return {

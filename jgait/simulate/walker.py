@@ -199,7 +199,7 @@ def _height(plan: Plan, entry: Int[Array, "..."], r: Values) -> Values:
     return curve_at(plan.z_curve, entry, r) - plan.dip[entry] * _dip(r)
 
 
-def pose(person: Person, plan: Plan, time: Values) -> Segments:
+def pose(person: Person, plan: Plan, time: Values) -> Segments[Frame]:
     """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
     body = person.body
     entry, r = clock(plan, time)
@@ -291,6 +291,6 @@ def slack(person: Person, plan: Plan) -> Slack:
     return Slack(far, 1.0 / long - 1.0)
 
 
-def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion:
+def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:
     """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
     return differentiated(lambda t: pose(person, plan, t), time)

@@ -72,7 +72,7 @@ class Truth(NamedTuple):
     """
 
     estimate: Estimate
-    motion: Motion
+    motion: Motion[Segments[Frame]]
     load_right: Load
     load_left: Load
     plan: Plan
@@ -90,7 +90,11 @@ def duration(plan: Plan, person: Person) -> Values:
 
 
 def signals(
-    key: PRNGKeyArray, moving: Motion, time: Float[AnyArray, "time"], errors: ImuErrors, mounts: Mapping[str, Vector]
+    key: PRNGKeyArray,
+    moving: Motion[Segments[Frame]],
+    time: Float[AnyArray, "time"],
+    errors: ImuErrors,
+    mounts: Mapping[str, Vector],
 ) -> dict[str, Imu]:
     """What sensors on a moving body read.
 
@@ -148,13 +152,13 @@ def walk(
     return {name: read[name] for name in places}, truth(person, laid, moving, time)
 
 
-def truth(person: Person, laid: Plan, moving: Motion, time: Float[AnyArray, "time"]) -> Truth:
+def truth(person: Person, laid: Plan, moving: Motion[Segments[Frame]], time: Float[AnyArray, "time"]) -> Truth:
     """The truth about a walk at times (T,) [s]."""
     body = person.body
     entry, r = clock(laid, time)
     heading, distance = (curve_at(table, entry, r) for table in (laid.heading_curve, laid.distance_curve))
     ahead = Vector(jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading))
-    segments: Segments = moving.pose
+    segments: Segments[Frame] = moving.pose
     legs = Legs(*(_leg(segments, side, ahead) for side in SIDES))
     valid = time <= duration(laid, person) + 1e-6
     lengths = {"thigh_length": body.thigh_length, "shank_length": body.shank_length}
@@ -169,7 +173,7 @@ def truth(person: Person, laid: Plan, moving: Motion, time: Float[AnyArray, "tim
     return Truth(estimate, moving, *loads, laid)
 
 
-def _leg(segments: Segments, side: str, ahead: Vector) -> LegTrajectory:
+def _leg(segments: Segments[Frame], side: str, ahead: Vector) -> LegTrajectory:
     """One leg in the vertical plane of the heading."""
     thigh, shank, foot = (getattr(segments, f"{name}_{side}") for name in ("thigh", "shank", "foot"))
     hip, tilt = (jnp.arctan2(-dot(part.z, ahead), part.z.z) for part in (thigh, shank))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
@@ -24,7 +25,7 @@ def _digest(part: object) -> str:
     leaves, structure = jax.tree.flatten(part)
     found.update(_text(structure).encode())
     for leaf in leaves:
-        if hasattr(leaf, "dtype") and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
             leaf = jax.random.key_data(leaf)
         if hasattr(leaf, "dtype") or isinstance(leaf, int | float | bool):
             array = np.ascontiguousarray(leaf)

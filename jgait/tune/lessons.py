@@ -81,13 +81,13 @@ class Lessons(NamedTuple):
         return jax.tree.map(lambda leaf: leaf[number], self.data)
 
 
-def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prepared], Windows]:
+def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prepared[PyTree]], Windows]:
     """Windows by their names in `walk.info["windows"]`, there in samples of the walk's reference.
 
     Where a walk has none for standing, the standing that the estimator found.
     """
 
-    def windows(walk: Walk, prepared: Prepared) -> Windows:
+    def windows(walk: Walk, prepared: Prepared[PyTree]) -> Windows:
         known = walk.info.get("windows") or {}
         if look not in known or walk.reference is None:
             raise RecordingError(f"the walk has no window {look!r}; it has {', '.join(known) or 'none'}")
@@ -162,10 +162,10 @@ def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.nda
 
 
 def _item(
-    estimator: Estimator,
+    estimator: Estimator[PyTree, PyTree],
     walk: Walk,
     own: Callable[[Walk], dict[str, PyTree]] | None,
-    windows: Callable[[Walk, Prepared], Windows] | None,
+    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None,
     reference: bool,
 ) -> _Item:
     """A lesson of one walk.
@@ -224,7 +224,9 @@ def _odd(item: _Item, usual: _Item) -> str:
     return f"it cannot be stacked with most of the walks ({told or 'shapes differ'})"
 
 
-def _padded(estimator: Estimator, lesson: Lesson, samples: int, strides: "_Rows | None", known: set[str]) -> Lesson:
+def _padded(
+    estimator: Estimator[PyTree, PyTree], lesson: Lesson, samples: int, strides: "_Rows | None", known: set[str]
+) -> Lesson:
     """A lesson with invalid samples behind it, rows that are no strides, and what all have of both."""
     more = samples - lesson.look.size
     inputs = estimator.pad(lesson.inputs, samples)
@@ -266,11 +268,11 @@ def _strides(strides: Strides | None, common: _Rows) -> Strides:
 
 
 def lessons(
-    estimator: Estimator,
+    estimator: Estimator[PyTree, PyTree],
     walks: Iterable[Walk],
     *,
     own: Callable[[Walk], dict[str, PyTree]] | None = None,
-    windows: Callable[[Walk, Prepared], Windows] | None = None,
+    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None = None,
     reference: bool = True,
     samples: int | None = None,
 ) -> Lessons:

@@ -94,7 +94,9 @@ class Objective:
         return jax.tree.reduce(jnp.add, parts)
 
 
-def objective(estimator: Estimator, options: PyTree, terms: str | Mapping[str | Term, float]) -> Objective:
+def objective(
+    estimator: Estimator[PyTree, PyTree], options: PyTree, terms: str | Mapping[str | Term, float]
+) -> Objective:
     """A loss over lessons.
 
     Args:

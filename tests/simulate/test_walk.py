@@ -292,7 +292,7 @@ def test_impossible_gaits_are_refused_by_the_limit_they_break(change, error, mes
         simulate.recording(jax.random.key(0), person(**change))
 
 
-def test_impossible_bodies_sensors_and_rates_are_refused():
+def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
     short = Person(body=Person().body._replace(thigh_length=-0.4))
     with pytest.raises(ValueError, match=r"Body\.thigh_length must lie in \[0\.1, 0\.8\]; got -0\.4"):
         simulate.recording(jax.random.key(0), short)

@@ -23,7 +23,7 @@ from jgait.estimators.ankle_stride.params import (
 )
 from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
-from jgait.estimators.foot_ins.model import FootControl, FootModelParams
+from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
@@ -124,7 +124,7 @@ def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector)
     zero = jnp.zeros((), dtype)
     along, across, tilt = (zero + v**2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
     variances = AnkleError(
-        position=Vector(*(zero + ankle_model.AGAIN,) * 3),
+        position=Vector(*(zero + AGAIN,) * 3),
         velocity=Vector(*(zero + 0.04,) * 3),
         attitude=Vector(tilt, tilt, zero + 1e-8),
         gyr_bias=Vector(*(zero + biased,) * 3),

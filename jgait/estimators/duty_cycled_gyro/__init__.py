@@ -29,13 +29,13 @@ Deviations from the paper:
         see `duty_model`; for angles on walks with turns fill the recording (`gap_recording`) and take `leg_ekf`.
 """
 
+from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.estimator import (
     DEFAULT,
     PAPER,
     TRANSFORMS,
     DutyCycledOptions,
     DutyCycledParams,
-    duty_model,
     estimate,
     estimator,
     params_of,

@@ -218,4 +218,7 @@ def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
     if evidence is not None and float(evidence) <= -SWAP:
         note = FEET_SEEM_EXCHANGED(nats=-float(evidence))
         result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
-    return result if made.extra is None else merged(*made.extra, result)
+    if made.extra is None:
+        return result
+    own, stances = made.extra
+    return merged(own, stances, result)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jgait.io.arrays import ACC_UNITS, GYR_UNITS, recording_from_arrays
-from jgait.io.checks import FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
+from jgait.io.arrays import GYR_UNITS, recording_from_arrays
+from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of

@@ -65,8 +65,8 @@ class Replay(NamedTuple):
     """
 
     time: np.ndarray
-    motion: Motion
-    valid: Segments
+    motion: Motion[Segments[Maybe[Frame]]]
+    valid: Segments[np.ndarray | None]
     points: dict[str, np.ndarray]
     yaw: np.ndarray
     trajectories: dict[str, Trajectory]
@@ -85,7 +85,7 @@ def _middle(a: Vector, b: Vector) -> Vector:
     return scale(0.5, add(a, b))
 
 
-def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments:
+def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments[Maybe[Frame]]:
     """The segments' frames from points, as elementwise functions that can be differentiated.
 
     Thigh: z along the bone, y the pelvis' horizontal lateral axis made perpendicular to it.
@@ -135,11 +135,11 @@ def _bone(proximal: Vector, distal: Vector, lateral: Vector) -> Frame:
 
 
 @jax.jit
-def _motion(points: Motion, toe_out: dict[str, Values]) -> Motion:
+def _motion(points: Motion[dict[str, Vector]], toe_out: dict[str, Values]) -> Motion[Segments[Maybe[Frame]]]:
     """Frames along p + v s + a s²/2, differentiated at s = 0."""
     place, rate, acceleration = points
 
-    def pose(s: Values) -> Segments:
+    def pose(s: Values) -> Segments[Maybe[Frame]]:
         return frames(jax.tree.map(lambda p, v, a: p + s * (v + 0.5 * s * a), place, rate, acceleration), toe_out)
 
     return differentiated(pose, jnp.zeros_like(place["lateral"].x))
@@ -251,11 +251,11 @@ def _lateral(names: Set[str]) -> dict[str, float]:
     raise ValueError("one leg alone does not say where forward is: give JointCentres.heading or pelvis markers")
 
 
-def _combined(moving: dict[str, Motion], factors: dict[str, float]) -> Motion:
+def _combined(moving: dict[str, Motion[Values]], factors: dict[str, float]) -> Motion[Values]:
     return Motion(*(sum(factor * moving[name][k] for name, factor in factors.items()) for k in range(3)))
 
 
-def _valid(known: dict[str, np.ndarray], lateral: list[str]) -> Segments:
+def _valid(known: dict[str, np.ndarray], lateral: list[str]) -> Segments[np.ndarray | None]:
     needs = {"pelvis": ["hip_right", "hip_left", *(name for name in known if name.startswith("pelvis_"))]}
     for side in SIDES:
         foot = [f"heel_{side}", f"toe_{side}"]

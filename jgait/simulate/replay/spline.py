@@ -160,7 +160,7 @@ def covered(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
     return ~_inside(time, trajectory.gaps)
 
 
-def evaluate(trajectory: Trajectory, time: np.ndarray) -> Motion:
+def evaluate(trajectory: Trajectory, time: np.ndarray) -> Motion[np.ndarray]:
     """Place [m], velocity [m/s] and acceleration [m/s²] of a smoothed point, each (T, 3), at times (T,) [s]."""
     return Motion(*(trajectory.spline(time, nu) for nu in range(3)))
 

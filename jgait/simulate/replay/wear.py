@@ -119,7 +119,7 @@ def _sensors(
             raise ValueError(f"offsets[{placement!r}] must be (3,); got {offset.shape}")
         places.append(mount(body, placement) + offset)
         frames.append([getattr(order, segment_of(placement)) for order in body.motion])
-    stacked: Motion = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *(Motion(*f) for f in frames))
+    stacked: Motion[PyTree] = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *(Motion(*f) for f in frames))
     gyr, acc = (jnp.stack(felt, axis=-1) for felt in _inertial(stacked, Vector(*map(jnp.asarray, np.stack(places).T))))
     lost = np.zeros(gyr.shape[:2], bool)
     if errors is not None:

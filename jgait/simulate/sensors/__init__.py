@@ -5,11 +5,13 @@
 be jitted, mapped over people and differentiated.
 """
 
+from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors.clock import Clock, check_clock, true_times
-from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure, turn
+from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure
 from jgait.simulate.sensors.presets import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, OPAL
-from jgait.simulate.sensors.range import RangeReadings, Ranging, check_ranging, measure_range, nearest_point
+from jgait.simulate.sensors.range import Ranging, check_ranging, measure_range, nearest_point
+from jgait.types import RangeReadings
 
 __all__ = [
     "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "OPAL", "Clock", "ImuErrors",
