@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ SHORTEST = 0.1
 """[m] Footprints that are nearer to each other are one foot set down again where it stood."""
 
 
-def read_mat(path: Path, names: Sequence[str]) -> dict[str, Any]:
+def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Variables of a MATLAB file (version 5), arrays without axes of length one.
 
     Raises:

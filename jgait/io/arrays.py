@@ -2,9 +2,9 @@
 
 import difflib
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
 from jgait.io.clock import SampleTimes, make_clock
@@ -31,10 +31,10 @@ def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
 
 
 def recording_from_arrays(
-    sensors: Mapping[str, Mapping[str, Any]],
+    sensors: Mapping[str, Mapping[str, ArrayLike]],
     *,
-    time: Any = None,
-    feet_range: Any = None,
+    time: ArrayLike | None = None,
+    feet_range: ArrayLike | None = None,
     sampling_rate_hz: float | None = None,
     time_unit: str | None = None,
     gyr_unit: str = "deg/s",
@@ -96,7 +96,7 @@ def recording_from_arrays(
     return recording._replace(notes=notes, feet_range=read)
 
 
-def _range(values: Any, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
+def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
     """A range on the clock of the sensors, masked where nothing was heard."""
     distance = as_float(values)
     if distance.shape != (samples,):
@@ -105,7 +105,7 @@ def _range(values: Any, scale: float, clock: SampleTimes, samples: int, name: st
     return RangeReadings(clock.time, np.where(heard, scale * distance[clock.rows], 0.0), heard)
 
 
-def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | None, name: str) -> int:
+def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
     """Number of samples of one sensor, after its names and shapes were found right."""
     if placement not in PLACEMENTS:
         near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
@@ -125,7 +125,7 @@ def _check_arrays(placement: str, signals: Mapping[str, Any], samples: int | Non
     return int(samples or 0)
 
 
-def _imu(signals: Mapping[str, Any], scales: Mapping[str, float], clock: SampleTimes) -> Imu:
+def _imu(signals: Mapping[str, ArrayLike], scales: Mapping[str, float], clock: SampleTimes) -> Imu:
     """One sensor in SI on the clock, what is missing masked."""
     rate = as_float(signals["gyr"]) * scales["gyr"]
     force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]

@@ -2,11 +2,16 @@
 
 import importlib
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.types import RecordingError
+
+type Tree = dict[str, Any]
+"""Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
 
 
 def check_file(path: Path, expected: str) -> None:
@@ -27,7 +32,7 @@ def check_file(path: Path, expected: str) -> None:
             raise RecordingError(f"{path.name} is empty; expected {expected}")
 
 
-def library(name: str, expected: str) -> Any:
+def library(name: str, expected: str) -> ModuleType:
     """A library that comes with the extra `io`.
 
     Raises:
@@ -39,7 +44,7 @@ def library(name: str, expected: str) -> Any:
         raise ImportError(f"reading {expected} needs the extra io: pip install 'jgait[io]' ({missing})") from missing
 
 
-def plain(value: Any) -> str:
+def plain(value: object) -> str:
     """Text of a file's string, which may be bytes, an array of one string, and padded with blanks or zeros."""
     if isinstance(value, np.ndarray):
         value = value.ravel()[0] if value.size else ""
@@ -48,7 +53,7 @@ def plain(value: Any) -> str:
     return str(value).replace("\0", " ").strip()
 
 
-def three_columns(values: Any, what: str, rows: int | None = None) -> np.ndarray:
+def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.ndarray:
     """(T, 3) finite-or-NaN numbers.
 
     Args:

@@ -1,7 +1,7 @@
 """Strides as tables: jgait's own, in metres and degrees, and gaitmap's stride lists, in samples."""
 
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
     rows = _rows(estimate)
     strides, stated = estimate.strides, estimate.strides_stddev
-    columns: dict[str, Any] = {
+    columns: dict[str, np.ndarray] = {
         "s_id": np.arange(rows.size),
         "side": np.array(SIDES, dtype=object)[np.asarray(strides.side)[rows].astype(int)],
     }

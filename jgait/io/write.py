@@ -42,7 +42,7 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     time = np.asarray(estimate.time)
     if time.ndim != 1:
         raise ValueError(f"to_dataframe takes one recording, time of shape (T,); got shape {time.shape}")
-    columns: dict[str, Any] = {"time_s": time}
+    columns: dict[str, np.ndarray] = {"time_s": time}
     for side in SIDES:
         for legs, suffix in ((estimate.legs, ""), (estimate.stddev, "_std")):
             leg = None if legs is None else getattr(legs, side)
@@ -104,7 +104,7 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
     lengths = {placement: len(imu.time) for placement, imu in recording.sensors.items()}
     if len(set(lengths.values())) != 1:
         raise ValueError(f"a table needs sensors on one clock; {recording.name} has samples {lengths}")
-    columns: dict[str, Any] = {"time": np.asarray(next(iter(recording.sensors.values())).time)}
+    columns: dict[str, np.ndarray] = {"time": np.asarray(next(iter(recording.sensors.values())).time)}
     for placement, imu in recording.sensors.items():
         for kind, scale in scales.items():
             signal = getattr(imu, kind)

@@ -16,14 +16,19 @@ noted.
 """
 
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.io.files import check_file, library, plain, three_columns
 from jgait.io.formats.part import Measured, Part
 from jgait.notes import DEDUCED, Kind, Note
 from jgait.types import RecordingError
+
+if TYPE_CHECKING:
+    import h5py
 
 EXPECTED = "an APDM Opal HDF5 file"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -76,7 +81,7 @@ Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 """A sensor, its time stamps as the file has them, and its rate."""
 
 
-def _new(file: Any, h5py: Any, name: str) -> list[Sensor]:
+def _new(file: "h5py.File", h5py: ModuleType, name: str) -> list[Sensor]:
     """Version 5."""
     found = []
     group = file["Sensors"]
@@ -91,7 +96,7 @@ def _new(file: Any, h5py: Any, name: str) -> list[Sensor]:
     return found
 
 
-def _old(file: Any, h5py: Any, name: str, notes: list[Note]) -> list[Sensor]:
+def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> list[Sensor]:
     """Up to version 4."""
     sensors = {key: file[key] for key in file if isinstance(file[key], h5py.Group) and "Calibrated" in file[key]}
     if not sensors:
@@ -116,13 +121,15 @@ def _old(file: Any, h5py: Any, name: str, notes: list[Note]) -> list[Sensor]:
     return found
 
 
-def _strings(file: Any, key: str) -> list[str]:
+def _strings(file: "h5py.File", key: str) -> list[str]:
     """An attribute of the file, or, in the oldest ones, a dataset of it, of many strings."""
     values = file.attrs[key] if key in file.attrs else file[key][()] if key in file else []
     return [plain(value) for value in np.atleast_1d(values)]
 
 
-def _sensor(group: Any, signals: tuple[str, str], label: str, rate: Any, timed: Any, where: str) -> Sensor:
+def _sensor(
+    group: "h5py.Group", signals: tuple[str, str], label: str, rate: ArrayLike | None, timed: "h5py.Group", where: str
+) -> Sensor:
     rates, force = signals
     if rates not in group:
         raise RecordingError(f"{where} has no {rates}; it has {', '.join(group) or 'nothing'}")

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from jgait.io.files import check_file, library
+from jgait.io.files import Tree, check_file, library
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
@@ -159,9 +160,9 @@ def _channels(path: Path, file: Path) -> "pd.DataFrame":
     return table.reset_index(drop=True)
 
 
-def _about(path: Path, stem: str) -> dict[str, Any]:
+def _about(path: Path, stem: str) -> Tree:
     """`motion.json`, what is nearer overrules what is further up."""
-    found: dict[str, Any] = {}
+    found: Tree = {}
     files = _inherited(path, stem, "motion.json")
     if not files:
         raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
@@ -170,7 +171,7 @@ def _about(path: Path, stem: str) -> dict[str, Any]:
     return found
 
 
-def _json(file: Path) -> dict[str, Any]:
+def _json(file: Path) -> Tree:
     try:
         found = json.loads(file.read_text(encoding="utf-8-sig"))
     except ValueError as error:
@@ -180,12 +181,13 @@ def _json(file: Path) -> dict[str, Any]:
     return found
 
 
-def _positive(*candidates: Any) -> float | None:
+def _positive(*candidates: ArrayLike | None) -> float | None:
     """The first that is a positive number."""
     for value in candidates:
         try:
-            if np.isfinite(float(value)) and float(value) > 0.0:
-                return float(value)
+            number = float(np.asarray(value, np.float64))
+            if np.isfinite(number) and number > 0.0:
+                return number
         except (TypeError, ValueError):
             continue
     return None
@@ -240,7 +242,9 @@ def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
     return found
 
 
-def _signal(path: Path, point: str, rows: "pd.DataFrame", kind: str, values: np.ndarray) -> tuple[Any, str | None]:
+def _signal(
+    path: Path, point: str, rows: "pd.DataFrame", kind: str, values: np.ndarray
+) -> tuple[np.ndarray | None, str | None]:
     """(T, 3) and its unit; None where the point has no such channels."""
     here = rows[rows["type"] == kind]
     if not len(here):
@@ -267,6 +271,8 @@ def _part(
     """One tracked point."""
     gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
     acc, acc_unit = _signal(path, point, rows, "ACCEL", values)
+    if gyr is None:
+        raise RecordingError(f"{path.name}: {point!r} has no angular rate")
     used = rows[rows["type"].isin(["GYRO", "ACCEL"])]
     place = None
     if placement_of(point) is None and "placement" in rows:

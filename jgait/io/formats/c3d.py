@@ -12,11 +12,10 @@ are left as they are: their signals are among the analog ones, their corners and
 import os
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jgait.io.files import check_file, library, plain
+from jgait.io.files import Tree, check_file, library, plain
 from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
 from jgait.io.formats.capture import Capture, CaptureEvent
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
@@ -121,7 +120,7 @@ def read_c3d(
     )  # fmt: skip
 
 
-def _load(file: Path) -> Any:
+def _load(file: Path) -> Tree:
     """ezc3d's tree, once the file is known to be whole: ezc3d itself gives what a truncated file still holds."""
     check_file(file, EXPECTED)
     stored = _frames_in_header(file)
@@ -165,7 +164,7 @@ def _frames_in_header(file: Path) -> int | None:
     return last - first + 1 if first <= last < 65535 else None
 
 
-def _texts(parameters: Any, group: str, key: str) -> list[str]:
+def _texts(parameters: Tree, group: str, key: str) -> list[str]:
     """A parameter of many strings, with its continuations: LABELS, LABELS2, … hold 255 each."""
     found: list[str] = []
     for number in ("", *map(str, range(2, 100))):
@@ -176,7 +175,7 @@ def _texts(parameters: Any, group: str, key: str) -> list[str]:
     return found
 
 
-def _rate(raw: Any, file: Path) -> float:
+def _rate(raw: Tree, file: Path) -> float:
     said = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
     rate = float(said[0]) if len(said) and said[0] > 0 else float(raw["header"]["points"]["frame_rate"])
     if not (np.isfinite(rate) and rate > 0.0):
@@ -202,7 +201,9 @@ def _labels(said: list[str], count: int, notes: list[Note]) -> tuple[list[str], 
     return labels, subject
 
 
-def _apart(parameters: Any, labels: list[str], values: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]]:
+def _apart(
+    parameters: Tree, labels: list[str], values: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Markers, NaN where not seen, and what a model computed."""
     listed = {label.split(":", 1)[-1] for group in OUTPUTS for label in _texts(parameters, "POINT", group)}
     markers, outputs = {}, {}
@@ -215,7 +216,7 @@ def _apart(parameters: Any, labels: list[str], values: np.ndarray) -> tuple[dict
     return markers, outputs
 
 
-def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[Note]) -> float:
+def _metres(parameters: Tree, markers: dict[str, np.ndarray], file: Path, notes: list[Note]) -> float:
     said = next(iter(_texts(parameters, "POINT", "UNITS")), "")
     if said.lower() in UNITS or not markers:
         return UNITS.get(said.lower(), 1.0)
@@ -230,7 +231,7 @@ def _metres(parameters: Any, markers: dict[str, Any], file: Path, notes: list[No
     return UNITS[told]
 
 
-def _up(parameters: Any, markers: dict[str, Any], notes: list[Note]) -> str | None:
+def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> str | None:
     """The file's axis that points up."""
     said = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
     said = said if said[:1] in ("+", "-") else f"+{said}"
@@ -247,7 +248,7 @@ def _up(parameters: Any, markers: dict[str, Any], notes: list[Note]) -> str | No
     return told
 
 
-def _analog(raw: Any, notes: list[Note]) -> tuple[dict[str, Any], dict[str, str], float]:
+def _analog(raw: Tree, notes: list[Note]) -> tuple[dict[str, np.ndarray], dict[str, str], float]:
     values = np.asarray(raw["data"]["analogs"], np.float64)[0]
     if not values.size:
         return {}, {}, 0.0
@@ -258,7 +259,7 @@ def _analog(raw: Any, notes: list[Note]) -> tuple[dict[str, Any], dict[str, str]
     return dict(zip(labels, values, strict=True)), said, float(raw["header"]["analogs"]["frame_rate"])
 
 
-def _events(parameters: Any, file: Path) -> tuple[CaptureEvent, ...]:
+def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
     group = parameters.get("EVENT", {})
     if "TIMES" not in group:
         return ()

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -123,7 +123,7 @@ def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] |
     if unknown:
         raise RecordingError(f"there is no point {unknown[0]!r}; expected some of {', '.join(sorted(points))}")
     found = {point: _point(capture, point, said) for point in points}
-    legs: dict[str, Any] = {}
+    legs: dict[str, LegCentres | None] = {}
     for side in SIDES:
         joints = [found[f"{point}_{side}"] for point in MIDDLE]
         foot = [found[f"{point}_{side}"] for point in ("heel", "toe")]

@@ -1,9 +1,10 @@
 """What a motion capture system stored: markers, analog signals and events, whatever the file format."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from jgait.io.files import Tree
 from jgait.notes import Note
 
 
@@ -51,7 +52,7 @@ class Capture(NamedTuple):
     analog: dict[str, np.ndarray]
     analog_units: dict[str, str]
     events: tuple[CaptureEvent, ...]
-    force_plates: dict[str, Any]
+    force_plates: Tree
     name: str
     subject: str
     notes: tuple[Note, ...]

@@ -1,9 +1,10 @@
 """Sensors of one file on one clock: by packet numbers, by time stamps, or by their sampling rate alone."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.io.clock import LONGEST_GAP_S, check_order
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
@@ -117,16 +118,16 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     return found
 
 
-def _spread(values: Any, kept: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
+def _spread(values: ArrayLike, kept: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
     found = np.full((length, 3), np.nan)
     found[rows] = np.asarray(values, np.float64)[kept]
     return found
 
 
 def one_clock(
-    placed: "Mapping[str, Part]", sensors: dict[str, dict[str, Any]], rate_hz: float | None, name: str,
+    placed: "Mapping[str, Part]", sensors: dict[str, dict[str, np.ndarray]], rate_hz: float | None, name: str,
     notes: list[Note],
-) -> tuple[Any, float | None]:  # fmt: skip
+) -> tuple[np.ndarray | None, float | None]:  # fmt: skip
     """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first.
 
     Args:

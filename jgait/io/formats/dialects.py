@@ -9,7 +9,7 @@ them.
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -124,7 +124,7 @@ def gaitmap_parts(
     parts = []
     for sensor, table in tables.items():
         where = placements.get(sensor) or placement_of(sensor)
-        signs: Any = (1,) * 6
+        signs: tuple[int, ...] = (1,) * 6
         if _known(frame) == "body":
             side = (where or "").rpartition("_")[2]
             if side not in SIGNS_GAITMAP:
@@ -133,7 +133,7 @@ def gaitmap_parts(
                     "either; say its placement"
                 )
             signs = SIGNS_GAITMAP[side]
-        values = _six(table, CHANNELS if frame == "sensor" else BODY_GAITMAP, f"{name}, {sensor}") * signs
+        values = _six(table, CHANNELS if frame == "sensor" else BODY_GAITMAP, f"{name}, {sensor}") * np.array(signs)
         parts.append(
             Part(sensor, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=where,
                  axes=AXES_GAITMAP)

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from jgait.io.files import check_file, library, three_columns
+from jgait.io.files import Tree, check_file, library, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
@@ -151,7 +152,7 @@ def _measured(path: Path, trial: str | None, device: str | None = None) -> Measu
     return _of_trial(path, chosen[0], every[chosen[0]], device)
 
 
-def _trials(path: Path) -> dict[str, dict[str, Any]]:
+def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
     data = _load(path).get("data")
     if not isinstance(data, dict):
@@ -168,7 +169,7 @@ def _trials(path: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _load(path: Path) -> dict[str, Any]:
+def _load(path: Path) -> Tree:
     check_file(path, EXPECTED)
     with path.open("rb") as stream:
         head = stream.read(16)
@@ -190,12 +191,12 @@ def _load(path: Path) -> dict[str, Any]:
     return found
 
 
-def _is(value: Any) -> str:
-    shape = np.shape(value)
+def _is(value: ArrayLike | None) -> str:
+    shape = () if value is None else np.shape(value)
     return f"an array {shape}" if shape else type(value).__name__
 
 
-def _descend(tree: dict[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _descend(tree: Tree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
     if any(key in tree for key in (*DEVICES, "Standards")):
         yield "/".join(above) or "data", tree
         return
@@ -204,7 +205,7 @@ def _descend(tree: dict[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str
             yield from _descend(below, (*above, key))
 
 
-def _of_trial(path: Path, trial: str, tree: dict[str, Any], device: str | None) -> Measured:
+def _of_trial(path: Path, trial: str, tree: Tree, device: str | None) -> Measured:
     """The sensors of one trial."""
     if device is not None and device not in DEVICES:
         raise ValueError(f"device must be one of {', '.join(DEVICES)}; got {device!r}")
@@ -238,7 +239,7 @@ def _same_place(label: str, other: str) -> bool:
     return label == other or (placement_of(label) is not None and placement_of(label) == placement_of(other))
 
 
-def _part(place: str, sensor: dict[str, Any], where: str, notes: list[Note]) -> tuple[Part, float | None]:
+def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part, float | None]:
     """One sensor on a clock from 0, and when that was [Unix s]; without time stamps None."""
     gyr = three_columns(sensor["Gyr"], f"{where}.Gyr")
     acc = three_columns(sensor["Acc"], f"{where}.Acc", len(gyr)) if "Acc" in sensor else None
@@ -274,7 +275,9 @@ def _rate(value: Any, where: str) -> float:
 
 def _on_one_clock(parts: list[Part], starts: list[float | None]) -> list[Part]:
     """Seconds since the first sample of all; samples alone where a sensor has no time stamps."""
-    known = [start for start in starts if start is not None]
-    if len(known) < len(parts):
-        return [part._replace(time=None) for part in parts]
-    return [part._replace(time=part.time + (start - min(known))) for part, start in zip(parts, known, strict=True)]
+    first = min((start for start in starts if start is not None), default=0.0)
+    placed = [
+        part._replace(time=None if part.time is None or start is None else part.time + (start - first))
+        for part, start in zip(parts, starts, strict=True)
+    ]
+    return placed if all(part.time is not None for part in placed) else [part._replace(time=None) for part in placed]

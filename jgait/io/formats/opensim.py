@@ -13,7 +13,7 @@ import itertools
 import os
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -245,7 +245,7 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
     return values
 
 
-def _told_degrees(file: Path, columns: dict[str, Any], notes: list[Note]) -> bool:
+def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note]) -> bool:
     """Whether angles are in degrees, by the size of those of the legs."""
     legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
     largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)

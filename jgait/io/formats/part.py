@@ -1,7 +1,9 @@
 """What a reader of a file format gives: the sensors of a file, in the file's own units."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
 
 from jgait.notes import Note
 
@@ -25,15 +27,15 @@ class Part(NamedTuple):
     """
 
     label: str
-    gyr: Any
-    acc: Any = None
-    time: Any = None
+    gyr: np.ndarray
+    acc: np.ndarray | None = None
+    time: np.ndarray | None = None
     sampling_rate_hz: float | None = None
     gyr_unit: str | None = None
     acc_unit: str | None = None
     placement: str | None = None
     axes: str = ""
-    packets: Any = None
+    packets: np.ndarray | None = None
     packets_wrap: int | None = None
 
 
@@ -53,7 +55,7 @@ class Measured(NamedTuple):
     name: str
     subject: str = "subject"
     notes: tuple[Note, ...] = ()
-    feet_range: Any = None
+    feet_range: np.ndarray | None = None
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:

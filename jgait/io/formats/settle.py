@@ -7,9 +7,9 @@ the name that the file gives the sensor, which is noted too.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.io.arrays import GYR_UNITS, recording_from_arrays
 from jgait.io.checks import ACC_UNITS, FASTEST, FEET_APART, GRAVITY_RANGE, RANGE_UNITS
@@ -199,7 +199,7 @@ def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: 
     return {where: known or str(unit) for where, known in units.items()}
 
 
-def _range_unit(values: Any, name: str, notes: list[Note]) -> str:
+def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
     """The unit of a range between feet, told by how far apart feet are."""
     heard = np.asarray([] if values is None else values, np.float64)
     heard = heard[np.isfinite(heard)]
@@ -232,7 +232,7 @@ def _which_way_up(part: Part, where: str) -> list[Note]:
     return [AXIS_UP(placement=where, axis=name, share=abs(share), stated=stated)]
 
 
-def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, Any]:
+def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, np.ndarray]:
     for unit, units, what in ((gyr_unit, GYR_UNITS, "gyr_unit"), (acc_unit, ACC_UNITS, "acc_unit")):
         if unit not in units:
             raise RecordingError(

@@ -7,7 +7,7 @@ holds no number where one must be, is an error that names file and line. Empty c
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class Rows(NamedTuple):
     header: tuple[str, ...]
     first_line: int
     units: tuple[str, ...]
-    cells: Any
+    cells: np.ndarray
 
     def where(self, column: str) -> int | None:
         """Position of a column, without regard to case; None if there is none."""

@@ -112,7 +112,7 @@ def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments[Ma
     return Segments(pelvis, *(legs[side][i] for i in range(3) for side in SIDES))
 
 
-def _leg(points: dict[str, Vector], lateral: Vector, side: str, toe_out: Values) -> tuple[Frame | None, ...]:
+def _leg(points: dict[str, Vector], lateral: Vector, side: str, toe_out: Values | None) -> tuple[Frame | None, ...]:
     if f"hip_{side}" not in points:
         return None, None, None
     hip, knee, ankle = (points[f"{joint}_{side}"] for joint in ("hip", "knee", "ankle"))
