@@ -9,7 +9,6 @@ swing is then a *negative* rate about the axis to the left.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
@@ -141,22 +140,41 @@ def nearest_axes(axes: Axes) -> np.ndarray:
     return np.stack([np.cross(left, up), left, up])
 
 
-def mounting(axes: Axes, believed: npt.ArrayLike) -> str | None:
-    """What is wrong with how a sensor is believed to be worn, in words; None if nothing is.
+UPSIDE_DOWN = Kind("sensor_upside_down", "check", "{placement}: the sensor is upside down", WRONG_PLACE)
+OTHER_LEG = Kind(
+    "sensor_backwards",
+    "check",
+    "{placement}: the leg swings the other way: the sensor looks backwards or is on the other leg",
+    WRONG_PLACE,
+)
+UPSIDE_DOWN_BACKWARDS = Kind(
+    "sensor_upside_down_backwards",
+    "check",
+    "{placement}: the sensor is upside down, and looks backwards or is on the other leg",
+    WRONG_PLACE,
+)
+TURNED = Kind(
+    "sensor_turned", "check", "{placement}: the sensor is turned by more than 45° (by {degrees:.0f}°)", WRONG_PLACE
+)
+
+
+def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None:
+    """What is wrong with how a sensor is believed to be worn; None if nothing is.
 
     Args:
         axes: from `functional_axes`.
         believed: (3, 3) forward, left and up in the sensor's axes, as the wearer was told.
+        placement: of the sensor, for the note.
     """
     agree = np.sum(axes.rows * as_float(believed), axis=1)
     if agree[1] < 0.0 and agree[2] < 0.0:
-        return "the sensor is upside down"
+        return UPSIDE_DOWN(placement=placement)
     if agree[1] < 0.0:
-        return "the leg swings the other way: the sensor looks backwards or is on the other leg"
+        return OTHER_LEG(placement=placement)
     if agree[2] < 0.0:
-        return "the sensor is upside down, and looks backwards or is on the other leg"
+        return UPSIDE_DOWN_BACKWARDS(placement=placement)
     if np.min(agree) < np.cos(np.deg2rad(45.0)):
-        return f"the sensor is turned by more than 45° (by {np.rad2deg(np.arccos(np.min(agree))):.0f}°)"
+        return TURNED(placement=placement, degrees=np.rad2deg(np.arccos(np.min(agree))))
     return None
 
 

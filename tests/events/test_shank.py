@@ -138,12 +138,12 @@ def test_axes_and_sign_are_told_from_the_walk():
 
 
 def test_a_sensor_worn_wrongly_is_noticed():
-    over = {"upside down": np.diag([1.0, -1.0, -1.0]), "other leg": np.diag([-1.0, -1.0, 1.0])}
-    for words, rows in over.items():
+    over = {"sensor_upside_down": np.diag([1.0, -1.0, -1.0]), "sensor_backwards": np.diag([-1.0, -1.0, 1.0])}
+    for code, rows in over.items():
         axes = shank_axes.functional_axes(worn(rows))
-        assert words in shank_axes.mounting(axes, np.eye(3))
+        assert shank_axes.mounting(axes, np.eye(3), "shank_left").code == code
         np.testing.assert_allclose(shank_axes.nearest_axes(axes), rows, atol=1e-12)
-    assert shank_axes.mounting(shank_axes.functional_axes(worn(np.eye(3))), np.eye(3)) is None
+    assert shank_axes.mounting(shank_axes.functional_axes(worn(np.eye(3))), np.eye(3), "shank_left") is None
 
 
 def test_exchanged_labels_and_clipped_swings_are_noticed():

@@ -1,6 +1,6 @@
 """Kinds of facts that `ankle_stride` notices about a recording."""
 
-from jgait.notes import FEW_RESTS, UNSURE_FORWARD, WRONG_PLACE, Kind
+from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind
 
 SWINGS_EVEN = Kind(
     "swings_even",
@@ -14,8 +14,4 @@ NEVER_STANDS = Kind(
     "check",
     "{placement} never stands still for half a second: its gyroscope's bias is left to the filter",
     FEW_RESTS,
-)
-
-WORN_OTHERWISE = Kind(
-    "worn_otherwise", "check", "{placement}: {mounting}; strides are computed all the same", WRONG_PLACE
 )

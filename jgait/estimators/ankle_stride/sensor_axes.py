@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.notes import WORN_OTHERWISE
 from jgait.estimators.ankle_stride.prepare import placement_of
 from jgait.mounting import shank
 from jgait.notes import Note
@@ -42,7 +41,7 @@ def worn_otherwise(recording: Recording, believed: np.ndarray) -> tuple[Note, ..
     for side in SIDES:
         name = placement_of(recording, side)
         functional = None if name is None else shank.functional_axes(recording.sensors[name])
-        wrong = None if functional is None else shank.mounting(functional, believed)
+        wrong = None if functional is None else shank.mounting(functional, believed, str(name))
         if wrong is not None:
-            notes.append(WORN_OTHERWISE(placement=str(name), mounting=wrong))
+            notes.append(wrong)
     return tuple(notes)
