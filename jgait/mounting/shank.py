@@ -9,6 +9,7 @@ swing is then a *negative* rate about the axis to the left.
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from jgait.events.rest import longest_still
