@@ -1,4 +1,4 @@
-"""What the filter benchmark tells: tables, rows, and a figure."""
+"""Tables, rows and a figure of the filter benchmark."""
 
 import re
 from pathlib import Path

@@ -111,7 +111,7 @@ class Cell(NamedTuple):
 
 
 def mapped(one: Callable[[Any], Any], arranged: Any, batched: bool, out_axes: Any) -> Any:
-    """Over recordings, which lie behind the time in arguments and results, so that nobody has to transpose."""
+    """Over recordings, which lie behind the time in arguments and results, so that no candidate has to transpose."""
     return jax.vmap(one, in_axes=1, out_axes=out_axes)(arranged) if batched else one(arranged)
 
 
@@ -129,7 +129,7 @@ def objective(candidate: Candidate, job: str, batched: bool) -> Callable[..., An
 
 
 def function_of(candidate: Candidate, job: str, batched: bool, gradient: str = "reverse") -> Callable[..., Any]:
-    """A job as a function of log noise, rates as the candidate wants them, and path."""
+    """A job as a function of log noise, rates in the candidate's form, and path."""
     if job == "filter":
         return lambda theta, r, path: mapped(lambda one: candidate.filtered(theta, one), r, batched, (1, 0))
     if job == "smoother":

@@ -1,4 +1,4 @@
-"""What the cohort's experiment tells: where the time went, and how the estimator agrees with the truth."""
+"""Where the time of the cohort's evaluation went, and the errors of the estimator against the truth."""
 
 from pathlib import Path
 from typing import Any
@@ -84,7 +84,7 @@ def quality(tables: Cohort, split: str) -> list[Row]:
 
 
 def figures(tables: Cohort, folder: Path) -> None:
-    """Agreement of distance and stride length, and the errors of people who fare best, middling and worst."""
+    """Agreement of distance and stride length, and of people with small, middle and large errors."""
     from jgait import plot
     from jgait.plot import cohort as plot_cohort
 
@@ -101,7 +101,7 @@ def figures(tables: Cohort, folder: Path) -> None:
     middle = len(order) // 2
     some = [*order[:10], *order[middle - 5 : middle + 5], *order[-10:]] if len(order) > 30 else list(order)
     chosen = strides[strides["subject"].isin(some)]
-    title = f"{len(some)} of {len(order)} people: who fares best, who is in the middle, and who fares worst"
+    title = f"{len(some)} of {len(order)} people: those with the smallest, middle and largest errors"
     drawn["people"] = plot_cohort.per_subject(chosen, "stride_length_m", unit="m", title=title)
     for name, figure in drawn.items():
         print(plot.save(figure, folder / f"cohort_{name}.png"))

@@ -64,7 +64,7 @@ class Watch:
         self.stages: dict[str, Stage] = {}
 
     def timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, told of in `stages`."""
+        """The function; its time is added to `stages`."""
 
         @functools.wraps(function)
         def call(*args: Any, **kwargs: Any) -> Any:
@@ -152,7 +152,7 @@ def _on_dask(cohort: Callable[..., Any], estimator: Any, names: list[str], given
 
 
 def main() -> None:
-    """Evaluate, and tell."""
+    """Evaluate, and print what it took."""
     settings, watch = Settings(**json.loads(sys.argv[1])), Watch()
     tables = evaluated(settings, watch)
     seconds = time.perf_counter() - STARTED

@@ -1,4 +1,4 @@
-"""The leg estimator on ten thousand walks of a minute, from disk: how long, how much memory, how good.
+"""The leg estimator on ten thousand walks of a minute, from disk: time, memory, errors.
 
 People of the simulated population with their own legs, straight on, round a corner or back, with the errors of an
 MPU-6000 at both thighs and shanks. They are simulated first, outside the time that is measured, and evaluated in a

@@ -1,7 +1,7 @@
 """Simulated walks on disk: everyone's own legs, way and pace, a file each, read back as recordings with their truth.
 
 `python -m experiments.cohort.walks FOLDER SEED FIRST LAST SHORTEST LONGEST` writes them, and
-prints who could not walk as a JSON list of reasons.
+prints the reasons of people who cannot walk so as a JSON list.
 """
 
 import functools
@@ -31,11 +31,11 @@ RADIUS = 0.8
 """Of the turns [m]."""
 
 GROUP = 32
-"""People who walk at once."""
+"""People who are simulated in one call."""
 
 
 class Walker(NamedTuple):
-    """Who walks where, and for how long [s]."""
+    """A person, the way, and the duration of the walk [s]."""
 
     name: str
     key: Any
@@ -53,7 +53,10 @@ def _way(kind: str, number: int, length: float) -> Route:
 
 
 def walkers(seed: int, first: int, last: int, seconds: tuple[float, float]) -> Iterator[Walker | str]:
-    """People `first` to `last` of a population, each walking for about as long as drawn; who cannot, is a reason."""
+    """People `first` to `last` of a population, each walking for about as long as drawn.
+
+    For a person who cannot walk so, it yields the reason.
+    """
     who, how = jax.random.split(jax.random.key(seed))
     drawn = jax.tree.map(np.asarray, simulate.population(who, last))
     keys = jax.vmap(lambda i: jax.random.fold_in(how, i))(jnp.arange(last))
@@ -117,7 +120,7 @@ def _save(folder: Path, group: list[Walker]) -> None:
 
 
 def simulated(folder: Path, seed: int, first: int, last: int, seconds: tuple[float, float]) -> list[str]:
-    """Simulate people, write their walks, and return the reasons of those who cannot walk so."""
+    """Simulate people, write their walks, and return the reasons of people who cannot walk so."""
     groups: dict[tuple[int, int], list[Walker]] = {}
     refused = []
     for one in walkers(seed, first, last, seconds):

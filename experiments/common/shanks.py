@@ -1,9 +1,9 @@
-"""One sensor at the ankle or on the shank, and what others say of its leg's strides: three public sets.
+"""One sensor at the ankle or on the shank, and the strides of its leg by a reference: three public sets.
 
 `tripod`: shanks; OptoGait, from 10 s after the first contact until the belt slows down; its clock is off by some 0.1 s,
-differently for each leg and trial. `neura_sparse`: ankles and mid shanks; Vicon's heel tells contacts, its ankle
-lengths. `walking5m`: shanks; insoles tell contacts, foot trajectories lengths, with a standard deviation of 4 to 6 cm.
-Which sensor is on the shank is told from how it swings, not from what it is called.
+differently for each leg and trial. `neura_sparse`: ankles and mid shanks; contacts come from
+Vicon's heel, lengths from its ankle. `walking5m`: shanks; contacts come from insoles, lengths from foot trajectories,
+with a standard deviation of 4 to 6 cm. The sensor on the shank is detected by its swing, not by its name.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ SHANK_LENGTH = {"young": 0.446, "elderly": 0.417}
 
 
 class Reference(NamedTuple):
-    """Strides of a leg as others saw them.
+    """Strides of a leg by a reference.
 
     Attributes:
         contact: (n,) initial contact that ends each stride [s].
@@ -51,14 +51,14 @@ class Leg(NamedTuple):
     Attributes:
         group: "tripod", "neura_ankle", "neura_shank", "walking5m_young", "walking5m_elderly".
         walk: name of the recording.
-        subject: who walked.
+        subject: identifier of the person.
         side: "right" or "left".
         imu: the sensor, in its own axes, without the bias that its gyroscope has while standing.
-        axes: told from the walk.
+        axes: computed from the walk.
         rate_hz: of the samples.
         leg_length: [m], or None.
         reference: strides.
-        notes: what the code noticed.
+        notes: facts that the code noticed.
     """
 
     group: str
@@ -118,7 +118,7 @@ def _placements(name: str, walk: Walk, side: str) -> list[tuple[str, str]]:
 
 
 def _tripod(walk: Walk, side: str) -> Reference | None:
-    """A row tells of the stride that begins at its contact; the contact that ends it is the next row's."""
+    """A row has the stride that begins at its contact; the stride ends at the contact of the next row."""
     told = walk.info["optogait"]
     if not told:
         return None
@@ -155,7 +155,7 @@ def _neura(walk: Walk, side: str) -> Reference | None:
 
 
 def _walking5m(walk: Walk, side: str) -> Reference | None:
-    """The foot's own sensor tells lengths, and the insole when within a stride the foot came down."""
+    """Lengths come from the sensor on the foot, the instants of contact within a stride from the insole."""
     if walk.reference is None or side not in walk.info["feet"] or side not in walk.info["insoles"]:
         return None
     rate, feet = walk.recording.sampling_rate_hz, walk.info["feet"]

@@ -2,7 +2,7 @@
 
 `make experiments` writes results/NAME.json; `make summary` takes the rows that have a line in the table out of these
 files into experiments/results.json, which is versioned, and writes the table. Rows that no full run in the folder holds
-stay as they were, and are named. `--check` writes nothing and says whether the table is what the versioned rows give.
+stay as they were, and are named. `--check` writes nothing and prints whether the table agrees with the versioned rows.
 """
 
 import argparse
@@ -171,7 +171,7 @@ numbers.
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write rows and table, or say whether the table is up to date."""
+    """Write rows and table, or print whether the table is up to date."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--results", type=Path, default=Path("results"), metavar="FOLDER", help="of the experiments' JSON"

@@ -3,7 +3,7 @@
 Where the length comes from: markers on the foot from standing to standing (`gaitmap_example`: mean of heel, toe and
 fifth metatarsal at the set's own events; `neura_sparse`: between ankle and toe, where the sensor sits; `pyshoe_vicon`:
 the tracked foot), a ruler between footprints (`footprints`). Every stride of the reference is looked for in the
-estimate; one that is not found is lost. Nothing is known of `xio_gait` but that the foot ends where it began.
+estimate; one that is not found is lost. Of `xio_gait` it is only known that the foot ends where it began.
 """
 
 import itertools
@@ -46,7 +46,7 @@ class Foot(NamedTuple):
 
 
 def feet(name: str, most: int | None = None) -> list[Foot]:
-    """Every foot of a data set that has a reference, of its first `most` recordings; says which could not be read."""
+    """Every foot of a data set that has a reference, of its first `most` recordings; prints which could not be read."""
     reader = {"gaitmap_example": _gaitmap, "neura_sparse": _neura, "footprints": _footprints, "pyshoe_vicon": _vicon}
     found = []
     for walk in walks(name, names(name)[:most]):

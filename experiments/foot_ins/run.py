@@ -123,7 +123,7 @@ def solved(p: FootParams, item: Ready, options: FootOptions = DEFAULT) -> Matche
 
 
 def scored(p: FootParams, items: Sequence[Ready], options: FootOptions = DEFAULT) -> Score | None:
-    """All feet of a set estimated and compared; None if there is none."""
+    """All feet of a set estimated and compared; None if the set has no foot."""
     found = [one for one in (solved(p, item, options) for item in items) if one is not None]
     return score(found) if found else None
 

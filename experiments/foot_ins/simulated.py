@@ -83,7 +83,7 @@ def pooled(found: Sequence[Compared]) -> Compared:
 
 
 def feet_of(key: Any, people: int, along: Route, errors: Any, what: str) -> list[Compared]:
-    """Both feet of people on one route; who cannot walk it is left out, and said."""
+    """Both feet of people on one route; a person who cannot walk it is left out, and printed."""
     found = []
     for i in range(people):
         own = jax.random.fold_in(key, i)

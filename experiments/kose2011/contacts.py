@@ -15,7 +15,7 @@ TOLERANCE = 0.2
 """[s] Between a detection and a contact, after the set's median offset is taken off."""
 
 FAR = 0.3
-"""[s] Detections further from a contact say nothing of the offset."""
+"""[s] Detections farther from a contact are not used for the offset."""
 
 DETECTORS = ("soft", "peaks", "paper", "literal")
 
@@ -34,7 +34,7 @@ class Matched(NamedTuple):
         late: (hits,) detection less contact [s], nothing taken off.
         right: (hits,) bool, the side is right.
         missed: contacts that were not found.
-        extra: detections that are none.
+        extra: detections without a contact.
     """
 
     late: np.ndarray
@@ -88,7 +88,7 @@ class Score(NamedTuple):
         offset: the set's median [ms].
         sides: contacts found whose side is right [%].
         missed: contacts that were not found.
-        extra: detections that are none.
+        extra: detections without a contact.
         n: contacts looked for.
     """
 
@@ -136,7 +136,7 @@ COLUMNS = ["", "F1", "missed", "extra", "n", "MAE [ms]", "SD", "as it comes", "o
 
 
 def rows_of(name: str, s: Score) -> list[Row]:
-    """The rows of a detector on a set; `name` is the set's, with whatever tells them apart behind it."""
+    """The rows of a detector on a set; `name` is the set's name and a suffix for the detector."""
     split = "offset of the other people"
     hits = s.n - s.missed
     found = [

@@ -138,14 +138,14 @@ def constants(p: WaistParams, items: Sequence[Item]) -> np.ndarray:
 
 
 def learned(constant: np.ndarray, items: Sequence[Item], among: np.ndarray) -> float:
-    """K of the people among whom it is learned; (n,) bool says which walks are theirs."""
+    """K learned on some people; (n,) bool is True at their walks."""
     subjects = np.array([item.walk.subject for item in items])
     of_person = [np.log(constant[among & (subjects == one)]).mean() for one in sorted(set(subjects[among]))]
     return float(np.exp(np.mean(of_person)))
 
 
 def held_out(way: Way, items: Sequence[Item], same_set: bool) -> list[Measured] | None:
-    """Each walk with K of the other people of its set, or of the other set; None if there are none."""
+    """Each walk with K of the other people of its set, or of the other set; None if there are no other people."""
     p = WaistParams(**way.settings)
     if way.options.distance not in ("fused", "pendulum"):
         return [measured(p, item, way.options) for item in items]
@@ -241,5 +241,5 @@ def of_sets(sets: dict[str, list[Walk]], quick: bool) -> list[Row]:
     if items:
         constant = constants(WaistParams(), items)
         said = (f"{item.walk.name} {k:.2f}" for item, k in zip(items, constant, strict=True))
-        print(f"K of each walk, {WaistParams().pendulum_constant} unless told: {', '.join(said)}")
+        print(f"K of each walk, {WaistParams().pendulum_constant} by default: {', '.join(said)}")
     return rows

@@ -1,9 +1,9 @@
 """mobgap's detectors, sides and step lengths on the same walks, judged as ours are.
 
 mobgap finds contacts in walking bouts that it is given: here the reference's own, a second longer at both ends, for its
-filters find none at the very edges. Of `ipol_gait` nobody measured how high the sensor was; mobgap's convention for
-that, 0.53 of the height, is kept. Its scale of step lengths is learned on the Mobilise-D cohorts, two of whose people
-may be those of `mobgap_lab`, and left as it comes. What it finds outside the reference's bouts is not held against it.
+filters find none at the very edges. The height of the sensor was not measured in `ipol_gait`; mobgap's convention, 0.53
+of the body height, is kept. Its scale of step lengths is learned on the Mobilise-D cohorts, two of whose people may be
+those of `mobgap_lab`, and left as it comes. What it finds outside the reference's bouts is not held against it.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""The parts by themselves: wavelets beside pywavelets', and what OFDRI's gradient says and costs."""
+"""Wavelets beside those of pywavelets; value, error and time of OFDRI's gradient."""
 
 import time
 from typing import Any

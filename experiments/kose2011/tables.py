@@ -33,7 +33,7 @@ THRESHOLDS = (0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01)
 
 SAMPLES = 8192
 PAPER = {"update": 0.8, "learned": 0.8, "frozen": 25.0, "integrated": 150.0}
-"""[%] What the paper says of its nine people."""
+"""[%] The paper's errors of nine people."""
 
 TITLES = {
     "integrated": "OFI", "frozen": "OFDRI", "update": "+ update", "learned": "+ update, ε learned",
@@ -86,7 +86,7 @@ def simulated_one(walked: protocols.Walked) -> Simulated:
 
 
 def of_right(walk: Walk, found: Found) -> tuple[Walk, Found]:
-    """What the paper looks at: heel strikes of the right foot, and detections that are said to be of it."""
+    """The part that the paper judges: heel strikes of the right foot, and detections labelled right."""
     mine = walk.sides == 0
     right = walk._replace(contacts=walk.contacts[mine], sides=walk.sides[mine])
     return right, Found(found.time[found.side == 0], found.side[found.side == 0])
@@ -150,7 +150,7 @@ def true_error(one: Simulated, kind: str, threshold: float) -> float:
     begin[: len(rights) - 1], end[: len(rights) - 1] = rights[:-1], rights[1:]
     acc = np.zeros(SAMPLES)
     acc[: len(one.acc)] = one.acc
-    # behind the walk nothing is added: nobody moves there, and the speed left over is the method's error
+    # behind the walk nothing is added: the person stands, and the speed left over is the method's error
     dt = np.where(np.arange(SAMPLES) < len(one.acc), one.dt, 0.0)
     cycles = Cycles(begin, end, len(rights) - 1)
     way = float(_true(VelocityUpdateParams(threshold=threshold), acc, cycles, dt, kind))

@@ -1,12 +1,12 @@
 """Walks of `mobgap_lab` and `ipol_gait` with one sensor at the lower back, and what is known of them from elsewhere.
 
-`mobgap_lab`: the straight walks (Test5) and what motion capture says of their bouts: contacts, and the distance from
+`mobgap_lab`: the straight walks (Test5) and their bouts by motion capture: contacts, and the distance from
 the first to the last. People walk on before and behind what the cameras see.
 
 `ipol_gait`: contacts of both feet, checked by hand. Distances are those of the sensors on the feet, by `foot_ins`: on
 the straight way there, the strides that begin and end with a checked contact (a first stride begins with the foot
-leaving the ground, and is none of them); of the whole walk with its U-turn, all strides, the mean of both feet. The
-20 m that were asked for are no reference: nobody walked them.
+leaving the ground, and does not count); of the whole walk with its U-turn, all strides, the mean of both feet. The
+20 m of the instructions are no reference: no person walked exactly 20 m.
 """
 
 from functools import cache, partial
@@ -56,7 +56,7 @@ class Walk(NamedTuple):
     Attributes:
         set: name of the data set.
         name: of the recording.
-        subject: who walked.
+        subject: identifier of the person.
         recording: with the sensor at the lower back only.
         body: the person's measures that the estimator takes.
         contacts: (n,) [s] initial contacts in order.

@@ -21,7 +21,7 @@ def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
     seen = motion.motion(p, inputs, smooth=DEFAULT.smooth, execution=DEFAULT.execution)
     found = steps.intervals(p, inputs, seen)
     speed, held = readout.integrated_speed(p, inputs, seen, found, WAYS[kind])
-    # what is held from the first contact on holds the speed of somebody who is still setting off
+    # at the first contact the person is still setting off, and that speed is held
     known = inputs.stood & (kind != "frozen")
     held = jnp.ones_like(held) if kind == "frozen" else jnp.zeros_like(held)
     start_sd = p.start_speed_sd * jnp.where(known, 0.0, 1.0)

@@ -1,9 +1,10 @@
 """Stride width on a real walk: a range made from motion capture, first headings that are wrong, and the errors.
 
-`gaitmap_example` has both feet and markers on them, but no range sensor. So one is made up: 30 Hz, 2 mm of noise, heard
-only while one foot passes the other (within 5 cm along the left foot's stride) and up to half a metre away; whether the
-feet turn, the estimators have to tell. The sensors' places are taken to be the mean of heel, toe and fifth metatarsal,
-and widths are judged at the same points: the line through two stances of a foot, and the stance of the other between.
+`gaitmap_example` has both feet and markers on them, but no range sensor. So a range is simulated: 30 Hz, 2 mm of noise,
+available only while one foot passes the other (within 5 cm along the left foot's stride) and up to half a metre away;
+whether the feet turn, the estimators have to detect. The sensors' places are taken to be the mean of heel, toe and
+fifth metatarsal, and widths are judged at the same points: the line through two stances of a foot, and the stance of
+the other between.
 """
 
 import itertools
@@ -72,7 +73,7 @@ def headings(walk: Capture, side: int, times: np.ndarray) -> np.ndarray:
 
 
 def simulated_range(walk: Capture, seed: int) -> RangeReadings:
-    """What a range sensor would have heard."""
+    """Readings of a simulated range sensor."""
     rng = np.random.default_rng(seed)
     time = np.arange(walk.time[0] + rng.uniform(0.0, 1.0 / PING_HZ), walk.time[-1], 1.0 / PING_HZ)
     way = walk.at(0, time) - walk.at(1, time)

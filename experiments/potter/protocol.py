@@ -32,7 +32,7 @@ class Marked(NamedTuple):
         feet: where the sensors are, right and left, (T, 2) [m].
         way: (T,) along the route [m].
         corner: from where to where the route turns [m].
-        offset: what the sensors are farther apart than the range says while the person stands [m].
+        offset: distance of the sensors minus the range while the person stands [m].
         strides: the truth's.
     """
 
@@ -46,7 +46,7 @@ class Marked(NamedTuple):
 
 
 def walks(seed: int, people: int, straight: float = 50.0, after: float = 25.0) -> list[Marked]:
-    """People who walk the paper's way."""
+    """Simulated people on the paper's route."""
     found = []
     for one in protocols.potter(jax.random.key(seed), people, straight=straight, after=after):
         truth, extra = one.truth, one.extra

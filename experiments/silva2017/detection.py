@@ -51,7 +51,7 @@ def _line(scores: list[Score]) -> list[Any]:
 
 
 def mistaken(groups: dict[str, list[Leg]]) -> list[Row]:
-    """Sensors that are not where they are said to be, as the code noticed."""
+    """Sensors that are not at their stated placement, as the code noticed."""
     noticed = [[f"{leg.walk}, {leg.side}", str(note)] for of in groups.values() for leg in of for note in leg.notes]
     if noticed:
         show("Noticed", ["", ""], noticed)

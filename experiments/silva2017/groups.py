@@ -36,7 +36,7 @@ SETS = ("tripod", "neura_sparse", "walking5m")
 
 @cache
 def load(quick: bool) -> dict[str, list[Leg]]:
-    """Group → its legs, of the sets that are here; a missing one says so."""
+    """Group → its legs, of the sets that are here; the reason of a missing set is printed."""
     found: dict[str, list[Leg]] = {}
     for name in SETS:
         if not available(name):

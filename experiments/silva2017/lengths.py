@@ -28,7 +28,7 @@ class Signals(NamedTuple):
         straight_gyr, straight_acc: (T, 3) in the sensor's own axes nearest to them, for Li's method.
         swing, stride: flags of swings and strides.
         end: (n,) samples at which strides end; swing_end: at which swings do.
-        length: (n,) by the reference [m]; 0 where there is none.
+        length: (n,) by the reference [m]; 0 where the reference has no length.
         known: (n,) bool, whether there is one; full: a whole stride.
         dt: [s].
     """
@@ -72,7 +72,7 @@ def reference_lengths(leg: Leg, end: np.ndarray, stood: shank_stance.ShankStance
 
 
 def signals(leg: Leg, turn: np.ndarray | None = None) -> Signals:
-    """A leg ready for the methods; `turn` (3, 3) turns the sensor on the leg, the wearer not knowing."""
+    """A leg ready for the methods; `turn` (3, 3) turns the sensor on the leg, unknown to the method."""
     nearest = shank_axes.nearest_axes(leg.axes)
     if turn is not None:
         imu = leg.imu._replace(gyr=np.asarray(leg.imu.gyr) @ turn.T, acc=np.asarray(leg.imu.acc) @ turn.T)
@@ -139,7 +139,7 @@ lengths = jax.jit(jax.vmap(_one, in_axes=(None, None, None, 0)), static_argnums=
 
 
 class Errors(NamedTuple):
-    """Of the lengths of whole strides and half-steps alike, as far as the reference knows them.
+    """Of the lengths of whole strides and half-steps alike, where the reference has a length.
 
     Attributes:
         each: error of every stride [m].

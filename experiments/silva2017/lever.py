@@ -1,7 +1,7 @@
 """The estimator of choice on real legs: the filter with the lever among its states, everything held out.
 
 Only the lever with which the filter starts is learned, on the other speed, the other leg or other people. Lengths go
-nearly straight with it: two levers tell the best one, and the filter is run again with that.
+nearly straight with it: the best lever follows from two levers, and the filter runs again with it.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -155,7 +155,7 @@ def lengths_rows(
 
 
 def bias_rows(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarray, plain: np.ndarray) -> list[Row]:
-    """How far a leg's total moves with 0.02 rad/s on each axis, when nothing but the filter can tell it."""
+    """How far a leg's total moves with 0.02 rad/s on each axis, when only the filter can estimate it."""
     moved = []
     for off in BIAS * np.eye(3):
         inputs = together([prepared(leg, off, np.eye(3), standing=False) for leg in legs])
@@ -172,7 +172,7 @@ def bias_rows(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarray, 
 
 
 def rotation_row(name: str, legs: list[Leg], levers: np.ndarray, full: np.ndarray, plain: np.ndarray) -> Row:
-    """How far a stride moves when the sensor is turned on the leg, nobody knowing."""
+    """Change of a stride's length when the sensor is turned on the leg, unknown to the filter."""
     axes = np.random.default_rng(0).normal(size=(len(legs), 3))
     matrices = [np.asarray(turn(jnp.asarray(axis), np.deg2rad(ANGLE))) for axis in axes]
     inputs = together([prepared(leg, np.zeros(3), m) for leg, m in zip(legs, matrices, strict=True)])

@@ -105,7 +105,7 @@ def _by_group(name: str, of: list[Leg], told: np.ndarray, s: Signals) -> list[Ro
 def pendulum(found: dict[str, tuple[list[Leg], np.ndarray, Signals]]) -> list[Row]:
     """SL2 with learned gains, judged on others: one gain, two, and a swing-time gain learned on other people.
 
-    One speed does not tell what another does; the people of `walking5m` walk at many, and tell the swing-time gain.
+    One speed does not determine the swing-time gain; the people of `walking5m` walk at many speeds, which determine it.
     """
     rows, lines, known = [], [], None
     for name, (of, key, s) in sorted(found.items(), key=lambda item: item[0] != "walking5m"):

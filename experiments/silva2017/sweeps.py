@@ -25,7 +25,7 @@ BIASES = (0.005, 0.01, 0.02)
 
 
 def rotation_sweep(found: dict[str, tuple[list[Leg], np.ndarray, Signals]], quick: bool) -> list[Row]:
-    """The sensor turned on the leg by an angle about a random axis, nobody knowing: what that does to a stride."""
+    """Change of a stride's length when the sensor is turned about a random axis, unknown to the methods."""
     rows, lines = [], []
     for name, (of, key, s) in found.items():
         if len(set(key.tolist())) < 2:

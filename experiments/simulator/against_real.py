@@ -2,8 +2,8 @@
 
 Beside real recordings simulated people walk at the same stride, are sampled at the same rate and judged by the same
 code; `inside` is 1 where the simulated median lies within the real 5 to 95 %. Speed and stride are given to the
-simulator, and figures with a single real value have no spread: neither is counted. Of figures outside, the table says
-which single parameter of the gait would bring them inside.
+simulator, and figures with a single real value have no spread: neither is counted. For figures outside, the table
+lists the single parameters of the gait that would bring them inside.
 """
 
 from pathlib import Path
@@ -62,7 +62,7 @@ def compared(given: Set, real: dict[str, Spread], figures: dict[str, float]) -> 
 
 
 def figures_of_people(people: list[Person], given: Set) -> list[dict[str, float]]:
-    """Medians of everyone's figures, simulated in batches of one size; {} of who cannot walk like that."""
+    """Medians of everyone's figures, simulated in batches of one size; {} for a person who cannot walk like that."""
     found = []
     for start in range(0, len(people), BATCH):
         part = people[start : start + BATCH]
@@ -74,7 +74,7 @@ def figures_of_people(people: list[Person], given: Set) -> list[dict[str, float]
 
 
 def able(person: Person) -> bool:
-    """Whether a person can walk as asked."""
+    """Whether a person can walk with these parameters."""
     try:
         simulate.check_person(person)
     except ValueError:

@@ -27,7 +27,7 @@ from tests import strapdown
 RATE_HZ = 200.0
 UNEVEN = {"length_variability": 0.03, "time_variability": 0.025, "width_variability": 0.017}
 DISCRETE = ("steps", "right_first", "quiet_before", "quiet_after")
-"""Fields of a gait that are decisions, or only say how long nothing moves."""
+"""Fields of a gait that are decisions, or durations of standing."""
 
 
 # --- one long walk ---
@@ -134,7 +134,7 @@ def length_error(truth: Truth, body: Body) -> float:
 
 
 def standing_error(recording: Recording, truth: Truth, person: Person) -> float:
-    """Largest difference [m/s²] of what sensors feel while standing from gravity in the segment's axes."""
+    """Largest difference [m/s²] between the specific force while standing and gravity in the segment's axes."""
     stands = truth.estimate.time < person.gait.quiet_before
     worst = 0.0
     for placement, imu in recording.sensors.items():

@@ -28,7 +28,7 @@ STRIKE = 0.1  # [s] around initial contact in which the acceleration's peak is l
 
 
 class Figures(NamedTuple):
-    """Figures of gait, each (n,) over strides; empty where nothing tells it, and of different n.
+    """Figures of gait, each (n,) over strides; empty where the data do not contain it; n differs.
 
     Attributes:
         speed: [m/s] distance over time.
@@ -190,7 +190,7 @@ def figures(
         good: see `find_strides`.
 
     Returns:
-        The figures; empty what the sensors and the truth do not tell.
+        The figures; those that the sensors and the truth do not contain are empty.
 
     Raises:
         ValueError: if there is neither a shank nor a foot.
@@ -247,7 +247,7 @@ def _of_truth(truth: Truth, strides: Strides, rate_hz: float) -> dict[str, np.nd
         found["speed"] = found["stride_length"] * rate_hz / (strides.end - strides.start)
     if truth.contact is not None:
         contact = np.asarray(truth.contact)
-        # A foot on the ground in the middle of its swing is a sole that does not let go; such a stride tells nothing.
+        # A foot on the ground in the middle of its swing is a sole that does not let go; such a stride is left out.
         swings = ~contact[strides.start] & ~contact[strides.end]
         found["stance"] = _over(np.mean, contact.astype(np.float64), strides.start[swings], strides.end[swings])
     for name, series in (("hip_range", truth.hip), ("knee_range", truth.knee), ("pelvis_rise", truth.height)):

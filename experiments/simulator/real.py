@@ -1,13 +1,13 @@
 """What figures of gait are in public recordings: what a simulator is judged against.
 
 `figures` takes plain arrays of one leg, simulated or recorded (see `_gait_figures`); `real` runs it over a data set,
-`spread` says what is usual there. Run as a script, it prints the table of all sets.
+`spread` gives median and percentiles.
 
-What tells the stance: heel or toe slower than `RESTING` by Vicon (`neura_sparse`, whose own flags are of the flat foot
+Source of the stance: heel or toe slower than `RESTING` by Vicon (`neura_sparse`, whose own flags are of the flat foot
 only, 0.2 of a stride; by the same rule the feet of `gaitmap_example` stand 0.65), the insoles (`walking5m`, by a
 threshold of this file, so some hundredths of the stride are uncertain), Zebris' mean of each foot (`tripod`; OptoGait's
 stances are 0.05 of a stride longer, for its bars lie above the ground), events from motion capture
-(`gaitmap_example`). Stride width: between the heels; on `tripod` Zebris' mean step width. What tells the distance:
+(`gaitmap_example`). Stride width: between the heels; on `tripod` Zebris' mean step width. Source of the distance:
 Vicon's pelvis, the feet's own sensors (±5 %), the belt, Vicon's heels. Hip, knee and pelvis: `neura_sparse` only.
 """
 

@@ -1,6 +1,6 @@
 """Simulated walks as the sets of `real` are: the same speed, sampling rate, sensors and rules, the same figures.
 
-Stance is told as each set's reader tells it: on `neura_sparse` by heel and toe slower than `RESTING`, else by the
+Stance is computed as by each set's reader: on `neura_sparse` by heel and toe slower than `RESTING`, else by the
 simulator's own contacts. Sensors are perfect but for their range. Only the stride's time and length are taken from a
 set, so what they fix (`GIVEN`) is no test of the simulator.
 """

@@ -24,7 +24,7 @@ class ReadOut(NamedTuple):
 
 
 class Walked(NamedTuple):
-    """One recording: what the filter found, and the distance [m] that the feet say."""
+    """One recording: what the filter found, and the distance by the sensors on the feet [m]."""
 
     legs: Legs
     still: Any

@@ -1,8 +1,8 @@
-"""What is left of the errors in the angles behind the filters, and of the knee's angle that `leg_ekf` tells.
+"""Errors of the shin's angle behind the Kalman filters when its gyroscope is off part of the time.
 
-Only shin gyroscopes sleep: two strides are measured from the leg's first swing, then units of half a stride, begun at
-several places of their period. Errors count from then to the walk's end. Against motion capture or the simulator both
-sides are taken relative to standing, so the foot's sensor may be put on at any angle.
+Only shin gyroscopes are switched off: two strides are measured from the leg's first swing, then units of half a stride,
+begun at several places of their period. Errors count from then to the walk's end. Against motion capture or the
+simulator both sides are taken relative to standing, so the foot's sensor may be put on at any angle.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ class _Shin(NamedTuple):
 
 
 def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarray] | None) -> dict[str, _Shin]:
-    """Side → the shin behind the filters; filled rates with their own noise, as `duty_cycled_gyro` has it."""
+    """Side → the shin behind the filters; filled rates with the noise that `duty_cycled_gyro` gives them."""
     usual = duty_cycled_gyro.DutyCycledParams()
     prepared = duty_cycled_gyro.prepared(one.recording)
     inputs, rate_hz = prepared.inputs, one.recording.sampling_rate_hz

@@ -1,4 +1,4 @@
-"""The knee's angle of `leg_ekf` on `neura_sparse`, both shin gyroscopes asleep part of the time."""
+"""The knee's angle of `leg_ekf` on `neura_sparse`, both shin gyroscopes off part of the time."""
 
 from typing import Any, NamedTuple
 
@@ -32,7 +32,7 @@ def _knees(one: Walked, found: Estimate, always: Estimate) -> _Knee:
 
 
 def rows(quick: bool) -> list[Row]:
-    """`leg_ekf`'s knee angle on `neura_sparse` with both shin gyroscopes asleep part of the time."""
+    """`leg_ekf`'s knee angle on `neura_sparse` with both shin gyroscopes off part of the time."""
     if not available("neura_sparse"):
         return []
     one = neura()[0]
@@ -76,5 +76,5 @@ def rows(quick: bool) -> list[Row]:
             apart = float(mean.always.mean())
             rows.append(Row(f"joint_knee_deg_to_always_on{name}", apart, "°", None, count, what))
     columns = ["", *(f"to {other}, {side} [°]" for other in ("motion capture", "always on") for side in SIDES)]
-    show("leg_ekf's knee on neura_sparse, both shin gyroscopes asleep part of the time", columns, lines)
+    show("leg_ekf's knee on neura_sparse, both shin gyroscopes off part of the time", columns, lines)
     return rows

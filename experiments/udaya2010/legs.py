@@ -1,7 +1,7 @@
 """Rate and accelerometer of shanks at 50 Hz, and when their gyroscope is on: three public sets, simulated people.
 
-Axes, the sensor's true place and its gyroscope's bias are told from the whole recording, as a calibration would tell
-them. Recordings above 100 Hz are low-passed causally at 20 Hz first. Forward swing is positive here.
+Axes, the sensor's true place and its gyroscope's bias come from the whole recording, as from a calibration. Recordings
+above 100 Hz are low-passed causally at 20 Hz first. Forward swing is positive here.
 """
 
 import functools
@@ -95,7 +95,7 @@ def _of_walk(name: str, walk: str) -> tuple[Leg, ...]:
 
 
 def _of_side(recording: Recording, side: str, window: tuple[int, int], tuned: bool, *, ankle: bool) -> list[Leg]:
-    """The shank's sensor, and that at the ankle if it is asked for."""
+    """The shank's sensor, and on request the sensor at the ankle."""
     if f"shank_{side}" not in recording.sensors:
         return []
     place, _ = shank_axes.worn_on_shank(recording, side)
@@ -134,7 +134,7 @@ def sagittal(recording: Recording, place: str) -> np.ndarray | None:
         return None
     told: Any = np.column_stack([-(as_float(imu.gyr) @ axes.rows[1]), as_float(imu.acc) @ axes.rows.T])
     if rate_hz > 2.01 * RATE_HZ:
-        # Padded to one of few lengths, for each of which it is compiled; what is causal does not feel it.
+        # Padded to one of few lengths, for each of which it is compiled; a causal filter is not changed by it.
         longer = np.pad(told, ((0, -len(told) % 2048), (0, 0)), "edge")
         told = np.asarray(butterworth.low_pass(jnp.asarray(longer), CUTOFF_HZ, rate_hz))[: len(told)]
     time = np.arange(len(told)) / rate_hz
@@ -143,7 +143,7 @@ def sagittal(recording: Recording, place: str) -> np.ndarray | None:
 
 
 def stride_samples(rate: np.ndarray) -> int:
-    """The stride period [samples] by autocorrelation: of the wearer, to set up a schedule; fillers are not told."""
+    """The stride period [samples] by autocorrelation: to set up a schedule; the fillers do not get it."""
     centred = rate - rate.mean()
     alike = np.correlate(centred, centred, "full")[len(centred) - 1 :]
     low, high = int(0.8 * RATE_HZ), int(1.9 * RATE_HZ)

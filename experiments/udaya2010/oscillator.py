@@ -11,10 +11,11 @@ at multiples of the estimated stride frequency f (a control); linear:
 
     θ ← θ + ν Δt,   y_i = b_{i0} + Σ_k (b_{ik} cos kθ + b'_{ik} sin kθ),
 
-an extended Kalman filter. With the accelerometer, which never sleeps, its series hold the phase through a gap; without
-it the phase runs on at the last frequency. The estimated stride period is one more, weak observation, of ν: the one
-at the first gap starts the filter, for with no series yet nothing else tells the frequency. (No sample before the gap
-is filled, so the filled rate stays causal; a device would run the filter over the first strides when the gap begins.)
+an extended Kalman filter. With the accelerometer, which is always on, its series hold the phase through a gap; without
+it the phase runs on at the last frequency. The estimated stride period is one more, weak observation, of ν: the one at
+the first gap starts the filter, for before it there is no series and no other information on the frequency. (No sample
+before the gap is filled, so the filled rate stays causal; a device would run the filter over the first strides when the
+gap begins.)
 """
 
 from functools import partial
@@ -102,14 +103,14 @@ def _gyro_noise(p: Any, s: Any, control: Any) -> Gyroscope:
 
 
 MOTION = Model(_motion_initial, _motion_transition, _motion_noise, _motion_observation, _gyro_noise)
-"""A rate that goes on as it is, and dies away."""
+"""A rate that continues and decays."""
 
 
 def extrapolate(
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Extrapolation = EXTRAPOLATION, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
-    """The rate goes on with its slope, and both die away: prediction by a constant-velocity filter.
+    """The rate continues with its slope, and both decay: prediction by a constant-velocity filter.
 
     Arguments and errors: see `jgait.duty_cycle.fillers.base`.
     """
@@ -212,8 +213,8 @@ class Oscillation(NamedTuple):
         change: of the series' coefficients, in the scales of `series` [1 per √s].
         gyro_noise: of a sample, and what the series leaves over [rad/s].
         acc_noise: the same of the accelerometer [m/s²].
-        pace_noise: of the angular frequency that the stride period tells at one sample [rad/s].
-        start_noise: of the angular frequency that it tells at the first gap [rad/s].
+        pace_noise: of the angular frequency by the stride period at one sample [rad/s].
+        start_noise: of the angular frequency by the stride period at the first gap [rad/s].
         least_strides: that must have been measured before anything but holding is trusted [strides].
     """
 

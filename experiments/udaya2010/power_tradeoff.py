@@ -1,6 +1,6 @@
 """Energy against error: schedules found by gradient, for one person or a cohort, and the front of the best ones.
 
-A plan is an on-time and an off-time, in units of each person's own (a stride, or seconds). Nobody knows where in the
+A plan is an on-time and an off-time, in units of each person (a stride, or seconds). It is unknown where in the
 gait a schedule begins, so it begins anywhere in its period. For each price of energy `power_descent` follows an
 objective downhill; what is found is rounded to whole samples and judged on walks that the descent did not see, by the
 filler itself under boolean masks. What another plan beats in both power and error is left out.
@@ -23,7 +23,7 @@ from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
 
 USUAL = Settings()
-"""How a descent goes that nothing else is said of."""
+"""The default settings of a descent."""
 
 
 class Shank(NamedTuple):
@@ -55,7 +55,7 @@ class Point(NamedTuple):
         power: mean power on the walks that judge, wake-ups included [W].
         saving: part of the power of always on that is saved [1].
         error: root mean square of the judging walks' relative errors [1].
-        seen: the same, on the walks that it was found on [1].
+        seen: the same on the walks of the descent [1].
     """
 
     price: float
@@ -116,7 +116,7 @@ def judge(
         plan: to be judged.
         shanks: walks.
         sampling_rate_hz: of the samples [Hz].
-        filler: any; its parameters say how many strides must have been measured before it is trusted.
+        filler: any; its parameters state how many strides must be measured before it fills.
         phases: places of its period, evenly apart, at which it begins.
         sensor: that follows it.
 

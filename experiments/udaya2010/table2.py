@@ -1,4 +1,4 @@
-"""Table 2 and Figure 7: what sleeping saves, and what each way of filling the gaps errs.
+"""Table 2 and Figure 7: the energy that schedules save, and the error of each filler.
 
 The error is the root mean square of the filled rate's difference to the rate that is always measured, over the root
 mean square of the latter, measured samples included. The paper takes it behind its Kalman filter; here the filling

@@ -89,8 +89,9 @@ class Triggered(NamedTuple):
 
     Attributes:
         filled: the rate without gaps.
-        used: (T,) when the gyroscope was powered and usable; `power.mask_energy` tells the energy.
-        predicted: (T,) root of the mean e² over the horizon, the relative error that is expected of sleeping on [1];
+        used: (T,) when the gyroscope was powered and usable; `power.mask_energy` computes the energy.
+        predicted: (T,) root of the mean e² over the horizon, the expected relative error if the gyroscope stays off
+            [1];
             what is decided from it holds from the next sample on.
     """
 
@@ -115,7 +116,7 @@ class _Sums(NamedTuple):
     count: Any
     found: Any  # square errors, with forgetting
     stated: Any  # disagreements, with forgetting
-    erred: Any  # square errors over r², since the filler has seen a stride
+    erred: Any  # square errors over r², since a stride was measured
     risk: Any  # and what ρ had them
 
 
@@ -136,18 +137,18 @@ def triggered(
     rate: ArrayLike, acc: ArrayLike, sampling_rate_hz: float, params: Trigger = TRIGGER, *, must: ArrayLike,
     thigh: Thigh | None = None, sensor: Sensor = GYROSCOPE, filler: Neighbours = NEIGHBOURS, ahead_s: float = 0.96,
 ) -> Triggered:  # fmt: skip
-    """Run the policy over a recording whose gyroscope was always on; it sees only what it switched on for.
+    """Run the policy over a recording whose gyroscope was always on; the policy gets only samples for which it was on.
 
     Args:
         rate: (T,) sagittal rate of the shank [rad/s].
         acc: (T, 3) specific force of the shank [m/s²], never switched off.
         sampling_rate_hz: of the samples [Hz]; static.
         params: of the policy.
-        must: (T,) bool, when the gyroscope is on whatever the policy says: a warm-up of two strides, from the first
+        must: (T,) bool, when the gyroscope is on regardless of the policy: a warm-up of two strides, from the first
             sample on. It is not charged to the budget. The sensor is awake at the first sample.
         thigh: signals of the thigh, if worn.
         sensor: that is switched.
-        filler: parameters of the neighbours; `least_strides` is not used, since `must` says when to trust them.
+        filler: parameters of the neighbours; `least_strides` is not used, since `must` states when they fill.
         ahead_s: the horizon, longer than the wake-up and about a stride [s]; static.
 
     Returns:
@@ -192,7 +193,7 @@ def _run(
         sums = _counted(c.sums, p, dt, rate, new, doubt, usable)
         square = (sums.square + 1e-3) / (sums.count + 1e-3)
         stride = _strode(c.stride, filled, jnp.sqrt(square), dt)
-        # Before a stride was measured, the filler's errors tell nothing of those to come.
+        # Before a stride was measured, the filler's errors do not predict later errors.
         told_by = usable & (stride.count >= 2.0)
         sums = sums._replace(
             erred=sums.erred + jnp.where(told_by, jnp.minimum(new / square, 1.0), 0.0),

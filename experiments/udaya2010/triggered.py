@@ -1,8 +1,8 @@
-"""What is saved by waking the gyroscope when the filler doubts itself, over the best fixed schedule at equal error.
+"""Energy saved by waking the gyroscope when the filler's predicted error is large, against the best fixed schedule.
 
 Both fill with `neighbours`. Two strides are measured first; energy, as a part of always on, and errors count from
 then on. A group's error is the root mean square of its legs' relative errors, its energy their mean. A fixed schedule
-knows nothing of the gait's phase, so each is begun at several places of its period. The best of them is found on the
+does not depend on the gait's phase, so each is begun at several places of its period. The best of them is found on the
 very legs that are judged, which favours it; the policy's parameters but the threshold were found by some hundreds of
 random steps that lowered its energy at errors about the judged one, on Young of `walking5m`. Both curves are
 interpolated at one error.
@@ -87,7 +87,7 @@ class Group(NamedTuple):
 
 
 def grouped(some: list[Leg], standing: int) -> Group:
-    """Two strides from the first swing are measured first; the stride is told without so many samples at the start."""
+    """Two strides are measured first; the stride period is computed without `standing` samples at the start."""
     strides = [stride_samples(leg.rate[standing:]) for leg in some]
     judged = [int(np.argmax(np.abs(g.rate) > SWINGING)) + 2 * s for g, s in zip(some, strides, strict=True)]
     return Group(some, judged, strides)

@@ -1,4 +1,4 @@
-"""Recordings whose shin gyroscopes sleep: when, and what is known of the walk."""
+"""Recordings whose shin gyroscopes are off part of the time, with the truth of the walk."""
 
 import functools
 from typing import NamedTuple
@@ -16,13 +16,13 @@ from jgait.types import SIDES, Estimate, Recording, as_float
 
 
 class Walked(NamedTuple):
-    """A recording whose shins sleep.
+    """A recording whose shin gyroscopes are switched off.
 
     Attributes:
-        recording: never asleep.
+        recording: with all gyroscopes always on.
         truth: angles as another measurement or the simulator has them.
         standing: half-open range of the truth's samples.
-        begin: side → sample from which the shin sleeps.
+        begin: side → sample from which the shin's gyroscope follows the schedule.
         strides: side → [s].
         end: sample at which the walk ends.
     """
@@ -47,7 +47,7 @@ class Walked(NamedTuple):
 
 
 def walked(recording: Recording, truth: Estimate, window: tuple[int, int], standing: tuple[int, int]) -> Walked:
-    """Its first swings and strides, told from the gyroscopes while they are on."""
+    """First swings and strides, from the gyroscopes while they are on."""
     begin, strides = {}, {}
     rate_hz = recording.sampling_rate_hz
     for side in SIDES:
@@ -69,7 +69,7 @@ def neura() -> list[Walked]:
 
 
 def _complete(recording: Recording) -> Recording:
-    """The recording with its lost samples, one in a hundred, interpolated, so that only what sleeps is missing."""
+    """The recording with its lost samples interpolated, so that only samples of the schedule are missing."""
     sensors = {
         name: shank_axes.filled(imu)._replace(mask=np.ones(len(imu.time), bool))
         for name, imu in recording.sensors.items()

@@ -48,7 +48,7 @@ def run(script: str, jobs: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, d
 
     Raises:
         PeerUnavailable: the environment is not made.
-        RuntimeError: the script failed; what it said is in the message.
+        RuntimeError: the script failed; the message has its error output.
     """
     peer = script.split("_", 1)[0]
     if not available(peer):

@@ -11,7 +11,7 @@ Takes, for each job:
 Gives, in a world with z up whose heading is the sensor's own at the start:
     position: (T, 3) [m] after each sample.
     orientation: (T, 4) sensor → world after each sample, w first.
-    zupts: (T,) bool, where gaitmap says that the foot stands.
+    zupts: (T,) bool, True where gaitmap detects stance.
     seconds: (repeats,) of RtsKalman.
     stride_displacement_gyro, stride_displacement_madgwick: (n, 3) [m] from start to end of each stride, by either
         orientation method; each stride has a heading of its own.

@@ -1,7 +1,7 @@
 """mobgap on a sensor at the lower back: contacts by its detectors, left and right, step lengths, cadence, speed.
 
-Each walking bout is treated as mobgap's own pipeline treats it: the detector sees the bout, the side is told from it,
-then it is cut to its first and last contact, and lengths, cadence and speed come from that.
+Each walking bout is treated as mobgap's own pipeline treats it: the detector gets the bout, the side is computed from
+it, then it is cut to its first and last contact, and lengths, cadence and speed come from that.
 
 Takes, for each job:
     acc: (T, 3) [m/s²], x up, y right, z forwards.
@@ -39,7 +39,7 @@ LENGTHS = {
     "ms_all": SlZijlstra.PredefinedParameters.step_length_scaling_factor_ms_all,
     "ms_ms": SlZijlstra.PredefinedParameters.step_length_scaling_factor_ms_ms,
 }
-SHORTEST = 0.5  # [s] mobgap's filters fail on less than 0.28 s, and less than two steps tell nothing
+SHORTEST = 0.5  # [s] mobgap's filters fail on less than 0.28 s, and less than two steps have no step length
 COLUMNS = ["acc_is", "acc_ml", "acc_pa", "gyr_is", "gyr_ml", "gyr_pa"]
 
 
@@ -50,7 +50,7 @@ def listed(contacts):
 
 
 def lengths(data, contacts, rate_hz, sensor_height):
-    """What comes of a bout's contacts: step lengths, and distance, speed and cadence of the bout."""
+    """Results of a bout's contacts: step lengths, and distance, speed and cadence of the bout."""
     names = [f"{what}_{setting}" for setting in LENGTHS for what in ("distances", "speeds")]
     of_bout = dict.fromkeys([*names, "cadences"], np.nan)
     steps = {f"step_lengths_{setting}": np.full(len(contacts), np.nan) for setting in LENGTHS}
