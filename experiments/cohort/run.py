@@ -110,7 +110,7 @@ def evaluated(settings: Settings, watch: Watch) -> Any:
         jax.distributed.initialize(f"127.0.0.1:{settings.port}", 2, settings.rank)
     jax.monitoring.register_event_duration_secs_listener(functools.partial(_compiling, watch))
 
-    from experiments.cohort.walks import own
+    from experiments.cohort.walks import leg_lengths
     from jgait import evaluate
     from jgait.estimators import leg_ekf
     from jgait.evaluate import buckets, store
@@ -120,7 +120,7 @@ def evaluated(settings: Settings, watch: Watch) -> Any:
     # What is watched is not sent to other processes.
     plain = read_slowly if settings.how == "dask" else watch.timed("read", read_slowly)
     read = functools.partial(plain, settings.folder, settings.pause)
-    given: dict[str, Any] = {"own": own, "read": read, "out": settings.out or None, "batch": settings.batch}
+    given: dict[str, Any] = {"own": leg_lengths, "read": read, "out": settings.out or None, "batch": settings.batch}
     names = sorted(path.stem for path in Path(settings.folder).glob("*.npz"))
     watched = {
         "prepared": (buckets, "prepared"), "started": (buckets, "_started"), "waited": (jax, "device_get"),

@@ -157,7 +157,7 @@ def read(folder: str, name: str) -> Walk:
     )
 
 
-def own(walk: Walk) -> dict[str, Any]:
+def leg_lengths(walk: Walk) -> dict[str, Any]:
     """The walker's own leg lengths [m]."""
     return walk.info
 

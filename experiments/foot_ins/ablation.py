@@ -45,7 +45,7 @@ def of_sets(sets: Mapping[str, Sequence[Ready]], quick: bool) -> list[Row]:
             fixed = options.detector != DEFAULT.detector
             pairs = flagged(usual, options) if fixed else [(item, item) for item in usual]
             found = scored(p, [item for _, item in pairs], options)
-            cells.append("–" if found is None else told(found))
+            cells.append("–" if found is None else cell(found))
             if found is None:
                 continue
             metric, split = f"ablation_{name}_stride_mae_cm_{set_name}", f"{set_name}, untuned"
@@ -64,7 +64,7 @@ def of_sets(sets: Mapping[str, Sequence[Ready]], quick: bool) -> list[Row]:
     return rows
 
 
-def told(found: Score) -> str:
+def cell(found: Score) -> str:
     """A cell of the table."""
     lost = f", {found.lost} lost" if found.lost else ""
     return f"{found.mae:.2f} ({found.bias:+.2f}) {found.rmse:.3f}{lost}"

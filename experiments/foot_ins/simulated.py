@@ -111,7 +111,7 @@ def rows(quick: bool) -> list[Row]:
         if not found:
             continue
         all_feet = pooled(found)
-        more, line, event = told(metric, label, all_feet)
+        more, line, event = route_rows(metric, label, all_feet)
         rows += more
         lines.append(line)
         events.append(event)
@@ -125,7 +125,7 @@ def rows(quick: bool) -> list[Row]:
     return rows
 
 
-def told(metric: str, label: str, found: Compared) -> tuple[list[Row], list[Any], list[Any]]:
+def route_rows(metric: str, label: str, found: Compared) -> tuple[list[Row], list[Any], list[Any]]:
     """Rows and lines of the tables for one route."""
     nees = evaluate.nees_consistency(found.length, stddev=found.length_stddev)
     rise = evaluate.nees_consistency(found.height, stddev=found.height_stddev)

@@ -44,7 +44,7 @@ _jimenez = jax.jit(baselines.jimenez, static_argnums=1)
 _feliz = jax.jit(baselines.feliz, static_argnums=1)
 
 
-def found(leg: Leg, detector: str = "swings") -> shank_events.ShankEvents:
+def strides_of(leg: Leg, detector: str = "swings") -> shank_events.ShankEvents:
     """What a detector found, strides only; the baselines' instants are both start and end."""
     rows = leg.axes.rows
     rate, count = np.asarray(leg.imu.gyr) @ rows[1], len(leg.imu.time)
@@ -89,4 +89,4 @@ def score(leg: Leg, ends: np.ndarray, *, half_steps: bool) -> Score:
 
 def table(legs: list[Leg], *, half_steps: bool) -> dict[str, list[Score]]:
     """Detector → score of each leg."""
-    return {name: [score(leg, found(leg, name).end, half_steps=half_steps) for leg in legs] for name in DETECTORS}
+    return {name: [score(leg, strides_of(leg, name).end, half_steps=half_steps) for leg in legs] for name in DETECTORS}

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.common.shanks import Leg
-from experiments.silva2017.detect import found, padded, pairs
+from experiments.silva2017.detect import padded, pairs, strides_of
 from experiments.silva2017.li import planar
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
@@ -51,7 +51,7 @@ def _events(leg: Leg) -> tuple[np.ndarray, np.ndarray, shank_stance.ShankStances
     """Swings [samples] and stances around them, and signals in the segment's axes, up as in stance."""
     gyr = np.asarray(_smooth(padded(np.asarray(leg.imu.gyr)), shank_stance.CUTOFF_HZ, leg.rate_hz))
     acc = np.asarray(_smooth(padded(np.asarray(leg.imu.acc)), shank_stance.CUTOFF_HZ, leg.rate_hz))
-    told = found(leg)
+    told = strides_of(leg)
     start, end = (np.rint(np.asarray(v) * leg.rate_hz).astype(int) for v in (told.start, told.end))
     count, rate, speed = len(leg.imu.time), gyr @ leg.axes.rows[1], np.linalg.norm(gyr, axis=1)
     stood = shank_stance.stances(rate[:count], speed[:count], start, end, leg.rate_hz)

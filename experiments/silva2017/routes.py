@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.common.row import Row, show
 from experiments.common.shanks import Leg, Reference, rested
-from experiments.silva2017.detect import DETECTORS, found
+from experiments.silva2017.detect import DETECTORS, strides_of
 from experiments.silva2017.lengths import CUTOFF_HZ, lengths, signals, stacked, with_lever
 from experiments.silva2017.lever import prepared, run, together
 from jgait.geometry.vectors import GRAVITY
@@ -132,7 +132,7 @@ def distances(legs: list[Leg], strides: int = STRIDES) -> dict[str, np.ndarray]:
 
 def measured(route: str, legs: list[Leg], far: np.ndarray) -> Measured:
     """Every count and every distance of some walks."""
-    counts = {name: np.array([len(found(leg, name).end) for leg in legs]) for name in DETECTORS}
+    counts = {name: np.array([len(strides_of(leg, name).end) for leg in legs]) for name in DETECTORS}
     counted, summed, lever = filtered(legs)
     true = np.array([len(leg.reference.contact) for leg in legs])
     return Measured(route, true, far, {"ours": counted, **counts}, {"filter": summed, **distances(legs)}, lever)

@@ -23,7 +23,7 @@ def test_every_stride_of_the_reference_walk_and_its_length(data, parts):
     data("neura_sparse")
     found = legs.legs("neura_sparse")
     for half_steps in (False, True):
-        scores = [detect.score(leg, detect.found(leg).end, half_steps=half_steps) for leg in found]
+        scores = [detect.score(leg, detect.strides_of(leg).end, half_steps=half_steps) for leg in found]
         assert detect.f1(scores) == 1.0
     for group, limit in (("neura_ankle", 1.5), ("neura_shank", 3.5)):
         of = [leg for leg in found if leg.group == group]
@@ -44,7 +44,7 @@ def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
     found = legs.legs("walking5m", wanted)
     noticed = [(leg.walk, leg.side) for leg in found if leg.notes]
     assert noticed == [("Elderly/20180417_2", "left")]
-    assert detect.f1([detect.score(leg, detect.found(leg).end, half_steps=True) for leg in found]) == 1.0
+    assert detect.f1([detect.score(leg, detect.strides_of(leg).end, half_steps=True) for leg in found]) == 1.0
 
 
 def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):

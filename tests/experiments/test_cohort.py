@@ -43,7 +43,7 @@ def folder(walks, tmp_path_factory):
 def tables(walks, folder):
     names = sorted(path.stem for path in folder.glob("*.npz"))
     estimator = leg_ekf.estimator(leg_ekf.PAPER)
-    return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), own=walks.own)
+    return evaluate.cohort(estimator, names, read=lambda name: walks.read(str(folder), name), own=walks.leg_lengths)
 
 
 def test_walks_come_back_as_they_were_made(walks, folder):
