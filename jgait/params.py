@@ -5,9 +5,10 @@ A parameter set is a NamedTuple of scalars (or arrays) in natural units. A secon
 `constrain` maps back. A fixed parameter never reaches the optimiser.
 """
 
+import functools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import jax
 import jax.numpy as jnp
@@ -75,6 +76,68 @@ def interval(low: float, high: float) -> Transform:
 def per_subject(transform: Transform) -> Transform:
     """The same range, with a separate value for each subject; `per_subject(fixed)`: a known measure of each."""
     return transform._replace(name=f"{transform.name}, per subject", own=True)
+
+
+class Parameter(NamedTuple):
+    """What a field of a parameter tuple declares beside its default: `Annotated[Values, Parameter(…)] = 0.1`.
+
+    Attributes:
+        transform: the range; None for a tuple of parameters that declares its own.
+        unit: of the value, "1" where it has none.
+        meaning: what the parameter is, in words.
+    """
+
+    transform: Transform | None
+    unit: str
+    meaning: str
+
+
+@functools.cache
+def declared(of: Any) -> dict[str, Parameter]:
+    """The declarations of a NamedTuple of parameters, by field."""
+    hints = get_type_hints(of, include_extras=True)
+    found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {name: mark for name, marks in found.items() for mark in marks if isinstance(mark, Parameter)}
+
+
+def documented[C](of: type[C]) -> type[C]:
+    """A decorator: the docstring lists the declared parameters with their units."""
+    lines = [f"    {name}: {one.meaning}{f' [{one.unit}]' if one.unit else ''}." for name, one in declared(of).items()]
+    of.__doc__ = "\n".join([of.__doc__ or "", "", "Attributes:", *lines])
+    return of
+
+
+def ranges[P](p: P) -> P:
+    """The declared transforms of parameters, in the same type.
+
+    Args:
+        p: NamedTuple of parameters, as a rule the default ones. A tuple of parameters within declares its own ranges;
+            a tuple without declarations, such as a value for each leg, has the range of its field.
+    """
+    tuple_of: Any = type(p)
+
+    def of_field(name: str, one: Parameter) -> Any:
+        value = getattr(p, name)
+        if one.transform is None:
+            return ranges(value)
+        return type(value)(*[one.transform] * len(value)) if isinstance(value, tuple) else one.transform
+
+    found: P = tuple_of(**{name: of_field(name, one) for name, one in declared(tuple_of).items()})
+    return found
+
+
+def units(p: Any) -> dict[str, str]:
+    """Name of every parameter, such as "thigh_length.right" → its declared unit."""
+    found: dict[str, str] = {}
+    for name, one in declared(type(p)).items():
+        value = getattr(p, name)
+        if one.transform is None:
+            found |= {f"{name}.{inner}": unit for inner, unit in units(value).items()}
+        elif isinstance(value, tuple):
+            found |= {f"{name}.{inner}": one.unit for inner in value._fields}  # type: ignore[attr-defined]
+        else:
+            found[name] = one.unit
+    return found
 
 
 class Prior(NamedTuple):

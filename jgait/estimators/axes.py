@@ -53,7 +53,7 @@ type Times = Annotated[Any, Axis("onwards")]
 
 
 @functools.cache
-def axes_of(record: type) -> dict[str, Axis | None]:
+def axes_of(record: Any) -> dict[str, Axis | None]:
     """The axis of each field of a NamedTuple; None of a field that is not padded."""
 
     def axis(hint: Any) -> Axis | None:

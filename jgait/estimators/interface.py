@@ -20,7 +20,7 @@ class Prepared[I](NamedTuple):
     Attributes:
         inputs: NamedTuple of NumPy arrays whose fields state their axes, see `jgait.estimators.axes`, one of them
             `time` (T,); recordings of one T and one structure stack.
-        options: what the recording decides at compile time; recordings that share it share a program.
+        options: what the recording decides at compile time, hashable; recordings that share it share a program.
         notes: what was decided or noticed on the way.
         standing: half-open range of samples of quiet standing; None where none was looked for.
         extra: what the estimator's own `finish` takes; it stays on the host.

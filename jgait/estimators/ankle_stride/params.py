@@ -1,84 +1,76 @@
 """Parameters and options of the ankle's stride estimator, with their units and ranges."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
+from jgait.params import Parameter, documented, interval, positive, ranges, real
+from jgait.types import Values
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper")
 SITES = ("auto", "ankle", "shank")
 
 
+@documented
 class AnkleParams(NamedTuple):
-    """Parameters of the ankle's estimator, in natural units; the same for both legs.
+    """Parameters of the ankle's estimator, in natural units; the same for both legs."""
 
-    Attributes:
-        lever_ankle: height over the ankle of a sensor worn at the ankle [m], before the walk tells more.
-        lever_shank: the same of a sensor at mid shank [m].
-        lever_forward: how far the sensor is in front of the ankle [m].
-        lever_left: how far it is to the left of it [m].
-        lever_along_sd: standard deviation of the height over the ankle [m].
-        lever_across_sd: of the other two [m].
-        cutoff_hz: of the low-pass, both ways, on the signals that are integrated [Hz].
-        velocity_noise: standard deviation of the ankle's zero velocity around a valley [m/s].
-        rate_noise: by how much that grows with the shank's rate [m/s per rad/s].
-        acc_noise: root of the spectral density of the accelerometer's error [m/s²/√Hz].
-        gyr_noise: the same of the gyroscope's [rad/s/√Hz].
-        acc_jump_noise: error of the specific force over its change from sample to sample [1].
-        gyr_jump_noise: the same of the angular rate [1].
-        acc_bias_walk: root of the spectral density of the accelerometer bias's walk [m/s²·√Hz].
-        gyr_bias_walk: the same of the gyroscope's [rad/s·√Hz].
-        acc_bias: standard deviation of the accelerometer's bias at the start [m/s²].
-        gyr_bias: of the gyroscope's, after standing [rad/s].
-        gyr_bias_unknown: of the gyroscope's, without any standing [rad/s].
-        sway: by how much a leg turns unseen while it is taken to stand still [rad].
-        tilt: of the attitude at the first stance [rad].
-        height_noise: of level ground from one stance to the next [m]; where `AnkleOptions.level` says it is level.
-        stride_noise: error of a stride that the model knows nothing of [m]; enters the stated deviations only.
-        leg_length: of the pendulum [m]; "sl1" and "sl2" only.
-        angle_gain: of the swing's angle [1]; "sl2" only.
-        time_gain: of the angle over the swing's time [s]; "sl2" only.
-    """
-
-    lever_ankle: Any = 0.03
-    lever_shank: Any = 0.18
-    lever_forward: Any = 0.0
-    lever_left: Any = 0.0
-    lever_along_sd: Any = 0.02
-    lever_across_sd: Any = 0.01
-    cutoff_hz: Any = 8.0
-    velocity_noise: Any = 0.02
-    rate_noise: Any = 0.02
-    acc_noise: Any = 0.02
-    gyr_noise: Any = 0.002
-    acc_jump_noise: Any = 0.02
-    gyr_jump_noise: Any = 0.005
-    acc_bias_walk: Any = 1e-4
-    gyr_bias_walk: Any = 1e-5
-    acc_bias: Any = 0.1
-    gyr_bias: Any = 1e-3
-    gyr_bias_unknown: Any = 0.02
-    sway: Any = 1.5e-3
-    tilt: Any = 0.05
-    height_noise: Any = 0.02
-    stride_noise: Any = 0.012
-    leg_length: Any = 0.85
-    angle_gain: Any = 1.0
-    time_gain: Any = 0.0
+    lever_ankle: Annotated[Values, Parameter(
+        interval(-0.05, 0.2), "m", "height over the ankle of a sensor worn at the ankle, before the walk tells more",
+    )] = 0.03  # fmt: skip
+    lever_shank: Annotated[Values, Parameter(interval(0.0, 0.4), "m", "the same of a sensor at mid shank")] = 0.18
+    lever_forward: Annotated[Values, Parameter(
+        interval(-0.15, 0.15), "m", "how far the sensor is in front of the ankle",
+    )] = 0.0  # fmt: skip
+    lever_left: Annotated[Values, Parameter(interval(-0.15, 0.15), "m", "how far it is to the left of it")] = 0.0
+    lever_along_sd: Annotated[Values, Parameter(
+        positive, "m", "standard deviation of the height over the ankle",
+    )] = 0.02  # fmt: skip
+    lever_across_sd: Annotated[Values, Parameter(positive, "m", "of the other two")] = 0.01
+    cutoff_hz: Annotated[Values, Parameter(
+        interval(1.0, 12.0), "Hz", "of the low-pass, both ways, on the signals that are integrated",
+    )] = 8.0  # fmt: skip
+    velocity_noise: Annotated[Values, Parameter(
+        positive, "m/s", "standard deviation of the ankle's zero velocity around a valley",
+    )] = 0.02  # fmt: skip
+    rate_noise: Annotated[Values, Parameter(
+        positive, "m/s per rad/s", "by how much that grows with the shank's rate",
+    )] = 0.02  # fmt: skip
+    acc_noise: Annotated[Values, Parameter(
+        positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error",
+    )] = 0.02  # fmt: skip
+    gyr_noise: Annotated[Values, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
+    acc_jump_noise: Annotated[Values, Parameter(
+        positive, "1", "error of the specific force over its change from sample to sample",
+    )] = 0.02  # fmt: skip
+    gyr_jump_noise: Annotated[Values, Parameter(positive, "1", "the same of the angular rate")] = 0.005
+    acc_bias_walk: Annotated[Values, Parameter(
+        positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
+    )] = 1e-4  # fmt: skip
+    gyr_bias_walk: Annotated[Values, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
+    acc_bias: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of the accelerometer's bias at the start",
+    )] = 0.1  # fmt: skip
+    gyr_bias: Annotated[Values, Parameter(positive, "rad/s", "of the gyroscope's, after standing")] = 1e-3
+    gyr_bias_unknown: Annotated[Values, Parameter(positive, "rad/s", "of the gyroscope's, without any standing")] = 0.02
+    sway: Annotated[Values, Parameter(
+        positive, "rad", "by how much a leg turns unseen while it is taken to stand still",
+    )] = 1.5e-3  # fmt: skip
+    tilt: Annotated[Values, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
+    height_noise: Annotated[Values, Parameter(
+        positive, "m", "of level ground from one stance to the next; where `AnkleOptions.level` says it is level",
+    )] = 0.02  # fmt: skip
+    stride_noise: Annotated[Values, Parameter(
+        positive, "m", "error of a stride that the model knows nothing of; enters the stated deviations only",
+    )] = 0.012  # fmt: skip
+    leg_length: Annotated[Values, Parameter(positive, "m", "of the pendulum; sl1 and sl2 only")] = 0.85
+    angle_gain: Annotated[Values, Parameter(positive, "1", "of the swing's angle; sl2 only")] = 1.0
+    time_gain: Annotated[Values, Parameter(real, "s", "of the angle over the swing's time; sl2 only")] = 0.0
 
 
-_OWN = {
-    "lever_ankle": params.interval(-0.05, 0.2),
-    "lever_shank": params.interval(0.0, 0.4),
-    "lever_forward": params.interval(-0.15, 0.15),
-    "lever_left": params.interval(-0.15, 0.15),
-    "cutoff_hz": params.interval(1.0, 12.0),
-    "time_gain": params.real,
-}
-
-TRANSFORMS = AnkleParams(**{name: _OWN.get(name, params.positive) for name in AnkleParams._fields})
+TRANSFORMS = ranges(AnkleParams())
 """The range of every parameter."""
 
 

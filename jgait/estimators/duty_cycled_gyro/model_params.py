@@ -1,63 +1,55 @@
 """What the duty-cycled filters are told and tell, by name: parameters, options, inputs, states, estimates."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.axes import Held, Sampled, Times
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
+from jgait.params import Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 
+@documented
 class DutyParams(NamedTuple):
-    """Parameters of the thigh's and the shin's filter, in natural units.
+    """Parameters of the thigh's and the shin's filter, in natural units."""
 
-    Attributes:
-        thigh_length: hip to knee [m].
-        thigh_sensor: d_s1, hip to the thigh's sensor [m].
-        shank_sensor: d_s2, knee to the shin's sensor [m].
-        angle_noise: σ of the angles, spectral density of the angular acceleration [rad²/s³].
-        acceleration_noise: σ of the positions, spectral density of the jerk [m²/s⁵].
-        bias_noise: σ of the velocity bias, spectral density of its random walk [m²/s³].
-        gyro_noise: multiplies R, the gyroscope's variance while standing [1].
-        joint_acceleration: standard deviation of the joint's own acceleration, which the model leaves out [m/s²].
-        standing_acceleration: standard deviation of accelerations about 0 while standing [m/s²].
-        position_closure: standard deviation of the sensor's position about the rigid link's [m].
-        velocity_closure: the same of its velocity [m/s].
-        swing_noise: how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so
-            that no gap turns it over [rad √s].
-    """
+    thigh_length: Annotated[Values, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = 0.43
+    thigh_sensor: Annotated[Values, Parameter(interval(0.02, 0.7), "m", "d_s1, hip to the thigh's sensor")] = 0.215
+    shank_sensor: Annotated[Values, Parameter(interval(0.02, 0.7), "m", "d_s2, knee to the shin's sensor")] = 0.215
+    angle_noise: Annotated[Values, Parameter(
+        positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
+    )] = 100.0  # fmt: skip
+    acceleration_noise: Annotated[Values, Parameter(
+        positive, "m²/s⁵", "σ of the positions, spectral density of the jerk",
+    )] = 1e5  # fmt: skip
+    bias_noise: Annotated[Values, Parameter(
+        positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
+    )] = 1e-10  # fmt: skip
+    gyro_noise: Annotated[Values, Parameter(
+        positive, "1", "multiplies R, the gyroscope's variance while standing",
+    )] = 1.0  # fmt: skip
+    joint_acceleration: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
+    )] = GRAVITY  # fmt: skip
+    standing_acceleration: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of accelerations about 0 while standing",
+    )] = 0.1  # fmt: skip
+    position_closure: Annotated[Values, Parameter(
+        positive, "m", "standard deviation of the sensor's position about the rigid link's",
+    )] = 0.03  # fmt: skip
+    velocity_closure: Annotated[Values, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
+    swing_noise: Annotated[Values, Parameter(
+        positive, "rad √s",
+        "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
+        "that no gap turns it over",
+    )] = 0.13  # fmt: skip
 
-    thigh_length: Any = 0.43
-    thigh_sensor: Any = 0.215
-    shank_sensor: Any = 0.215
-    angle_noise: Any = 100.0
-    acceleration_noise: Any = 1e5
-    bias_noise: Any = 1e-10
-    gyro_noise: Any = 1.0
-    joint_acceleration: Any = GRAVITY
-    standing_acceleration: Any = 0.1
-    position_closure: Any = 0.03
-    velocity_closure: Any = 0.03
-    swing_noise: Any = 0.13
 
-
-TRANSFORMS = DutyParams(
-    thigh_length=params.interval(0.2, 0.7),
-    thigh_sensor=params.interval(0.02, 0.7),
-    shank_sensor=params.interval(0.02, 0.7),
-    angle_noise=params.positive,
-    acceleration_noise=params.positive,
-    bias_noise=params.positive,
-    gyro_noise=params.positive,
-    joint_acceleration=params.positive,
-    standing_acceleration=params.positive,
-    position_closure=params.positive,
-    velocity_closure=params.positive,
-    swing_noise=params.positive,
-)
+TRANSFORMS = ranges(DutyParams())
 """The range of every parameter."""
 
 

@@ -1,12 +1,10 @@
 """What `duty_cycled_gyro` is told, by name: parameters with their ranges, options, and signals that pad and stack."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 
-from jgait import params
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
-from jgait.duty_cycle.fillers.neighbours import TRANSFORMS as NEIGHBOURS_TRANSFORMS
 from jgait.duty_cycle.power import ACCELEROMETER, GYROSCOPE, Battery, Schedule, Sensor
 from jgait.duty_cycle.recording import check_filler
 from jgait.estimators.axes import Held, Sampled, Times
@@ -15,60 +13,39 @@ from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyPara
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
+from jgait.params import Parameter, declared, documented, interval, positive, ranges
+from jgait.types import Values
 
 _USUAL = DutyParams()
+_OF_FILTERS = declared(DutyParams)
 
 
+@documented
 class DutyCycledParams(NamedTuple):
-    """Parameters of `duty_cycled_gyro`, in natural units.
+    """Parameters of `duty_cycled_gyro`, in natural units."""
 
-    Attributes:
-        thigh_length: hip to knee [m].
-        shank_length: knee to ankle [m].
-        thigh_place: of the thigh's sensor, from hip to knee [1].
-        shank_place: of the shank's sensor, from knee to ankle [1].
-        angle_noise: see `DutyParams` [rad²/s³].
-        acceleration_noise: see `DutyParams` [m²/s⁵].
-        bias_noise: see `DutyParams` [m²/s³].
-        gyro_noise: multiplies the gyroscopes' variance while standing [1].
-        joint_acceleration: see `DutyParams` [m/s²].
-        standing_acceleration: see `DutyParams` [m/s²].
-        position_closure: see `DutyParams` [m].
-        velocity_closure: see `DutyParams` [m/s].
-        swing_noise: see `DutyParams`; used while the gyroscope is off and its rate is only held [rad √s].
-        filled_noise: of a filled rate beyond the gyroscope's own, as white noise [rad/√s].
-        filler: parameters of the filler, see there for their units.
-    """
-
-    thigh_length: Any = BySide(0.43, 0.43)
-    shank_length: Any = BySide(0.43, 0.43)
-    thigh_place: Any = 0.5
-    shank_place: Any = 0.5
-    angle_noise: Any = _USUAL.angle_noise
-    acceleration_noise: Any = _USUAL.acceleration_noise
-    bias_noise: Any = _USUAL.bias_noise
-    gyro_noise: Any = _USUAL.gyro_noise
-    joint_acceleration: Any = _USUAL.joint_acceleration
-    standing_acceleration: Any = _USUAL.standing_acceleration
-    position_closure: Any = _USUAL.position_closure
-    velocity_closure: Any = _USUAL.velocity_closure
-    swing_noise: Any = _USUAL.swing_noise
-    filled_noise: Any = 0.1
-    filler: Any = NEIGHBOURS
+    thigh_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
+    shank_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
+    thigh_place: Annotated[Values, Parameter(interval(0.05, 1.0), "1", "of the thigh's sensor, from hip to knee")] = 0.5
+    shank_place: Annotated[Values, Parameter(
+        interval(0.05, 1.0), "1", "of the shank's sensor, from knee to ankle",
+    )] = 0.5  # fmt: skip
+    angle_noise: Annotated[Values, _OF_FILTERS["angle_noise"]] = _USUAL.angle_noise
+    acceleration_noise: Annotated[Values, _OF_FILTERS["acceleration_noise"]] = _USUAL.acceleration_noise
+    bias_noise: Annotated[Values, _OF_FILTERS["bias_noise"]] = _USUAL.bias_noise
+    gyro_noise: Annotated[Values, _OF_FILTERS["gyro_noise"]] = _USUAL.gyro_noise
+    joint_acceleration: Annotated[Values, _OF_FILTERS["joint_acceleration"]] = _USUAL.joint_acceleration
+    standing_acceleration: Annotated[Values, _OF_FILTERS["standing_acceleration"]] = _USUAL.standing_acceleration
+    position_closure: Annotated[Values, _OF_FILTERS["position_closure"]] = _USUAL.position_closure
+    velocity_closure: Annotated[Values, _OF_FILTERS["velocity_closure"]] = _USUAL.velocity_closure
+    swing_noise: Annotated[Values, _OF_FILTERS["swing_noise"]] = _USUAL.swing_noise
+    filled_noise: Annotated[Values, Parameter(
+        positive, "rad/√s", "of a filled rate beyond the gyroscope's own, as white noise",
+    )] = 0.1  # fmt: skip
+    filler: Annotated[Any, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
 
 
-_LENGTH = BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7))
-
-TRANSFORMS = DutyCycledParams(
-    thigh_length=_LENGTH,
-    shank_length=_LENGTH,
-    thigh_place=params.interval(0.05, 1.0),
-    shank_place=params.interval(0.05, 1.0),
-    filled_noise=params.positive,
-    filler=NEIGHBOURS_TRANSFORMS,
-    **{name: getattr(duty_params.TRANSFORMS, name) for name in DutyCycledParams._fields if name in DutyParams._fields
-       and name != "thigh_length"},
-)  # fmt: skip
+TRANSFORMS = ranges(DutyCycledParams())
 """The range of every parameter, with the usual filler; `transforms_of` has those of another."""
 
 

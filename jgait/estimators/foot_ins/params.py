@@ -1,57 +1,62 @@
 """Parameters and options of the foot estimator, with their units, ranges and presets."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
+from jgait.params import Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 
+@documented
 class FootParams(NamedTuple):
-    """Parameters of the foot estimator, in natural units; the same for both feet.
+    """Parameters of the foot estimator, in natural units; the same for both feet."""
 
-    Attributes:
-        pivot_height: of the sensor over the point that a standing foot turns about [m]; 0: it stands quite still.
-        velocity_noise: standard deviation of the zero velocity [m/s].
-        rate_noise: by how much that grows with the foot's own rate [m/s per rad/s].
-        acc_noise: root of the spectral density of the accelerometer's error [m/s²/√Hz].
-        gyr_noise: the same of the gyroscope's [rad/s/√Hz].
-        acc_jump_noise: error of the specific force over its change from sample to sample [1].
-        gyr_jump_noise: the same of the angular rate [1].
-        acc_bias_walk: root of the spectral density of the accelerometer bias's walk [m/s²·√Hz].
-        gyr_bias_walk: the same of the gyroscope's [rad/s·√Hz].
-        acc_bias: standard deviation of the accelerometer's bias at the start [m/s²].
-        gyr_bias: of the gyroscope's, after ever so long a standing, about the vertical [rad/s].
-        gyr_bias_tilt: the least about horizontal axes, where gravity corrects it [rad/s].
-        sway: by how much a foot turns unseen while it is taken to stand still [rad].
-        tilt: of the attitude at the first stance [rad].
-        height_noise: of level ground from one foothold to the next [m]; where `FootOptions.level` says it is level.
-        stride_noise: error of a stride that the model knows nothing of, per metre of it [1]; enters the stated
-            standard deviations only.
-    """
+    pivot_height: Annotated[Values, Parameter(
+        interval(0.0 - 1e-9, 0.3), "m",
+        "of the sensor over the point that a standing foot turns about; 0: it stands quite still",
+    )] = 0.08  # fmt: skip
+    velocity_noise: Annotated[Values, Parameter(positive, "m/s", "standard deviation of the zero velocity")] = 0.01
+    rate_noise: Annotated[Values, Parameter(
+        positive, "m/s per rad/s", "by how much that grows with the foot's own rate",
+    )] = 0.03  # fmt: skip
+    acc_noise: Annotated[Values, Parameter(
+        positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error",
+    )] = 0.05  # fmt: skip
+    gyr_noise: Annotated[Values, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
+    acc_jump_noise: Annotated[Values, Parameter(
+        positive, "1", "error of the specific force over its change from sample to sample",
+    )] = 0.15  # fmt: skip
+    gyr_jump_noise: Annotated[Values, Parameter(positive, "1", "the same of the angular rate")] = 0.02
+    acc_bias_walk: Annotated[Values, Parameter(
+        positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
+    )] = 1e-4  # fmt: skip
+    gyr_bias_walk: Annotated[Values, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
+    acc_bias: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of the accelerometer's bias at the start",
+    )] = 0.02  # fmt: skip
+    gyr_bias: Annotated[Values, Parameter(
+        positive, "rad/s", "of the gyroscope's, after ever so long a standing, about the vertical",
+    )] = 3e-4  # fmt: skip
+    gyr_bias_tilt: Annotated[Values, Parameter(
+        positive, "rad/s", "the least about horizontal axes, where gravity corrects it",
+    )] = 3e-3  # fmt: skip
+    sway: Annotated[Values, Parameter(
+        positive, "rad", "by how much a foot turns unseen while it is taken to stand still",
+    )] = 1.5e-3  # fmt: skip
+    tilt: Annotated[Values, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
+    height_noise: Annotated[Values, Parameter(
+        positive, "m", "of level ground from one foothold to the next; where `FootOptions.level` says it is level",
+    )] = 0.01  # fmt: skip
+    stride_noise: Annotated[Values, Parameter(
+        positive, "1",
+        "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
+        "deviations only",
+    )] = 0.01  # fmt: skip
 
-    pivot_height: Any = 0.08
-    velocity_noise: Any = 0.01
-    rate_noise: Any = 0.03
-    acc_noise: Any = 0.05
-    gyr_noise: Any = 0.002
-    acc_jump_noise: Any = 0.15
-    gyr_jump_noise: Any = 0.02
-    acc_bias_walk: Any = 1e-4
-    gyr_bias_walk: Any = 1e-5
-    acc_bias: Any = 0.02
-    gyr_bias: Any = 3e-4
-    gyr_bias_tilt: Any = 3e-3
-    sway: Any = 1.5e-3
-    tilt: Any = 0.05
-    height_noise: Any = 0.01
-    stride_noise: Any = 0.01
 
-
-TRANSFORMS = FootParams(
-    pivot_height=params.interval(0.0 - 1e-9, 0.3),
-    **{name: params.positive for name in FootParams._fields if name != "pivot_height"},
-)
+TRANSFORMS = ranges(FootParams())
 """The range of every parameter."""
 
 

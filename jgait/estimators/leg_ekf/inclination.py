@@ -14,7 +14,7 @@ Sensors: one gyroscope and accelerometer on the segment. Gravity direction as a 
 Sensors 11(2), doi 10.3390/s110201489.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -22,6 +22,8 @@ from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
+from jgait.params import Parameter, documented, positive
+from jgait.types import Values
 
 
 class InclinationState(NamedTuple):
@@ -46,22 +48,19 @@ class InclinationControl(NamedTuple):
     measured: Any
 
 
+@documented
 class InclinationNoise(NamedTuple):
-    """Noise of the gravity direction.
+    """Noise of the gravity direction."""
 
-    Attributes:
-        gyro_noise: gyroscope white noise, soft tissue included [rad/√s].
-        bias_walk: bias random walk [rad/s/√s].
-        walking_acceleration: standard deviation of acc / g about up while walking [1].
-        standing_acceleration: the same while standing [1].
-        standing_rate: standard deviation of the gyroscope about its bias while standing [rad/s].
-    """
-
-    gyro_noise: Any = 0.02
-    bias_walk: Any = 2e-5
-    walking_acceleration: Any = 1.0
-    standing_acceleration: Any = 0.01
-    standing_rate: Any = 0.02
+    gyro_noise: Annotated[Values, Parameter(positive, "rad/√s", "gyroscope white noise, soft tissue included")] = 0.02
+    bias_walk: Annotated[Values, Parameter(positive, "rad/s/√s", "bias random walk")] = 2e-5
+    walking_acceleration: Annotated[Values, Parameter(
+        positive, "1", "standard deviation of acc / g about up while walking",
+    )] = 1.0  # fmt: skip
+    standing_acceleration: Annotated[Values, Parameter(positive, "1", "the same while standing")] = 0.01
+    standing_rate: Annotated[Values, Parameter(
+        positive, "rad/s", "standard deviation of the gyroscope about its bias while standing",
+    )] = 0.02  # fmt: skip
 
 
 def _rotate_back(u: Vector, w: Vector) -> Vector:

@@ -1,11 +1,13 @@
 """Parameters and options of the leg estimator, with their units, ranges and presets."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
 from jgait.filtering.execution import Execution
+from jgait.params import Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 
 class BySide(NamedTuple):
@@ -15,61 +17,48 @@ class BySide(NamedTuple):
     left: Any
 
 
+@documented
 class LegParams(NamedTuple):
-    """Parameters of the leg estimator, in natural units.
+    """Parameters of the leg estimator, in natural units."""
 
-    Attributes:
-        thigh_length: hip to knee [m].
-        shank_length: knee to ankle [m].
-        standing_hip: hip flexion in the calibrating stance [rad].
-        standing_knee: knee flexion in the calibrating stance [rad].
-        thigh_gain: thigh rotation per rotation of the thigh sensor, which skin and muscle hold back [1].
-        position_noise: σ_xy, variance added to x and y each sample [m²].
-        angle_noise: σ_θ, spectral density of the angular acceleration [rad²/s³].
-        bias_noise: σ_β, variance added to the gyroscope biases each sample [rad²/s²].
-        gyro_noise: multiplies R, the gyroscopes' variance while standing [1].
-        closure_noise: standard deviation of x and y about the forward kinematics [m].
-        inclination: noise of the gravity direction, see `InclinationNoise`.
-        soft_tissue_thigh: standard deviation of the thigh about its sensor [rad]; enters the stated errors only.
-        soft_tissue_shank: the same of the shank [rad].
-        rollover_radius: how far the ankle moves forward per radian of the shank in stance [m].
-        distance_scale: personal scale of the walked distance [1].
-    """
+    thigh_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
+    shank_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
+    standing_hip: Annotated[BySide, Parameter(
+        interval(-0.6, 0.6), "rad", "hip flexion in the calibrating stance",
+    )] = BySide(0.0, 0.0)  # fmt: skip
+    standing_knee: Annotated[BySide, Parameter(
+        interval(-0.4, 0.8), "rad", "knee flexion in the calibrating stance",
+    )] = BySide(0.0, 0.0)  # fmt: skip
+    thigh_gain: Annotated[BySide, Parameter(
+        interval(0.6, 1.6), "1", "thigh rotation per rotation of the thigh sensor, which skin and muscle hold back",
+    )] = BySide(1.0, 1.0)  # fmt: skip
+    position_noise: Annotated[Values, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
+    angle_noise: Annotated[Values, Parameter(
+        positive, "rad²/s³", "σ_θ, spectral density of the angular acceleration",
+    )] = 10.0  # fmt: skip
+    bias_noise: Annotated[Values, Parameter(
+        positive, "rad²/s²", "σ_β, variance added to the gyroscope biases each sample",
+    )] = 1e-12  # fmt: skip
+    gyro_noise: Annotated[Values, Parameter(
+        positive, "1", "multiplies R, the gyroscopes' variance while standing",
+    )] = 1.0  # fmt: skip
+    closure_noise: Annotated[Values, Parameter(
+        positive, "m", "standard deviation of x and y about the forward kinematics",
+    )] = 1e-3  # fmt: skip
+    inclination: Annotated[InclinationNoise, Parameter(
+        None, "", "noise of the gravity direction, see `InclinationNoise`",
+    )] = InclinationNoise()  # fmt: skip
+    soft_tissue_thigh: Annotated[Values, Parameter(
+        positive, "rad", "standard deviation of the thigh about its sensor; enters the stated errors only",
+    )] = 0.05  # fmt: skip
+    soft_tissue_shank: Annotated[Values, Parameter(positive, "rad", "the same of the shank")] = 0.02
+    rollover_radius: Annotated[Values, Parameter(
+        interval(0.0 - 1e-9, 0.3), "m", "how far the ankle moves forward per radian of the shank in stance",
+    )] = 0.07  # fmt: skip
+    distance_scale: Annotated[Values, Parameter(positive, "1", "personal scale of the walked distance")] = 1.0
 
-    thigh_length: Any = BySide(0.43, 0.43)
-    shank_length: Any = BySide(0.43, 0.43)
-    standing_hip: Any = BySide(0.0, 0.0)
-    standing_knee: Any = BySide(0.0, 0.0)
-    thigh_gain: Any = BySide(1.0, 1.0)
-    position_noise: Any = 1e-6
-    angle_noise: Any = 10.0
-    bias_noise: Any = 1e-12
-    gyro_noise: Any = 1.0
-    closure_noise: Any = 1e-3
-    inclination: Any = InclinationNoise()
-    soft_tissue_thigh: Any = 0.05
-    soft_tissue_shank: Any = 0.02
-    rollover_radius: Any = 0.07
-    distance_scale: Any = 1.0
 
-
-TRANSFORMS = LegParams(
-    thigh_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
-    shank_length=BySide(params.interval(0.2, 0.7), params.interval(0.2, 0.7)),
-    standing_hip=BySide(params.interval(-0.6, 0.6), params.interval(-0.6, 0.6)),
-    standing_knee=BySide(params.interval(-0.4, 0.8), params.interval(-0.4, 0.8)),
-    thigh_gain=BySide(params.interval(0.6, 1.6), params.interval(0.6, 1.6)),
-    position_noise=params.positive,
-    angle_noise=params.positive,
-    bias_noise=params.positive,
-    gyro_noise=params.positive,
-    closure_noise=params.positive,
-    inclination=InclinationNoise(*(params.positive,) * 5),
-    soft_tissue_thigh=params.positive,
-    soft_tissue_shank=params.positive,
-    rollover_radius=params.interval(0.0 - 1e-9, 0.3),
-    distance_scale=params.positive,
-)
+TRANSFORMS = ranges(LegParams())
 """The range of every parameter."""
 
 

@@ -1,65 +1,63 @@
 """Parameters and options of the stride width estimator, with their units, ranges and presets."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from jgait import filtering, params
+from jgait import filtering
 from jgait.filtering.execution import Execution
+from jgait.params import Parameter, documented, fixed, interval, positive, ranges
+from jgait.types import Values
 
 
+@documented
 class WidthParams(NamedTuple):
-    """Parameters of the stride width estimator, in natural units.
+    """Parameters of the stride width estimator, in natural units."""
 
-    Attributes:
-        range_offset: what the foot sensors are farther apart, across the walk, than the range says: from the left
-            foot's sensor to the range sensor, and from the skin of the right leg to its foot's sensor [m]. To be
-            measured on the person: its error is the width's.
-        offset_noise: standard deviation of that measurement [m]; enters the stated errors only.
-        passing_offset: how far the right foot is ahead of the left one when a range comes [m]; above 0 where the range
-            sensor looks forward because its wearer's toes point out. Step lengths shift by it, widths do not.
-        passing_offset_noise: standard deviation of it [m]; enters the stated errors only.
-        position_noise: standard deviation of a foot's displacement per square root of the way moved [m/√m].
-        heading_noise: standard deviation of the change of heading from stride to stride [rad].
-        turn_noise: more of it, for each radian that the heading changes [1].
-        range_noise: standard deviation of the range as the distance across [m].
-        passing_noise: standard deviation of how far the right foot is ahead when a range comes [m]. Nobody measures it,
-            so no likelihood can learn it: it would shrink to millimetres.
-        start_width: distance across at the start [m].
-        start_across: its standard deviation [m].
-        start_along: standard deviation of the distance along at the start [m], 0 expected.
-        start_heading: standard deviation of the angle between both feet's first strides [rad], 0 expected.
-    """
+    range_offset: Annotated[Values, Parameter(
+        interval(-0.2, 0.4), "m",
+        "what the foot sensors are farther apart, across the walk, than the range says: from the left foot's "
+        "sensor to the range sensor, and from the skin of the right leg to its foot's sensor. To be measured "
+        "on the person: its error is the width's",
+    )] = 0.08  # fmt: skip
+    offset_noise: Annotated[Values, Parameter(
+        fixed, "m", "standard deviation of that measurement; enters the stated errors only",
+    )] = 0.01  # fmt: skip
+    passing_offset: Annotated[Values, Parameter(
+        interval(-0.2, 0.2), "m",
+        "how far the right foot is ahead of the left one when a range comes; above 0 where the range sensor "
+        "looks forward because its wearer's toes point out. Step lengths shift by it, widths do not",
+    )] = 0.0  # fmt: skip
+    passing_offset_noise: Annotated[Values, Parameter(
+        fixed, "m", "standard deviation of it; enters the stated errors only",
+    )] = 0.03  # fmt: skip
+    position_noise: Annotated[Values, Parameter(
+        positive, "m/√m", "standard deviation of a foot's displacement per square root of the way moved",
+    )] = 0.01  # fmt: skip
+    heading_noise: Annotated[Values, Parameter(
+        positive, "rad", "standard deviation of the change of heading from stride to stride",
+    )] = 0.01  # fmt: skip
+    turn_noise: Annotated[Values, Parameter(
+        positive, "1", "more of it, for each radian that the heading changes",
+    )] = 0.03  # fmt: skip
+    range_noise: Annotated[Values, Parameter(
+        positive, "m", "standard deviation of the range as the distance across",
+    )] = 0.01  # fmt: skip
+    passing_noise: Annotated[Values, Parameter(
+        fixed, "m",
+        "standard deviation of how far the right foot is ahead when a range comes. Nobody measures it, so no "
+        "likelihood can learn it: it would shrink to millimetres",
+    )] = 0.04  # fmt: skip
+    start_width: Annotated[Values, Parameter(fixed, "m", "distance across at the start")] = 0.15
+    start_across: Annotated[Values, Parameter(fixed, "m", "its standard deviation")] = 0.15
+    start_along: Annotated[Values, Parameter(
+        fixed, "m", "standard deviation of the distance along at the start, 0 expected",
+    )] = 0.5  # fmt: skip
+    start_heading: Annotated[Values, Parameter(
+        fixed, "rad", "standard deviation of the angle between both feet's first strides, 0 expected",
+    )] = 0.2  # fmt: skip
 
-    range_offset: Any = 0.08
-    offset_noise: Any = 0.01
-    passing_offset: Any = 0.0
-    passing_offset_noise: Any = 0.03
-    position_noise: Any = 0.01
-    heading_noise: Any = 0.01
-    turn_noise: Any = 0.03
-    range_noise: Any = 0.01
-    passing_noise: Any = 0.04
-    start_width: Any = 0.15
-    start_across: Any = 0.15
-    start_along: Any = 0.5
-    start_heading: Any = 0.2
 
-
-TRANSFORMS = WidthParams(
-    range_offset=params.interval(-0.2, 0.4),
-    offset_noise=params.fixed,
-    passing_offset=params.interval(-0.2, 0.2),
-    passing_offset_noise=params.fixed,
-    position_noise=params.positive,
-    heading_noise=params.positive,
-    turn_noise=params.positive,
-    range_noise=params.positive,
-    passing_noise=params.fixed,
-    start_width=params.fixed,
-    start_across=params.fixed,
-    start_along=params.fixed,
-    start_heading=params.fixed,
-)
+TRANSFORMS = ranges(WidthParams())
 """The range of every parameter; fixed is what no recording can tell."""
 
 

@@ -1,99 +1,105 @@
 """Parameters and options of the waist's estimator, with their units and ranges."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 
-from jgait import params
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.filtering.execution import Execution
+from jgait.params import Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 DISTANCES = ("fused", "pendulum", "update")
 DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
 SITES = ("auto", "waist", "lower_back", "pelvis")
 
 
+@documented
 class WaistParams(NamedTuple):
-    """Parameters of the waist's estimator, in natural units.
+    """Parameters of the waist's estimator, in natural units."""
 
-    Attributes:
-        gyr_noise: root of the spectral density of the gyroscope's error [rad/s/√Hz].
-        gyr_bias: standard deviation of the gyroscope's bias about what it reads at rest [rad/s].
-        gyr_bias_walk: root of the spectral density of its walk [rad/s·√Hz].
-        sensor_bias: standard deviation of the accelerometer's bias along each axis [m/s²].
-        sensor_bias_walk: root of the spectral density of its walk [m/s²·√Hz].
-        acc_noise: the same of the specific force about gravity while walking [m/s²/√Hz]; over `gyr_noise` · g it is
-            the time [s] after which tilt is gravity's.
-        standing_noise: the same while standing [m/s²/√Hz].
-        heading_hz: slower turns than this are of the walk, faster ones of the trunk [Hz].
-        excursion_hz: of the high-pass on the height of the trunk [Hz].
-        pendulum_length: of the sensor above the ground [m].
-        pendulum_constant: K, length of a step over that of the pendulum's [1].
-        pendulum_constant_sd: standard deviation of its logarithm among people [1].
-        excursion_power: α, how a step grows with the chord of the inverted pendulum [1].
-        surge_power: β, how it grows with the change of speed within it [1].
-        turn_shortening: how much shorter than the pendulum's a step is that turns, for every radian [1/rad].
-        step_noise: error of the pendulum's step, white from step to step [m].
-        turn_noise: by how much that grows with the turn over the step [m/rad].
-        edge_noise: error of the pendulum's step in setting off from standing and in stopping [m].
-        speed_noise: root of the spectral density of the forward acceleration's error [m/s²/√Hz].
-        acc_bias: standard deviation of the forward acceleration's bias after standing [m/s²].
-        acc_bias_unknown: the same without any standing [m/s²].
-        acc_bias_walk: root of the spectral density of its walk [m/s²·√Hz].
-        acc_bias_turn: by how much it changes, at most, in turning round [m/s²].
-        start_speed: of walking where it begins otherwise than from standing [m/s].
-        start_speed_sd: its standard deviation [m/s].
-        standing_speed: standard deviation of the speed while standing [m/s].
-        update_noise: of the mean speed that the velocity update gives, over a whole bout [m/s]; "fused" only.
-        update: of the velocity update, see `VelocityUpdateParams`.
-    """
+    gyr_noise: Annotated[Values, Parameter(
+        positive, "rad/s/√Hz", "root of the spectral density of the gyroscope's error",
+    )] = 1e-3  # fmt: skip
+    gyr_bias: Annotated[Values, Parameter(
+        positive, "rad/s", "standard deviation of the gyroscope's bias about what it reads at rest",
+    )] = 3e-3  # fmt: skip
+    gyr_bias_walk: Annotated[Values, Parameter(
+        positive, "rad/s·√Hz", "root of the spectral density of its walk",
+    )] = 1e-5  # fmt: skip
+    sensor_bias: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of the accelerometer's bias along each axis",
+    )] = 0.3  # fmt: skip
+    sensor_bias_walk: Annotated[Values, Parameter(
+        positive, "m/s²·√Hz", "root of the spectral density of its walk",
+    )] = 1e-4  # fmt: skip
+    acc_noise: Annotated[Values, Parameter(
+        positive, "m/s²/√Hz",
+        "the same of the specific force about gravity while walking; over `gyr_noise` · g it is the time in seconds "
+        "after which tilt is gravity's",
+    )] = 0.15  # fmt: skip
+    standing_noise: Annotated[Values, Parameter(positive, "m/s²/√Hz", "the same while standing")] = 0.01
+    heading_hz: Annotated[Values, Parameter(
+        interval(0.05, 1.0), "Hz", "slower turns than this are of the walk, faster ones of the trunk",
+    )] = 0.35  # fmt: skip
+    excursion_hz: Annotated[Values, Parameter(
+        interval(0.05, 1.0), "Hz", "of the high-pass on the height of the trunk",
+    )] = 0.5  # fmt: skip
+    pendulum_length: Annotated[Values, Parameter(interval(0.3, 1.6), "m", "of the sensor above the ground")] = 0.97
+    pendulum_constant: Annotated[Values, Parameter(
+        positive, "1", "K, length of a step over that of the pendulum's",
+    )] = 1.36  # fmt: skip
+    pendulum_constant_sd: Annotated[Values, Parameter(
+        positive, "1", "standard deviation of its logarithm among people",
+    )] = 0.05  # fmt: skip
+    excursion_power: Annotated[Values, Parameter(
+        interval(0.0, 2.0), "1", "α, how a step grows with the chord of the inverted pendulum",
+    )] = 0.8  # fmt: skip
+    surge_power: Annotated[Values, Parameter(
+        interval(-1.0, 2.0), "1", "β, how it grows with the change of speed within it",
+    )] = 0.1  # fmt: skip
+    turn_shortening: Annotated[Values, Parameter(
+        positive, "1/rad", "how much shorter than the pendulum's a step is that turns, for every radian",
+    )] = 0.35  # fmt: skip
+    step_noise: Annotated[Values, Parameter(
+        positive, "m", "error of the pendulum's step, white from step to step",
+    )] = 0.03  # fmt: skip
+    turn_noise: Annotated[Values, Parameter(
+        positive, "m/rad", "by how much that grows with the turn over the step",
+    )] = 0.4  # fmt: skip
+    edge_noise: Annotated[Values, Parameter(
+        positive, "m", "error of the pendulum's step in setting off from standing and in stopping",
+    )] = 0.2  # fmt: skip
+    speed_noise: Annotated[Values, Parameter(
+        positive, "m/s²/√Hz", "root of the spectral density of the forward acceleration's error",
+    )] = 0.6  # fmt: skip
+    acc_bias: Annotated[Values, Parameter(
+        positive, "m/s²", "standard deviation of the forward acceleration's bias after standing",
+    )] = 0.1  # fmt: skip
+    acc_bias_unknown: Annotated[Values, Parameter(positive, "m/s²", "the same without any standing")] = 0.3
+    acc_bias_walk: Annotated[Values, Parameter(positive, "m/s²·√Hz", "root of the spectral density of its walk")] = 0.02
+    acc_bias_turn: Annotated[Values, Parameter(
+        positive, "m/s²", "by how much it changes, at most, in turning round",
+    )] = 0.3  # fmt: skip
+    start_speed: Annotated[Values, Parameter(
+        positive, "m/s", "of walking where it begins otherwise than from standing",
+    )] = 1.1  # fmt: skip
+    start_speed_sd: Annotated[Values, Parameter(positive, "m/s", "its standard deviation")] = 0.4
+    standing_speed: Annotated[Values, Parameter(
+        positive, "m/s", "standard deviation of the speed while standing",
+    )] = 0.03  # fmt: skip
+    update_noise: Annotated[Values, Parameter(
+        positive, "m/s", 'of the mean speed that the velocity update gives, over a whole bout; "fused" only',
+    )] = 0.3  # fmt: skip
+    update: Annotated[VelocityUpdateParams, Parameter(
+        None, "", "of the velocity update, see `VelocityUpdateParams`",
+    )] = VelocityUpdateParams()  # fmt: skip
 
-    gyr_noise: Any = 1e-3
-    gyr_bias: Any = 3e-3
-    gyr_bias_walk: Any = 1e-5
-    sensor_bias: Any = 0.3
-    sensor_bias_walk: Any = 1e-4
-    acc_noise: Any = 0.15
-    standing_noise: Any = 0.01
-    heading_hz: Any = 0.35
-    excursion_hz: Any = 0.5
-    pendulum_length: Any = 0.97
-    pendulum_constant: Any = 1.36
-    pendulum_constant_sd: Any = 0.05
-    excursion_power: Any = 0.8
-    surge_power: Any = 0.1
-    turn_shortening: Any = 0.35
-    step_noise: Any = 0.03
-    turn_noise: Any = 0.4
-    edge_noise: Any = 0.2
-    speed_noise: Any = 0.6
-    acc_bias: Any = 0.1
-    acc_bias_unknown: Any = 0.3
-    acc_bias_walk: Any = 0.02
-    acc_bias_turn: Any = 0.3
-    start_speed: Any = 1.1
-    start_speed_sd: Any = 0.4
-    standing_speed: Any = 0.03
-    update_noise: Any = 0.3
-    update: VelocityUpdateParams = VelocityUpdateParams()
 
-
-_OWN: dict[str, Any] = {
-    "heading_hz": params.interval(0.05, 1.0),
-    "excursion_hz": params.interval(0.05, 1.0),
-    "pendulum_length": params.interval(0.3, 1.6),
-    "excursion_power": params.interval(0.0, 2.0),
-    "surge_power": params.interval(-1.0, 2.0),
-    "update": VelocityUpdateParams(
-        threshold=params.positive, width=params.positive, cutoff_hz=params.fixed, highest_hz=params.fixed,
-        beta=params.positive,
-    ),
-}  # fmt: skip
-
-TRANSFORMS = WaistParams(**{name: _OWN.get(name, params.positive) for name in WaistParams._fields})
+TRANSFORMS = ranges(WaistParams())
 """The range of every parameter."""
 
 

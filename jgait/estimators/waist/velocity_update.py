@@ -29,7 +29,7 @@ Readings, where the paper leaves a choice:
        by itself, or OFI's.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,24 +38,21 @@ from jax.typing import ArrayLike
 
 from jgait.estimators.waist.ofdri import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
 from jgait.estimators.waist.ofdri import signal_and_steps as _checked
+from jgait.params import Parameter, documented, fixed, positive
+from jgait.types import Values
 
 
+@documented
 class VelocityUpdateParams(NamedTuple):
-    """Parameters, in natural units.
+    """Parameters, in natural units."""
 
-    Attributes:
-        threshold: ε, the least change over a cycle that is taken for a change of speed [m/s].
-        width: of the soft gate [m/s].
-        cutoff_hz: of OFI's high-pass, 0 for none [Hz].
-        highest_hz: f_max of the optimum rule [Hz].
-        beta: β of OFDRI's weight [1].
-    """
-
-    threshold: Any = 0.3
-    width: Any = 0.05
-    cutoff_hz: Any = 0.0
-    highest_hz: Any = HIGHEST
-    beta: Any = 0.1
+    threshold: Annotated[Values, Parameter(
+        positive, "m/s", "ε, the least change over a cycle that is taken for a change of speed",
+    )] = 0.3  # fmt: skip
+    width: Annotated[Values, Parameter(positive, "m/s", "of the soft gate")] = 0.05
+    cutoff_hz: Annotated[Values, Parameter(fixed, "Hz", "of OFI's high-pass, 0 for none")] = 0.0
+    highest_hz: Annotated[Values, Parameter(fixed, "Hz", "f_max of the optimum rule")] = HIGHEST
+    beta: Annotated[Values, Parameter(positive, "1", "β of OFDRI's weight")] = 0.1
 
 
 class Covered(NamedTuple):
