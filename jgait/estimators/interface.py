@@ -112,7 +112,8 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict
     """
     unknown = [name for name in body if name not in measures]
     if unknown:
-        raise ValueError(f"{estimator} takes {', '.join(measures)} of a person; got {unknown[0]!r}")
+        takes = " and ".join(filter(None, [", ".join(measures[:-1]), measures[-1]]))
+        raise ValueError(f"{estimator} takes {takes} of a person; got {unknown[0]!r}")
 
     def number(value: Any) -> Any:
         return value if isinstance(value, jax.Array) else float(value)

@@ -1,5 +1,7 @@
 """The model's equations, and what is decided before it runs: readings, turns, contacts, bad input."""
 
+import importlib
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from made.notes import note, texts
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
+from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
 from jgait.types import Estimate, Feet, Legs, RangeReadings, Recording, RecordingError
 
@@ -32,7 +35,7 @@ def rotated(angle, dx, dy):
 
 
 def test_equation_3():
-    p = sw.model_params(sw.WidthParams())
+    p = model_params(sw.WidthParams())
     moved = model.transition(p, STATE, CONTROL, 1.0)
     np.testing.assert_allclose([moved.x_right, moved.y_right], [1.0, 2.0] + rotated(0.5, 0.5, 0.1), atol=1e-12)
     np.testing.assert_allclose([moved.x_left, moved.y_left], [0.8, 2.4] + rotated(-0.7, 0.4, -0.2), atol=1e-12)
@@ -45,7 +48,7 @@ def test_equation_3():
 
 
 def test_equation_6():
-    p = sw.model_params(sw.WidthParams())
+    p = model_params(sw.WidthParams())
     z = model.observation(p, STATE, CONTROL)
     x, y, s, c = 0.2, -0.4, np.sin(-0.4), np.cos(-0.4)
     assert tuple(z) == pytest.approx((x * s - y * c, x * c + y * s))
@@ -63,7 +66,7 @@ def test_process_noise_is_that_of_the_controls():
             foot._replace(dx=foot.dx + e[0], dy=foot.dy + e[1], turn=foot.turn + e[2])
             for foot, e in zip(CONTROL, (errors[:3], errors[3:]), strict=True)
         )
-        return jnp.stack(model.transition(sw.model_params(p), state, WidthControl(right, left), 1.0))
+        return jnp.stack(model.transition(model_params(p), state, WidthControl(right, left), 1.0))
 
     V = jax.jacfwd(moved)(jnp.zeros(6))
     variances = []
@@ -71,7 +74,7 @@ def test_process_noise_is_that_of_the_controls():
         shift = p.position_noise**2 * foot.way
         swing = foot.leaves * (p.heading_noise**2 + (p.turn_noise * foot.turn) ** 2)
         variances += [shift, shift, swing]
-    Q = np.asarray(model.transition_noise(sw.model_params(p), state, CONTROL, 1.0).dense())
+    Q = np.asarray(model.transition_noise(model_params(p), state, CONTROL, 1.0).dense())
     np.testing.assert_allclose(Q, (V * jnp.asarray(variances)[None, :]) @ V.T, atol=1e-15)
 
 
@@ -218,7 +221,8 @@ def test_a_foot_that_shifts_on_the_spot_keeps_its_heading():
 def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, monkeypatch):
     told = {"notes": (note("of the feet"),), "standing": None}
     own = Estimate(walk.time, Legs(None, None), None, None, np.ones(walk.time.size, bool), told, feet=walk.feet)
-    monkeypatch.setattr(sw, "feet_of", lambda recording, p, options: (own, walk.mids))
+    module = importlib.import_module("jgait.estimators.stride_width_ekf.estimator")
+    monkeypatch.setattr(module, "feet_of", lambda recording, p, options: (own, walk.mids))
     made = sw.estimator(sw.PAPER)
     prepared = made.prepare(Recording({}, 128.0, feet_range=walk.read))
     assert str(prepared.notes[0]) == "of the feet"
