@@ -7,6 +7,7 @@ bodies are indented. Markdown would take them for the rest of a paragraph.
 import ast
 import inspect
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,23 @@ def with_defaults(text: str, defaults: dict[str, str]) -> str:
     return "\n".join(lines[:-1])
 
 
+def declarations(source: str) -> dict[str, tuple[str, str]]:
+    """Of a class of parameters: field → its type, and what `jgait.params.Parameter` declares of it as a line."""
+    found = {}
+    for field in ast.parse(textwrap.dedent(source)).body[0].body:
+        hint = getattr(field, "annotation", None)
+        if not (isinstance(hint, ast.Subscript) and ast.unparse(hint.value) == "Annotated"):
+            continue
+        kind, declared = hint.slice.elts
+        if isinstance(declared, ast.Call) and ast.unparse(declared.func) == "Parameter":
+            span, unit, meaning = declared.args
+            told = f"{meaning.value} [{unit.value}]; {ast.unparse(span)}." if unit.value else f"{meaning.value}."
+            found[field.target.id] = (ast.unparse(kind), told)
+        elif isinstance(declared, ast.Subscript):
+            found[field.target.id] = (ast.unparse(kind), "as of the filters' own parameters.")
+    return found
+
+
 class Sections(griffe.Extension):
     """Rewrites every docstring that griffe loads."""
 
@@ -119,6 +137,12 @@ class Sections(griffe.Extension):
     def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
         """Called once for each class, its members known: defaults of a record are those of its attributes."""
         del kwargs
+        declared = declarations(cls.source) if "Annotated[" in cls.source else {}
+        for name, (kind, _) in declared.items():
+            cls.attributes[name].annotation = kind
+        if cls.docstring and declared:
+            listed = "\n".join(f"{INDENT}{name}: {told}" for name, (_, told) in declared.items())
+            cls.docstring.value += f"\n\nAttributes:\n{listed}"
         if cls.docstring:
             values = {name: one.value for name, one in cls.attributes.items() if one.value is not None}
             defaults = {name: str(value) for name, value in values.items() if len(str(value)) < 40}

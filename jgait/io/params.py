@@ -1,10 +1,8 @@
 """Parameters in a file: their values with units, and how they were made."""
 
-import inspect
 import json
 import math
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,44 +10,10 @@ from typing import Any
 import jax
 
 from jgait.io.atomic import write_text
+from jgait.params import units
 from jgait.version import __version__
 
 FORMAT = 1
-
-
-def _unit(text: str) -> str:
-    """The last unit in square brackets of a description, "" without one."""
-    found = re.findall(r"\[([^\]]+)\]", text)
-    return found[-1] if found else ""
-
-
-def _described(of: type) -> dict[str, str]:
-    """Field → its description in the docstring of a NamedTuple."""
-    lines = inspect.getdoc(of) or ""
-    listed = re.split(r"^ *Attributes:\n", lines, maxsplit=1, flags=re.MULTILINE)[-1]
-    found = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", listed, re.MULTILINE)
-    return dict(found)
-
-
-def units(params: Any) -> dict[str, str]:
-    """Name of every parameter, such as "thigh_length.right" → its unit, as its docstring has it.
-
-    Args:
-        params: NamedTuple of parameters; one inside another has its own docstring, or that of the field.
-    """
-    out: dict[str, str] = {}
-
-    def walk(node: Any, prefix: str, unit: str) -> None:
-        if not hasattr(node, "_fields"):
-            out[prefix] = unit
-            return
-        told = _described(type(node))
-        for name in node._fields:
-            inner = _unit(told.get(name, "")) or unit
-            walk(getattr(node, name), f"{prefix}.{name}" if prefix else name, inner)
-
-    walk(params, "", "")
-    return out
 
 
 def write_params(

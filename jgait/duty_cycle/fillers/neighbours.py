@@ -15,7 +15,7 @@ a scale of its own, which enlarges its noise, makes the error a quarter larger.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,39 +25,33 @@ from jaxtyping import Array, Bool, Float
 
 from jgait.duty_cycle.fillers.base import Filled, Filler, Force, On, Rate, Signals, Thigh, pushed, started
 from jgait.duty_cycle.fillers.pace import filled_once_enough
-from jgait.params import Param, fixed, positive
+from jgait.params import Param, Parameter, documented, fixed, positive, ranges
 from jgait.types import Scalar
 
 MEMORY_S = 90.0
 """[s] How far back the filler searches neighbours."""
 
 
+@documented
 class Neighbours(NamedTuple):
-    """Parameters of `neighbours`.
+    """Parameters of `neighbours`."""
 
-    Attributes:
-        history_s: time constant τ of the compared histories [s].
-        bandwidth: h, width of the kernel over the distance of the nearest neighbour [1].
-        floor: ε, distance below which neighbours are equally near [1].
-        short: κ, added to the distance of a history of one sample [1].
-        acc_scale: s_a of the shank's accelerometer [m/s²].
-        thigh_rate_scale: of the thigh's gyroscope [rad/s].
-        thigh_acc_scale: of the thigh's accelerometer [m/s²].
-        least_strides: strides that must be measured before samples are filled rather than held [strides].
-    """
-
-    history_s: Param = 0.1
-    bandwidth: Param = 0.4
-    floor: Param = 1e-3
-    short: Param = 0.4
-    acc_scale: Param = 6.0
-    thigh_rate_scale: Param = 1.0
-    thigh_acc_scale: Param = 3.0
-    least_strides: Param = 2.0
+    history_s: Annotated[Param, Parameter(positive, "s", "time constant τ of the compared histories")] = 0.1
+    bandwidth: Annotated[Param, Parameter(
+        positive, "1", "h, width of the kernel over the distance of the nearest neighbour",
+    )] = 0.4  # fmt: skip
+    floor: Annotated[Param, Parameter(positive, "1", "ε, distance below which neighbours are equally near")] = 1e-3
+    short: Annotated[Param, Parameter(positive, "1", "κ, added to the distance of a history of one sample")] = 0.4
+    acc_scale: Annotated[Param, Parameter(positive, "m/s²", "s_a of the shank's accelerometer")] = 6.0
+    thigh_rate_scale: Annotated[Param, Parameter(positive, "rad/s", "of the thigh's gyroscope")] = 1.0
+    thigh_acc_scale: Annotated[Param, Parameter(positive, "m/s²", "of the thigh's accelerometer")] = 3.0
+    least_strides: Annotated[Param, Parameter(
+        fixed, "strides", "strides that must be measured before samples are filled rather than held",
+    )] = 2.0  # fmt: skip
 
 
 NEIGHBOURS = Neighbours()
-TRANSFORMS = Neighbours(*(positive,) * 7, least_strides=fixed)
+TRANSFORMS = ranges(NEIGHBOURS)
 
 
 class NeighboursState(NamedTuple):

@@ -8,7 +8,7 @@ Deviations from the paper:
        error is larger than that of a rate that is left at zero; so the stride period is estimated.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,21 +28,20 @@ from jgait.duty_cycle.fillers.base import (
     started,
 )
 from jgait.duty_cycle.fillers.pace import measured_enough, pace
-from jgait.params import Param, fixed, interval, positive
+from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 
+@documented
 class Hold(NamedTuple):
-    """Parameters of `hold`.
+    """Parameters of `hold`."""
 
-    Attributes:
-        decay_s: time constant with which a held value decays to zero [s]; infinite: it stays.
-    """
-
-    decay_s: Param = np.inf
+    decay_s: Annotated[Param, Parameter(
+        positive, "s", "time constant with which a held value decays to zero; infinite: it stays",
+    )] = np.inf  # fmt: skip
 
 
 HOLD = Hold()
-HOLD_TRANSFORMS = Hold(decay_s=positive)
+HOLD_TRANSFORMS = ranges(HOLD)
 
 
 def hold(
@@ -65,20 +64,20 @@ def hold(
     return kept._replace(rate=jnp.where(s.usable, s.rate, kept.rate * jnp.exp(-age * lost)))
 
 
+@documented
 class Replicate(NamedTuple):
-    """Parameters of `replicate`.
+    """Parameters of `replicate`."""
 
-    Attributes:
-        stretch: lag of the replica over the estimated stride period [1].
-        least_strides: strides that must be measured before samples are filled rather than held [strides].
-    """
-
-    stretch: Param = 1.0
-    least_strides: Param = 2.0
+    stretch: Annotated[Param, Parameter(
+        interval(0.8, 1.25), "1", "lag of the replica over the estimated stride period",
+    )] = 1.0  # fmt: skip
+    least_strides: Annotated[Param, Parameter(
+        fixed, "strides", "strides that must be measured before samples are filled rather than held",
+    )] = 2.0  # fmt: skip
 
 
 REPLICATE = Replicate()
-REPLICATE_TRANSFORMS = Replicate(stretch=interval(0.8, 1.25), least_strides=fixed)
+REPLICATE_TRANSFORMS = ranges(REPLICATE)
 
 
 def replicate(

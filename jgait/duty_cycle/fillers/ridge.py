@@ -10,7 +10,7 @@ and the filled rate is late by as much.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,36 +21,31 @@ from jaxtyping import Array, Bool, Float
 
 from jgait.duty_cycle.fillers.base import Filled, Filler, Force, On, Rate, Signals, Thigh, started
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours, neighbours
-from jgait.duty_cycle.fillers.neighbours import TRANSFORMS as NEIGHBOURS_TRANSFORMS
 from jgait.duty_cycle.fillers.pace import filled_once_enough
-from jgait.params import Param, fixed, interval, positive
+from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 HISTORY_S, SPACING_S = 0.4, 0.04
 """[s] How far back the samples of the regression reach, and their spacing."""
 
 
+@documented
 class Ridge(NamedTuple):
-    """Parameters of `ridge`.
+    """Parameters of `ridge`."""
 
-    Attributes:
-        penalty: λ, penalty of large weights [1].
-        forget: γ, factor by which the weight of a measured sample falls with each further one [1].
-        acc_scale: of the shank's accelerometer [m/s²].
-        thigh_rate_scale: of the thigh's gyroscope [rad/s].
-        thigh_acc_scale: of the thigh's accelerometer [m/s²].
-        least_strides: strides that must be measured before samples are filled rather than held [strides].
-    """
-
-    penalty: Param = 10.0
-    forget: Param = 0.9995
-    acc_scale: Param = 6.0
-    thigh_rate_scale: Param = 1.0
-    thigh_acc_scale: Param = 3.0
-    least_strides: Param = 2.0
+    penalty: Annotated[Param, Parameter(positive, "1", "λ, penalty of large weights")] = 10.0
+    forget: Annotated[Param, Parameter(
+        interval(0.9, 1.0), "1", "γ, factor by which the weight of a measured sample falls with each further one",
+    )] = 0.9995  # fmt: skip
+    acc_scale: Annotated[Param, Parameter(positive, "m/s²", "of the shank's accelerometer")] = 6.0
+    thigh_rate_scale: Annotated[Param, Parameter(positive, "rad/s", "of the thigh's gyroscope")] = 1.0
+    thigh_acc_scale: Annotated[Param, Parameter(positive, "m/s²", "of the thigh's accelerometer")] = 3.0
+    least_strides: Annotated[Param, Parameter(
+        fixed, "strides", "strides that must be measured before samples are filled rather than held",
+    )] = 2.0  # fmt: skip
 
 
 RIDGE = Ridge()
-TRANSFORMS = Ridge(positive, interval(0.9, 1.0), positive, positive, positive, fixed)
+TRANSFORMS = ranges(RIDGE)
 
 
 class RidgeState(NamedTuple):
@@ -133,22 +128,17 @@ LATER_S = 0.4
 _later = partial(ridge, latency_s=LATER_S)
 
 
+@documented
 class Blend(NamedTuple):
-    """Parameters of `blend`.
+    """Parameters of `blend`."""
 
-    Attributes:
-        share: of the regression in the filled rate [1].
-        neighbours: parameters of `neighbours`.
-        ridge: parameters of `ridge`.
-    """
-
-    share: Param = 0.5
-    neighbours: Neighbours = NEIGHBOURS
-    ridge: Ridge = RIDGE
+    share: Annotated[Param, Parameter(interval(0.0, 1.0), "1", "of the regression in the filled rate")] = 0.5
+    neighbours: Annotated[Neighbours, Parameter(None, "", "parameters of `neighbours`")] = NEIGHBOURS
+    ridge: Annotated[Ridge, Parameter(None, "", "parameters of `ridge`")] = RIDGE
 
 
 BLEND = Blend()
-BLEND_TRANSFORMS = Blend(interval(0.0, 1.0), NEIGHBOURS_TRANSFORMS, TRANSFORMS)
+BLEND_TRANSFORMS = ranges(BLEND)
 
 
 def blend(

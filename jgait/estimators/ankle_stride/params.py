@@ -5,8 +5,7 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
-from jgait.params import Parameter, documented, interval, positive, ranges, real
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, interval, positive, ranges, real
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper")
@@ -17,57 +16,57 @@ SITES = ("auto", "ankle", "shank")
 class AnkleParams(NamedTuple):
     """Parameters of the ankle's estimator, in natural units; the same for both legs."""
 
-    lever_ankle: Annotated[Values, Parameter(
+    lever_ankle: Annotated[Param, Parameter(
         interval(-0.05, 0.2), "m", "height over the ankle of a sensor worn at the ankle, before the walk tells more",
     )] = 0.03  # fmt: skip
-    lever_shank: Annotated[Values, Parameter(interval(0.0, 0.4), "m", "the same of a sensor at mid shank")] = 0.18
-    lever_forward: Annotated[Values, Parameter(
+    lever_shank: Annotated[Param, Parameter(interval(0.0, 0.4), "m", "the same of a sensor at mid shank")] = 0.18
+    lever_forward: Annotated[Param, Parameter(
         interval(-0.15, 0.15), "m", "how far the sensor is in front of the ankle",
     )] = 0.0  # fmt: skip
-    lever_left: Annotated[Values, Parameter(interval(-0.15, 0.15), "m", "how far it is to the left of it")] = 0.0
-    lever_along_sd: Annotated[Values, Parameter(
+    lever_left: Annotated[Param, Parameter(interval(-0.15, 0.15), "m", "how far it is to the left of it")] = 0.0
+    lever_along_sd: Annotated[Param, Parameter(
         positive, "m", "standard deviation of the height over the ankle",
     )] = 0.02  # fmt: skip
-    lever_across_sd: Annotated[Values, Parameter(positive, "m", "of the other two")] = 0.01
-    cutoff_hz: Annotated[Values, Parameter(
+    lever_across_sd: Annotated[Param, Parameter(positive, "m", "of the other two")] = 0.01
+    cutoff_hz: Annotated[Param, Parameter(
         interval(1.0, 12.0), "Hz", "of the low-pass, both ways, on the signals that are integrated",
     )] = 8.0  # fmt: skip
-    velocity_noise: Annotated[Values, Parameter(
+    velocity_noise: Annotated[Param, Parameter(
         positive, "m/s", "standard deviation of the ankle's zero velocity around a valley",
     )] = 0.02  # fmt: skip
-    rate_noise: Annotated[Values, Parameter(
+    rate_noise: Annotated[Param, Parameter(
         positive, "m/s per rad/s", "by how much that grows with the shank's rate",
     )] = 0.02  # fmt: skip
-    acc_noise: Annotated[Values, Parameter(
+    acc_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error",
     )] = 0.02  # fmt: skip
-    gyr_noise: Annotated[Values, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
-    acc_jump_noise: Annotated[Values, Parameter(
+    gyr_noise: Annotated[Param, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
+    acc_jump_noise: Annotated[Param, Parameter(
         positive, "1", "error of the specific force over its change from sample to sample",
     )] = 0.02  # fmt: skip
-    gyr_jump_noise: Annotated[Values, Parameter(positive, "1", "the same of the angular rate")] = 0.005
-    acc_bias_walk: Annotated[Values, Parameter(
+    gyr_jump_noise: Annotated[Param, Parameter(positive, "1", "the same of the angular rate")] = 0.005
+    acc_bias_walk: Annotated[Param, Parameter(
         positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
     )] = 1e-4  # fmt: skip
-    gyr_bias_walk: Annotated[Values, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
-    acc_bias: Annotated[Values, Parameter(
+    gyr_bias_walk: Annotated[Param, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
+    acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the accelerometer's bias at the start",
     )] = 0.1  # fmt: skip
-    gyr_bias: Annotated[Values, Parameter(positive, "rad/s", "of the gyroscope's, after standing")] = 1e-3
-    gyr_bias_unknown: Annotated[Values, Parameter(positive, "rad/s", "of the gyroscope's, without any standing")] = 0.02
-    sway: Annotated[Values, Parameter(
+    gyr_bias: Annotated[Param, Parameter(positive, "rad/s", "of the gyroscope's, after standing")] = 1e-3
+    gyr_bias_unknown: Annotated[Param, Parameter(positive, "rad/s", "of the gyroscope's, without any standing")] = 0.02
+    sway: Annotated[Param, Parameter(
         positive, "rad", "by how much a leg turns unseen while it is taken to stand still",
     )] = 1.5e-3  # fmt: skip
-    tilt: Annotated[Values, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
-    height_noise: Annotated[Values, Parameter(
+    tilt: Annotated[Param, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
+    height_noise: Annotated[Param, Parameter(
         positive, "m", "of level ground from one stance to the next; where `AnkleOptions.level` says it is level",
     )] = 0.02  # fmt: skip
-    stride_noise: Annotated[Values, Parameter(
+    stride_noise: Annotated[Param, Parameter(
         positive, "m", "error of a stride that the model knows nothing of; enters the stated deviations only",
     )] = 0.012  # fmt: skip
-    leg_length: Annotated[Values, Parameter(positive, "m", "of the pendulum; sl1 and sl2 only")] = 0.85
-    angle_gain: Annotated[Values, Parameter(positive, "1", "of the swing's angle; sl2 only")] = 1.0
-    time_gain: Annotated[Values, Parameter(real, "s", "of the angle over the swing's time; sl2 only")] = 0.0
+    leg_length: Annotated[Param, Parameter(positive, "m", "of the pendulum; sl1 and sl2 only")] = 0.85
+    angle_gain: Annotated[Param, Parameter(positive, "1", "of the swing's angle; sl2 only")] = 1.0
+    time_gain: Annotated[Param, Parameter(real, "s", "of the angle over the swing's time; sl2 only")] = 0.0
 
 
 TRANSFORMS = ranges(AnkleParams())

@@ -9,40 +9,39 @@ from jgait.estimators.axes import Held, Sampled, Times
 from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
-from jgait.params import Parameter, documented, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, interval, positive, ranges
 
 
 @documented
 class DutyParams(NamedTuple):
     """Parameters of the thigh's and the shin's filter, in natural units."""
 
-    thigh_length: Annotated[Values, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = 0.43
-    thigh_sensor: Annotated[Values, Parameter(interval(0.02, 0.7), "m", "d_s1, hip to the thigh's sensor")] = 0.215
-    shank_sensor: Annotated[Values, Parameter(interval(0.02, 0.7), "m", "d_s2, knee to the shin's sensor")] = 0.215
-    angle_noise: Annotated[Values, Parameter(
+    thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = 0.43
+    thigh_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s1, hip to the thigh's sensor")] = 0.215
+    shank_sensor: Annotated[Param, Parameter(interval(0.02, 0.7), "m", "d_s2, knee to the shin's sensor")] = 0.215
+    angle_noise: Annotated[Param, Parameter(
         positive, "rad²/s³", "σ of the angles, spectral density of the angular acceleration",
     )] = 100.0  # fmt: skip
-    acceleration_noise: Annotated[Values, Parameter(
+    acceleration_noise: Annotated[Param, Parameter(
         positive, "m²/s⁵", "σ of the positions, spectral density of the jerk",
     )] = 1e5  # fmt: skip
-    bias_noise: Annotated[Values, Parameter(
+    bias_noise: Annotated[Param, Parameter(
         positive, "m²/s³", "σ of the velocity bias, spectral density of its random walk",
     )] = 1e-10  # fmt: skip
-    gyro_noise: Annotated[Values, Parameter(
+    gyro_noise: Annotated[Param, Parameter(
         positive, "1", "multiplies R, the gyroscope's variance while standing",
     )] = 1.0  # fmt: skip
-    joint_acceleration: Annotated[Values, Parameter(
+    joint_acceleration: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the joint's own acceleration, which the model leaves out",
     )] = GRAVITY  # fmt: skip
-    standing_acceleration: Annotated[Values, Parameter(
+    standing_acceleration: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of accelerations about 0 while standing",
     )] = 0.1  # fmt: skip
-    position_closure: Annotated[Values, Parameter(
+    position_closure: Annotated[Param, Parameter(
         positive, "m", "standard deviation of the sensor's position about the rigid link's",
     )] = 0.03  # fmt: skip
-    velocity_closure: Annotated[Values, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
-    swing_noise: Annotated[Values, Parameter(
+    velocity_closure: Annotated[Param, Parameter(positive, "m/s", "the same of its velocity")] = 0.03
+    swing_noise: Annotated[Param, Parameter(
         positive, "rad √s",
         "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
         "that no gap turns it over",

@@ -13,8 +13,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import DutyOptions, DutyPara
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
-from jgait.params import Parameter, declared, documented, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, declared, documented, interval, positive, ranges
 
 _USUAL = DutyParams()
 _OF_FILTERS = declared(DutyParams)
@@ -26,20 +25,20 @@ class DutyCycledParams(NamedTuple):
 
     thigh_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
     shank_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
-    thigh_place: Annotated[Values, Parameter(interval(0.05, 1.0), "1", "of the thigh's sensor, from hip to knee")] = 0.5
-    shank_place: Annotated[Values, Parameter(
+    thigh_place: Annotated[Param, Parameter(interval(0.05, 1.0), "1", "of the thigh's sensor, from hip to knee")] = 0.5
+    shank_place: Annotated[Param, Parameter(
         interval(0.05, 1.0), "1", "of the shank's sensor, from knee to ankle",
     )] = 0.5  # fmt: skip
-    angle_noise: Annotated[Values, _OF_FILTERS["angle_noise"]] = _USUAL.angle_noise
-    acceleration_noise: Annotated[Values, _OF_FILTERS["acceleration_noise"]] = _USUAL.acceleration_noise
-    bias_noise: Annotated[Values, _OF_FILTERS["bias_noise"]] = _USUAL.bias_noise
-    gyro_noise: Annotated[Values, _OF_FILTERS["gyro_noise"]] = _USUAL.gyro_noise
-    joint_acceleration: Annotated[Values, _OF_FILTERS["joint_acceleration"]] = _USUAL.joint_acceleration
-    standing_acceleration: Annotated[Values, _OF_FILTERS["standing_acceleration"]] = _USUAL.standing_acceleration
-    position_closure: Annotated[Values, _OF_FILTERS["position_closure"]] = _USUAL.position_closure
-    velocity_closure: Annotated[Values, _OF_FILTERS["velocity_closure"]] = _USUAL.velocity_closure
-    swing_noise: Annotated[Values, _OF_FILTERS["swing_noise"]] = _USUAL.swing_noise
-    filled_noise: Annotated[Values, Parameter(
+    angle_noise: Annotated[Param, _OF_FILTERS["angle_noise"]] = _USUAL.angle_noise
+    acceleration_noise: Annotated[Param, _OF_FILTERS["acceleration_noise"]] = _USUAL.acceleration_noise
+    bias_noise: Annotated[Param, _OF_FILTERS["bias_noise"]] = _USUAL.bias_noise
+    gyro_noise: Annotated[Param, _OF_FILTERS["gyro_noise"]] = _USUAL.gyro_noise
+    joint_acceleration: Annotated[Param, _OF_FILTERS["joint_acceleration"]] = _USUAL.joint_acceleration
+    standing_acceleration: Annotated[Param, _OF_FILTERS["standing_acceleration"]] = _USUAL.standing_acceleration
+    position_closure: Annotated[Param, _OF_FILTERS["position_closure"]] = _USUAL.position_closure
+    velocity_closure: Annotated[Param, _OF_FILTERS["velocity_closure"]] = _USUAL.velocity_closure
+    swing_noise: Annotated[Param, _OF_FILTERS["swing_noise"]] = _USUAL.swing_noise
+    filled_noise: Annotated[Param, Parameter(
         positive, "rad/√s", "of a filled rate beyond the gyroscope's own, as white noise",
     )] = 0.1  # fmt: skip
     filler: Annotated[Any, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS

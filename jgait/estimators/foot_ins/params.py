@@ -5,51 +5,50 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
-from jgait.params import Parameter, documented, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, interval, positive, ranges
 
 
 @documented
 class FootParams(NamedTuple):
     """Parameters of the foot estimator, in natural units; the same for both feet."""
 
-    pivot_height: Annotated[Values, Parameter(
+    pivot_height: Annotated[Param, Parameter(
         interval(0.0 - 1e-9, 0.3), "m",
         "of the sensor over the point that a standing foot turns about; 0: it stands quite still",
     )] = 0.08  # fmt: skip
-    velocity_noise: Annotated[Values, Parameter(positive, "m/s", "standard deviation of the zero velocity")] = 0.01
-    rate_noise: Annotated[Values, Parameter(
+    velocity_noise: Annotated[Param, Parameter(positive, "m/s", "standard deviation of the zero velocity")] = 0.01
+    rate_noise: Annotated[Param, Parameter(
         positive, "m/s per rad/s", "by how much that grows with the foot's own rate",
     )] = 0.03  # fmt: skip
-    acc_noise: Annotated[Values, Parameter(
+    acc_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error",
     )] = 0.05  # fmt: skip
-    gyr_noise: Annotated[Values, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
-    acc_jump_noise: Annotated[Values, Parameter(
+    gyr_noise: Annotated[Param, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
+    acc_jump_noise: Annotated[Param, Parameter(
         positive, "1", "error of the specific force over its change from sample to sample",
     )] = 0.15  # fmt: skip
-    gyr_jump_noise: Annotated[Values, Parameter(positive, "1", "the same of the angular rate")] = 0.02
-    acc_bias_walk: Annotated[Values, Parameter(
+    gyr_jump_noise: Annotated[Param, Parameter(positive, "1", "the same of the angular rate")] = 0.02
+    acc_bias_walk: Annotated[Param, Parameter(
         positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
     )] = 1e-4  # fmt: skip
-    gyr_bias_walk: Annotated[Values, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
-    acc_bias: Annotated[Values, Parameter(
+    gyr_bias_walk: Annotated[Param, Parameter(positive, "rad/s·√Hz", "the same of the gyroscope's")] = 1e-5
+    acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the accelerometer's bias at the start",
     )] = 0.02  # fmt: skip
-    gyr_bias: Annotated[Values, Parameter(
+    gyr_bias: Annotated[Param, Parameter(
         positive, "rad/s", "of the gyroscope's, after ever so long a standing, about the vertical",
     )] = 3e-4  # fmt: skip
-    gyr_bias_tilt: Annotated[Values, Parameter(
+    gyr_bias_tilt: Annotated[Param, Parameter(
         positive, "rad/s", "the least about horizontal axes, where gravity corrects it",
     )] = 3e-3  # fmt: skip
-    sway: Annotated[Values, Parameter(
+    sway: Annotated[Param, Parameter(
         positive, "rad", "by how much a foot turns unseen while it is taken to stand still",
     )] = 1.5e-3  # fmt: skip
-    tilt: Annotated[Values, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
-    height_noise: Annotated[Values, Parameter(
+    tilt: Annotated[Param, Parameter(positive, "rad", "of the attitude at the first stance")] = 0.05
+    height_noise: Annotated[Param, Parameter(
         positive, "m", "of level ground from one foothold to the next; where `FootOptions.level` says it is level",
     )] = 0.01  # fmt: skip
-    stride_noise: Annotated[Values, Parameter(
+    stride_noise: Annotated[Param, Parameter(
         positive, "1",
         "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
         "deviations only",

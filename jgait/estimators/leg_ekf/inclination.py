@@ -22,8 +22,7 @@ from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
-from jgait.params import Parameter, documented, positive
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, positive
 
 
 class InclinationState(NamedTuple):
@@ -52,13 +51,13 @@ class InclinationControl(NamedTuple):
 class InclinationNoise(NamedTuple):
     """Noise of the gravity direction."""
 
-    gyro_noise: Annotated[Values, Parameter(positive, "rad/√s", "gyroscope white noise, soft tissue included")] = 0.02
-    bias_walk: Annotated[Values, Parameter(positive, "rad/s/√s", "bias random walk")] = 2e-5
-    walking_acceleration: Annotated[Values, Parameter(
+    gyro_noise: Annotated[Param, Parameter(positive, "rad/√s", "gyroscope white noise, soft tissue included")] = 0.02
+    bias_walk: Annotated[Param, Parameter(positive, "rad/s/√s", "bias random walk")] = 2e-5
+    walking_acceleration: Annotated[Param, Parameter(
         positive, "1", "standard deviation of acc / g about up while walking",
     )] = 1.0  # fmt: skip
-    standing_acceleration: Annotated[Values, Parameter(positive, "1", "the same while standing")] = 0.01
-    standing_rate: Annotated[Values, Parameter(
+    standing_acceleration: Annotated[Param, Parameter(positive, "1", "the same while standing")] = 0.01
+    standing_rate: Annotated[Param, Parameter(
         positive, "rad/s", "standard deviation of the gyroscope about its bias while standing",
     )] = 0.02  # fmt: skip
 

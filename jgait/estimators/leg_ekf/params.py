@@ -6,8 +6,7 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
 from jgait.filtering.execution import Execution
-from jgait.params import Parameter, documented, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, interval, positive, ranges
 
 
 class BySide(NamedTuple):
@@ -32,30 +31,30 @@ class LegParams(NamedTuple):
     thigh_gain: Annotated[BySide, Parameter(
         interval(0.6, 1.6), "1", "thigh rotation per rotation of the thigh sensor, which skin and muscle hold back",
     )] = BySide(1.0, 1.0)  # fmt: skip
-    position_noise: Annotated[Values, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
-    angle_noise: Annotated[Values, Parameter(
+    position_noise: Annotated[Param, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
+    angle_noise: Annotated[Param, Parameter(
         positive, "rad²/s³", "σ_θ, spectral density of the angular acceleration",
     )] = 10.0  # fmt: skip
-    bias_noise: Annotated[Values, Parameter(
+    bias_noise: Annotated[Param, Parameter(
         positive, "rad²/s²", "σ_β, variance added to the gyroscope biases each sample",
     )] = 1e-12  # fmt: skip
-    gyro_noise: Annotated[Values, Parameter(
+    gyro_noise: Annotated[Param, Parameter(
         positive, "1", "multiplies R, the gyroscopes' variance while standing",
     )] = 1.0  # fmt: skip
-    closure_noise: Annotated[Values, Parameter(
+    closure_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of x and y about the forward kinematics",
     )] = 1e-3  # fmt: skip
     inclination: Annotated[InclinationNoise, Parameter(
         None, "", "noise of the gravity direction, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
-    soft_tissue_thigh: Annotated[Values, Parameter(
+    soft_tissue_thigh: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the thigh about its sensor; enters the stated errors only",
     )] = 0.05  # fmt: skip
-    soft_tissue_shank: Annotated[Values, Parameter(positive, "rad", "the same of the shank")] = 0.02
-    rollover_radius: Annotated[Values, Parameter(
+    soft_tissue_shank: Annotated[Param, Parameter(positive, "rad", "the same of the shank")] = 0.02
+    rollover_radius: Annotated[Param, Parameter(
         interval(0.0 - 1e-9, 0.3), "m", "how far the ankle moves forward per radian of the shank in stance",
     )] = 0.07  # fmt: skip
-    distance_scale: Annotated[Values, Parameter(positive, "1", "personal scale of the walked distance")] = 1.0
+    distance_scale: Annotated[Param, Parameter(positive, "1", "personal scale of the walked distance")] = 1.0
 
 
 TRANSFORMS = ranges(LegParams())

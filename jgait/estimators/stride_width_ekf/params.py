@@ -5,54 +5,53 @@ from typing import Annotated, Any, NamedTuple
 
 from jgait import filtering
 from jgait.filtering.execution import Execution
-from jgait.params import Parameter, documented, fixed, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 
 @documented
 class WidthParams(NamedTuple):
     """Parameters of the stride width estimator, in natural units."""
 
-    range_offset: Annotated[Values, Parameter(
+    range_offset: Annotated[Param, Parameter(
         interval(-0.2, 0.4), "m",
         "what the foot sensors are farther apart, across the walk, than the range says: from the left foot's "
         "sensor to the range sensor, and from the skin of the right leg to its foot's sensor. To be measured "
         "on the person: its error is the width's",
     )] = 0.08  # fmt: skip
-    offset_noise: Annotated[Values, Parameter(
+    offset_noise: Annotated[Param, Parameter(
         fixed, "m", "standard deviation of that measurement; enters the stated errors only",
     )] = 0.01  # fmt: skip
-    passing_offset: Annotated[Values, Parameter(
+    passing_offset: Annotated[Param, Parameter(
         interval(-0.2, 0.2), "m",
         "how far the right foot is ahead of the left one when a range comes; above 0 where the range sensor "
         "looks forward because its wearer's toes point out. Step lengths shift by it, widths do not",
     )] = 0.0  # fmt: skip
-    passing_offset_noise: Annotated[Values, Parameter(
+    passing_offset_noise: Annotated[Param, Parameter(
         fixed, "m", "standard deviation of it; enters the stated errors only",
     )] = 0.03  # fmt: skip
-    position_noise: Annotated[Values, Parameter(
+    position_noise: Annotated[Param, Parameter(
         positive, "m/√m", "standard deviation of a foot's displacement per square root of the way moved",
     )] = 0.01  # fmt: skip
-    heading_noise: Annotated[Values, Parameter(
+    heading_noise: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the change of heading from stride to stride",
     )] = 0.01  # fmt: skip
-    turn_noise: Annotated[Values, Parameter(
+    turn_noise: Annotated[Param, Parameter(
         positive, "1", "more of it, for each radian that the heading changes",
     )] = 0.03  # fmt: skip
-    range_noise: Annotated[Values, Parameter(
+    range_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of the range as the distance across",
     )] = 0.01  # fmt: skip
-    passing_noise: Annotated[Values, Parameter(
+    passing_noise: Annotated[Param, Parameter(
         fixed, "m",
         "standard deviation of how far the right foot is ahead when a range comes. Nobody measures it, so no "
         "likelihood can learn it: it would shrink to millimetres",
     )] = 0.04  # fmt: skip
-    start_width: Annotated[Values, Parameter(fixed, "m", "distance across at the start")] = 0.15
-    start_across: Annotated[Values, Parameter(fixed, "m", "its standard deviation")] = 0.15
-    start_along: Annotated[Values, Parameter(
+    start_width: Annotated[Param, Parameter(fixed, "m", "distance across at the start")] = 0.15
+    start_across: Annotated[Param, Parameter(fixed, "m", "its standard deviation")] = 0.15
+    start_along: Annotated[Param, Parameter(
         fixed, "m", "standard deviation of the distance along at the start, 0 expected",
     )] = 0.5  # fmt: skip
-    start_heading: Annotated[Values, Parameter(
+    start_heading: Annotated[Param, Parameter(
         fixed, "rad", "standard deviation of the angle between both feet's first strides, 0 expected",
     )] = 0.2  # fmt: skip
 

@@ -9,8 +9,7 @@ from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.filtering.execution import Execution
-from jgait.params import Parameter, documented, interval, positive, ranges
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, interval, positive, ranges
 
 DISTANCES = ("fused", "pendulum", "update")
 DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
@@ -21,77 +20,77 @@ SITES = ("auto", "waist", "lower_back", "pelvis")
 class WaistParams(NamedTuple):
     """Parameters of the waist's estimator, in natural units."""
 
-    gyr_noise: Annotated[Values, Parameter(
+    gyr_noise: Annotated[Param, Parameter(
         positive, "rad/s/√Hz", "root of the spectral density of the gyroscope's error",
     )] = 1e-3  # fmt: skip
-    gyr_bias: Annotated[Values, Parameter(
+    gyr_bias: Annotated[Param, Parameter(
         positive, "rad/s", "standard deviation of the gyroscope's bias about what it reads at rest",
     )] = 3e-3  # fmt: skip
-    gyr_bias_walk: Annotated[Values, Parameter(
+    gyr_bias_walk: Annotated[Param, Parameter(
         positive, "rad/s·√Hz", "root of the spectral density of its walk",
     )] = 1e-5  # fmt: skip
-    sensor_bias: Annotated[Values, Parameter(
+    sensor_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the accelerometer's bias along each axis",
     )] = 0.3  # fmt: skip
-    sensor_bias_walk: Annotated[Values, Parameter(
+    sensor_bias_walk: Annotated[Param, Parameter(
         positive, "m/s²·√Hz", "root of the spectral density of its walk",
     )] = 1e-4  # fmt: skip
-    acc_noise: Annotated[Values, Parameter(
+    acc_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz",
         "the same of the specific force about gravity while walking; over `gyr_noise` · g it is the time in seconds "
         "after which tilt is gravity's",
     )] = 0.15  # fmt: skip
-    standing_noise: Annotated[Values, Parameter(positive, "m/s²/√Hz", "the same while standing")] = 0.01
-    heading_hz: Annotated[Values, Parameter(
+    standing_noise: Annotated[Param, Parameter(positive, "m/s²/√Hz", "the same while standing")] = 0.01
+    heading_hz: Annotated[Param, Parameter(
         interval(0.05, 1.0), "Hz", "slower turns than this are of the walk, faster ones of the trunk",
     )] = 0.35  # fmt: skip
-    excursion_hz: Annotated[Values, Parameter(
+    excursion_hz: Annotated[Param, Parameter(
         interval(0.05, 1.0), "Hz", "of the high-pass on the height of the trunk",
     )] = 0.5  # fmt: skip
-    pendulum_length: Annotated[Values, Parameter(interval(0.3, 1.6), "m", "of the sensor above the ground")] = 0.97
-    pendulum_constant: Annotated[Values, Parameter(
+    pendulum_length: Annotated[Param, Parameter(interval(0.3, 1.6), "m", "of the sensor above the ground")] = 0.97
+    pendulum_constant: Annotated[Param, Parameter(
         positive, "1", "K, length of a step over that of the pendulum's",
     )] = 1.36  # fmt: skip
-    pendulum_constant_sd: Annotated[Values, Parameter(
+    pendulum_constant_sd: Annotated[Param, Parameter(
         positive, "1", "standard deviation of its logarithm among people",
     )] = 0.05  # fmt: skip
-    excursion_power: Annotated[Values, Parameter(
+    excursion_power: Annotated[Param, Parameter(
         interval(0.0, 2.0), "1", "α, how a step grows with the chord of the inverted pendulum",
     )] = 0.8  # fmt: skip
-    surge_power: Annotated[Values, Parameter(
+    surge_power: Annotated[Param, Parameter(
         interval(-1.0, 2.0), "1", "β, how it grows with the change of speed within it",
     )] = 0.1  # fmt: skip
-    turn_shortening: Annotated[Values, Parameter(
+    turn_shortening: Annotated[Param, Parameter(
         positive, "1/rad", "how much shorter than the pendulum's a step is that turns, for every radian",
     )] = 0.35  # fmt: skip
-    step_noise: Annotated[Values, Parameter(
+    step_noise: Annotated[Param, Parameter(
         positive, "m", "error of the pendulum's step, white from step to step",
     )] = 0.03  # fmt: skip
-    turn_noise: Annotated[Values, Parameter(
+    turn_noise: Annotated[Param, Parameter(
         positive, "m/rad", "by how much that grows with the turn over the step",
     )] = 0.4  # fmt: skip
-    edge_noise: Annotated[Values, Parameter(
+    edge_noise: Annotated[Param, Parameter(
         positive, "m", "error of the pendulum's step in setting off from standing and in stopping",
     )] = 0.2  # fmt: skip
-    speed_noise: Annotated[Values, Parameter(
+    speed_noise: Annotated[Param, Parameter(
         positive, "m/s²/√Hz", "root of the spectral density of the forward acceleration's error",
     )] = 0.6  # fmt: skip
-    acc_bias: Annotated[Values, Parameter(
+    acc_bias: Annotated[Param, Parameter(
         positive, "m/s²", "standard deviation of the forward acceleration's bias after standing",
     )] = 0.1  # fmt: skip
-    acc_bias_unknown: Annotated[Values, Parameter(positive, "m/s²", "the same without any standing")] = 0.3
-    acc_bias_walk: Annotated[Values, Parameter(positive, "m/s²·√Hz", "root of the spectral density of its walk")] = 0.02
-    acc_bias_turn: Annotated[Values, Parameter(
+    acc_bias_unknown: Annotated[Param, Parameter(positive, "m/s²", "the same without any standing")] = 0.3
+    acc_bias_walk: Annotated[Param, Parameter(positive, "m/s²·√Hz", "root of the spectral density of its walk")] = 0.02
+    acc_bias_turn: Annotated[Param, Parameter(
         positive, "m/s²", "by how much it changes, at most, in turning round",
     )] = 0.3  # fmt: skip
-    start_speed: Annotated[Values, Parameter(
+    start_speed: Annotated[Param, Parameter(
         positive, "m/s", "of walking where it begins otherwise than from standing",
     )] = 1.1  # fmt: skip
-    start_speed_sd: Annotated[Values, Parameter(positive, "m/s", "its standard deviation")] = 0.4
-    standing_speed: Annotated[Values, Parameter(
+    start_speed_sd: Annotated[Param, Parameter(positive, "m/s", "its standard deviation")] = 0.4
+    standing_speed: Annotated[Param, Parameter(
         positive, "m/s", "standard deviation of the speed while standing",
     )] = 0.03  # fmt: skip
-    update_noise: Annotated[Values, Parameter(
+    update_noise: Annotated[Param, Parameter(
         positive, "m/s", 'of the mean speed that the velocity update gives, over a whole bout; "fused" only',
     )] = 0.3  # fmt: skip
     update: Annotated[VelocityUpdateParams, Parameter(

@@ -38,21 +38,20 @@ from jax.typing import ArrayLike
 
 from jgait.estimators.waist.ofdri import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
 from jgait.estimators.waist.ofdri import signal_and_steps as _checked
-from jgait.params import Parameter, documented, fixed, positive
-from jgait.types import Values
+from jgait.params import Param, Parameter, documented, fixed, positive
 
 
 @documented
 class VelocityUpdateParams(NamedTuple):
     """Parameters, in natural units."""
 
-    threshold: Annotated[Values, Parameter(
+    threshold: Annotated[Param, Parameter(
         positive, "m/s", "ε, the least change over a cycle that is taken for a change of speed",
     )] = 0.3  # fmt: skip
-    width: Annotated[Values, Parameter(positive, "m/s", "of the soft gate")] = 0.05
-    cutoff_hz: Annotated[Values, Parameter(fixed, "Hz", "of OFI's high-pass, 0 for none")] = 0.0
-    highest_hz: Annotated[Values, Parameter(fixed, "Hz", "f_max of the optimum rule")] = HIGHEST
-    beta: Annotated[Values, Parameter(positive, "1", "β of OFDRI's weight")] = 0.1
+    width: Annotated[Param, Parameter(positive, "m/s", "of the soft gate")] = 0.05
+    cutoff_hz: Annotated[Param, Parameter(fixed, "Hz", "of OFI's high-pass, 0 for none")] = 0.0
+    highest_hz: Annotated[Param, Parameter(fixed, "Hz", "f_max of the optimum rule")] = HIGHEST
+    beta: Annotated[Param, Parameter(positive, "1", "β of OFDRI's weight")] = 0.1
 
 
 class Covered(NamedTuple):

@@ -1,7 +1,5 @@
 """Leg angles while gyroscopes sleep: the truth, what is hidden, flags, energies, bad input, and what every one owes."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -250,9 +248,6 @@ def test_what_the_filters_are_told_has_the_same_slope_backwards(alone):
 
 
 def test_parameters_have_units_ranges_and_a_persons_own_lengths():
-    for name in DutyCycledParams._fields[:-1]:
-        (line,) = re.findall(rf"^        {name}: (.*(?:\n            .*)*)", DutyCycledParams.__doc__, re.M)
-        assert re.search(r"\[[^\]]+\]", line), name
     assert {name.split(".")[0] for name in names(TRANSFORMS)} == set(DutyCycledParams._fields)
     found = estimators.get("duty_cycled_gyro", DEFAULT._replace(filler="ridge"))
     assert found.name == "duty_cycled_gyro" and found.params.filler._fields == found.transforms.filler._fields

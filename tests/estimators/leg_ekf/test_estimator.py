@@ -297,15 +297,6 @@ def test_the_transition_is_equation_5_and_its_jacobian_equation_6():
     assert float(noise["knee_angle", "knee_angle"]) == pytest.approx(dt**3 / 3)
 
 
-def test_every_parameter_is_documented_with_its_unit():
-    for record in (LegParams, leg_ekf.LegOptions):
-        for field in record._fields:
-            assert f"\n        {field}: " in record.__doc__, field
-    for line in LegParams.__doc__.splitlines():
-        if line.startswith("        ") and ": " in line and line[8] != " " and "InclinationNoise" not in line:
-            assert "[" in line, line
-
-
 class TestRefusals:
     """What cannot be estimated is refused with what was expected and what came."""
 
