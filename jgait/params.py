@@ -5,7 +5,6 @@ A parameter set is a NamedTuple of scalars (or arrays) in natural units. A secon
 `constrain` maps back. A fixed parameter never reaches the optimiser.
 """
 
-import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, get_type_hints
@@ -92,8 +91,7 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-@functools.cache
-def declared(of: Any) -> dict[str, Parameter]:
+def declared(of: type[Any]) -> dict[str, Parameter]:
     """The declarations of a NamedTuple of parameters, by field."""
     hints = get_type_hints(of, include_extras=True)
     found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}

@@ -23,8 +23,8 @@ _OF_FILTERS = declared(DutyParams)
 class DutyCycledParams(NamedTuple):
     """Parameters of `duty_cycled_gyro`, in natural units."""
 
-    thigh_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
-    shank_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
+    thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
+    shank_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
     thigh_place: Annotated[Param, Parameter(interval(0.05, 1.0), "1", "of the thigh's sensor, from hip to knee")] = 0.5
     shank_place: Annotated[Param, Parameter(
         interval(0.05, 1.0), "1", "of the shank's sensor, from knee to ankle",

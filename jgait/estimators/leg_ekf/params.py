@@ -20,15 +20,15 @@ class BySide(NamedTuple):
 class LegParams(NamedTuple):
     """Parameters of the leg estimator, in natural units."""
 
-    thigh_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
-    shank_length: Annotated[BySide, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
-    standing_hip: Annotated[BySide, Parameter(
+    thigh_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "hip to knee")] = BySide(0.43, 0.43)
+    shank_length: Annotated[Param, Parameter(interval(0.2, 0.7), "m", "knee to ankle")] = BySide(0.43, 0.43)
+    standing_hip: Annotated[Param, Parameter(
         interval(-0.6, 0.6), "rad", "hip flexion in the calibrating stance",
     )] = BySide(0.0, 0.0)  # fmt: skip
-    standing_knee: Annotated[BySide, Parameter(
+    standing_knee: Annotated[Param, Parameter(
         interval(-0.4, 0.8), "rad", "knee flexion in the calibrating stance",
     )] = BySide(0.0, 0.0)  # fmt: skip
-    thigh_gain: Annotated[BySide, Parameter(
+    thigh_gain: Annotated[Param, Parameter(
         interval(0.6, 1.6), "1", "thigh rotation per rotation of the thigh sensor, which skin and muscle hold back",
     )] = BySide(1.0, 1.0)  # fmt: skip
     position_noise: Annotated[Param, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
@@ -44,7 +44,7 @@ class LegParams(NamedTuple):
     closure_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of x and y about the forward kinematics",
     )] = 1e-3  # fmt: skip
-    inclination: Annotated[InclinationNoise, Parameter(
+    inclination: Annotated[Param, Parameter(
         None, "", "noise of the gravity direction, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
     soft_tissue_thigh: Annotated[Param, Parameter(

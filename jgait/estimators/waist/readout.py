@@ -125,7 +125,9 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, opti
     unsure = ~inputs.stood | _turned(inputs, found)
     dtype = found.gained.dtype
     zero = jnp.zeros_like(found.gained)
-    speed, variance, heard = zero, zero + 1.0, False
+    speed: Any = zero
+    variance: Any = zero + 1.0
+    heard: Any = False
     if options.updated:
         speed, _ = integrated_speed(p, inputs, seen, found)
         variance = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
