@@ -44,7 +44,7 @@ class LegParams(NamedTuple):
     closure_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of x and y about the forward kinematics",
     )] = 1e-3  # fmt: skip
-    inclination: Annotated[Param, Parameter(
+    inclination: Annotated[Any, Parameter(
         None, "", "noise of the gravity direction, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
     soft_tissue_thigh: Annotated[Param, Parameter(
