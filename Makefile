@@ -71,7 +71,7 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; NAMES="leg_ekf
 		$(BIN)/python -m experiments "$$name" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
 
-summary: $(STAMP) ## write the table of all experiments into experiments/README.md, from results/
+summary: $(STAMP) ## write the table of all experiments into experiments/README.md, its main lines into README.md
 	@$(BIN)/python -m experiments.common.summary $(ARGS)
 
 # Notebooks are run beside their sources, for what they write, and again only when they or the library have changed.
