@@ -1,7 +1,7 @@
 """Filters against each other and against C: steps a second, gradients, compile time and memory of the 8-state leg EKF.
 
-All in one process and in turn, medians. Absent
-libraries are named and left out: `make bench` brings them. Gradients are by 6 tangents at once ("fast"), one after
+All candidates run in turn in one process; numbers are medians. Absent libraries are named and left out: `make bench`
+installs them. Gradients are by 6 tangents at once ("fast"), one after
 another ("fast_forward") and backwards ("fast_reverse", and all others).
 """
 

@@ -1,4 +1,4 @@
-"""How the filter benchmark measures: programs compiled afresh, run in turn, and what they took."""
+"""Measurements of the filter benchmark: programs are compiled afresh and run in turn; their time and memory."""
 
 import math
 import time

@@ -1,7 +1,7 @@
 """One evaluation of a cohort in a process of its own: `python -m experiments.cohort.run SETTINGS`,
 a JSON object; see `Settings`.
 
-Prints one JSON object: seconds from the start of the process, peak memory, and what took how long.
+Prints one JSON object: seconds from the start of the process, peak memory, and the time of each stage.
 """
 
 import contextlib

@@ -1,4 +1,5 @@
-"""Simulated walks on disk: everyone's own legs, way and pace, a file each, read back as recordings with their truth.
+"""Simulated walks on disk: each person has own legs, route and pace; a walk is a file, read back as a recording with
+its truth.
 
 `python -m experiments.cohort.walks FOLDER SEED FIRST LAST SHORTEST LONGEST` writes them, and
 prints the reasons of people who cannot walk so as a JSON list.

@@ -1,4 +1,4 @@
-"""Events and strides of an estimate beside those of a reference: which belong together, and how they are scored."""
+"""Events and strides of an estimate matched with those of a reference, and scores of the match."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Modules of this folder run in processes of their own, and what such a process measures. Imports nothing slow."""
+"""Modules of this folder in processes of their own, and the memory of such a process. Imports nothing slow."""
 
 import json
 import os

@@ -1,7 +1,7 @@
 """The record of one measured number, and how rows are printed and written.
 
-A row states everything that the table of all experiments needs: its line, what it is in that line, its unit, the
-paper's figure, and how many things it was measured on. `make summary` reads nothing else.
+A row states everything that the table of all experiments needs: its line, its part in that line, its unit, the
+paper's figure, and what n counts. `make summary` reads nothing else.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What each part of the foot estimator does: taken away from it, or added to the filter as it is usually written."""
+"""The effect of each part of the foot estimator: left out of it, or added to the textbook filter."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,9 +1,9 @@
-"""Feet of public recordings with strides that something else measured, and how an estimate compares.
+"""Feet of public recordings with reference strides, and the errors of an estimate against them.
 
 Where the length comes from: markers on the foot from standing to standing (`gaitmap_example`: mean of heel, toe and
 fifth metatarsal at the set's own events; `neura_sparse`: between ankle and toe, where the sensor sits; `pyshoe_vicon`:
-the tracked foot), a ruler between footprints (`footprints`). Every stride of the reference is looked for in the
-estimate; one that is not found is lost. Of `xio_gait` it is only known that the foot ends where it began.
+the tracked foot), a ruler between footprints (`footprints`). Every stride of the reference is searched in the
+estimate; a stride that is missing there is lost. Of `xio_gait` it is only known that the foot ends where it began.
 """
 
 import itertools

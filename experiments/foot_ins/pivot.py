@@ -1,6 +1,6 @@
 """The height of the pivot learned by gradient on other walks of the same shoe, judged on the walk that was left out.
 
-On other walks of the set, four at most, the mean size of the error of stride length is brought down. Where there is
+On at most four other walks of the set, the mean absolute error of stride length is minimised. Where there is
 only one walk, it is learned on its first half and judged on the second.
 """
 

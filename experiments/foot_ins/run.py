@@ -1,4 +1,4 @@
-"""How the experiments run the foot estimator: prepared once, then any parameters and parts, and a score for it all."""
+"""The foot estimator as the experiments run it: prepared once, then with any parameters and parts, and scored."""
 
 from collections.abc import Sequence
 from functools import cache, partial

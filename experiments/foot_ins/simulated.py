@@ -1,4 +1,4 @@
-"""The foot estimator on simulated people, where everything is known: lengths, heights, contacts, and what it states."""
+"""The foot estimator on simulated people, whose truth is known: lengths, heights, contacts, stated deviations."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

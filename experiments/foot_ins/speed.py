@@ -1,4 +1,4 @@
-"""How long the foot estimator takes, and what float32 costs it."""
+"""Time of the foot estimator, and its error in float32."""
 
 import time
 from collections.abc import Callable

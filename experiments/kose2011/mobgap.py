@@ -1,9 +1,10 @@
-"""mobgap's detectors, sides and step lengths on the same walks, judged as ours are.
+"""mobgap's detectors, sides and step lengths on the same walks, judged as those of jgait.
 
 mobgap finds contacts in walking bouts that it is given: here the reference's own, a second longer at both ends, for its
 filters find none at the very edges. The height of the sensor was not measured in `ipol_gait`; mobgap's convention, 0.53
 of the body height, is kept. Its scale of step lengths is learned on the Mobilise-D cohorts, two of whose people may be
-those of `mobgap_lab`, and left as it comes. What it finds outside the reference's bouts is not held against it.
+those of `mobgap_lab`, and left as it comes. Contacts outside the reference's bouts are
+not counted as errors of mobgap.
 """
 
 from typing import Any

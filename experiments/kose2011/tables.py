@@ -1,8 +1,8 @@
-"""The paper's two tables walked by simulated people: heel strikes, and 75 m at three speeds.
+"""The paper's two tables for simulated people: heel strikes, and 75 m at three speeds.
 
-Every person is judged by what was learned on the other ones: the offset of contacts, the pendulum's constant, and ε,
-the change of speed over a cycle that counts as one. For what integration can do without errors of sensors and of
-orientation, the paper's way is also run on the true forward acceleration, from true right heel strike to heel strike.
+For every person these values are learned on the other people: the offset of contacts, the pendulum's constant, and ε,
+the change of speed over a cycle that counts as one. To show integration without errors of sensors and
+orientation, the paper's way also runs on the true forward acceleration, from true right heel strike to heel strike.
 """
 
 from collections.abc import Callable, Sequence

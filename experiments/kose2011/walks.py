@@ -1,7 +1,7 @@
-"""Walks of `mobgap_lab` and `ipol_gait` with one sensor at the lower back, and what is known of them from elsewhere.
+"""Walks of `mobgap_lab` and `ipol_gait` with one sensor at the lower back, and their references.
 
 `mobgap_lab`: the straight walks (Test5) and their bouts by motion capture: contacts, and the distance from
-the first to the last. People walk on before and behind what the cameras see.
+the first to the last. People walk on before and after the cameras' volume.
 
 `ipol_gait`: contacts of both feet, checked by hand. Distances are those of the sensors on the feet, by `foot_ins`: on
 the straight way there, the strides that begin and end with a checked contact (a first stride begins with the foot

@@ -1,4 +1,4 @@
-"""The ways in which stride width is estimated here."""
+"""The estimators of stride width that this experiment compares."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Strides of a leg found by five detectors, and how they compare with the reference."""
+"""Strides of a leg by five detectors, matched with the reference."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,7 @@
-"""The estimator of choice on real legs: the filter with the lever among its states, everything held out.
+"""The default estimator on real legs: the filter with the lever among its states, judged on legs not learned from.
 
-Only the lever with which the filter starts is learned, on the other speed, the other leg or other people. Lengths go
-nearly straight with it: the best lever follows from two levers, and the filter runs again with it.
+Only the lever with which the filter starts is learned, on the other speed, the other leg or other people. Lengths are
+nearly linear in it: the best lever follows from two levers, and the filter runs again with it.
 """
 
 from concurrent.futures import ThreadPoolExecutor

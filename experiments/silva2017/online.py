@@ -1,9 +1,9 @@
-"""The ankle's estimator a sample at a time: what a sample costs, and real strides beside those of the whole recording.
+"""The ankle's estimator a sample at a time: time of a sample, and real strides beside those of the whole recording.
 
 A sample's cost is that of the compiled step in a long scan, and of a call of it from Python: with its state as it is
 (some 230 arrays, most of the covariance), and packed into one array a type, since each array costs a call a
-microsecond or more. What such a call takes is nearly all Python's and the runtime's: it is taken again with the step
-left out. Lengths are judged with the lever that the offline filter learned on other recordings.
+microsecond or more. Most of the time of such a call is Python's and the runtime's: it is measured again without
+the step. Lengths are judged with the lever that the offline filter learned on other recordings.
 """
 
 import time

@@ -1,8 +1,8 @@
-"""The paper's routes walked by simulated people: Tables I and II.
+"""The paper's routes with simulated people: Tables I and II.
 
-One ankle sensor with the paper's errors; three routes at two paces. Strides counted by the estimator of choice, by the
-bare detectors, and by the paper's two baselines; distance as the sum of all strides, half-steps included. The sensor's
-height over the ankle is known (4 cm, a tape's) to all methods that take one; nothing is tuned on these people.
+One ankle sensor with the paper's errors; three routes at two paces. Strides are counted by the default estimator, by
+the detectors alone, and by the paper's two baselines; distance as the sum of all strides, half-steps included. The
+sensor's height over the ankle is known (4 cm, a tape's) to all methods that take one; nothing is tuned on these people.
 """
 
 from typing import Any, NamedTuple

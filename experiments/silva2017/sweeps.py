@@ -1,4 +1,4 @@
-"""The sensor turned on the leg, and a gyroscope bias put in: what that changes without a filter."""
+"""The sensor turned on the leg, and an added gyroscope bias: the changes of stride lengths without a filter."""
 
 from typing import Any
 

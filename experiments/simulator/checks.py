@@ -1,6 +1,6 @@
-"""What the simulated walk promises, measured: signals that integrate to the truth, feet that stand, legs that close.
+"""Checks of the simulated walk: signals that integrate to the truth, feet at rest in stance, legs of constant length.
 
-One walk of a minute round a rectangle, unevenly, serves all of these. Beside it the gradients, and a fit of the
+One uneven walk of a minute round a rectangle serves all of these. Further rows: the gradients, and a fit of the
 simulator to its own noisy signals.
 """
 

@@ -8,7 +8,7 @@ sampling rate, the range (16 g on the shoes) and the mounting: sample a simulate
 
 Initial contact, by the gyroscope, is the first trough of the rate after the middle of the swing; final contact the
 deepest trough between it and the next swing. Both lie near the true ones but not on them: `stance_gyr` is 0.02 to 0.11
-shorter than a reference's `stance`, and is there to compare like with like.
+shorter than a reference's `stance`, and is compared with the same figure of a simulation.
 """
 
 import itertools

@@ -1,6 +1,6 @@
-"""What figures of gait are in public recordings: what a simulator is judged against.
+"""Figures of gait in public recordings, with which the simulator is compared.
 
-`figures` takes plain arrays of one leg, simulated or recorded (see `_gait_figures`); `real` runs it over a data set,
+`figures` takes plain arrays of one leg, simulated or recorded (see `gait`); `real` runs it over a data set,
 `spread` gives median and percentiles.
 
 Source of the stance: heel or toe slower than `RESTING` by Vicon (`neura_sparse`, whose own flags are of the flat foot

@@ -1,6 +1,6 @@
 """What the tuning experiment tunes: legs drawn from the leg model itself, and walks of the leg protocol.
 
-Only of data drawn from the model are the process noises known: people do not walk in white accelerations.
+The process noises are known only for data drawn from the model.
 """
 
 from typing import Any, NamedTuple

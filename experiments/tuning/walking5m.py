@@ -1,4 +1,4 @@
-"""Distance scale and roll-over radius tuned on `walking5m`, judged on people that the tuning never saw."""
+"""Distance scale and roll-over radius tuned on `walking5m`, judged on people that the tuning did not use."""
 
 from typing import Any, NamedTuple
 

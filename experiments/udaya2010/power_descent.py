@@ -1,6 +1,6 @@
 r"""The descent behind `power_tradeoff`: errors under on-times with soft edges, and schedules found by gradient.
 
-Under on-fractions u between 0 and 1 (`relaxed.relaxed_masks`) a neighbour of `gap_neighbours` counts by its fraction,
+Under on-fractions u between 0 and 1 (`relaxed.relaxed_masks`) a neighbour counts by its fraction,
 and a sample is measured with probability u,
 
     w_{t,j} = u_j exp(−½ max(q_{t,j} − m_t, 0) / (h² (m_t + ε))),   m_t = min_j q_{t,j} / u_j,

@@ -2,8 +2,8 @@
 
 A plan is an on-time and an off-time, in units of each person (a stride, or seconds). It is unknown where in the
 gait a schedule begins, so it begins anywhere in its period. For each price of energy `power_descent` follows an
-objective downhill; what is found is rounded to whole samples and judged on walks that the descent did not see, by the
-filler itself under boolean masks. What another plan beats in both power and error is left out.
+objective downhill; the plan is rounded to whole samples and judged on other walks, by the filler
+itself under boolean masks. A plan that another plan beats in both power and error is left out.
 """
 
 from collections.abc import Callable, Sequence

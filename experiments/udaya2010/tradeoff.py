@@ -1,8 +1,8 @@
-"""Schedules found by gradient that trade energy for error, judged on legs that they were not found on.
+"""Schedules found by gradient that trade energy for error, judged on other legs.
 
 A person: the legs of `tripod` at one speed, judged at the faster one. A cohort: the young of `walking5m`, judged on the
 elderly, with the thigh's sensor; there the neighbours' parameters are found too. Two strides are measured first; energy
-and errors count from then on. Beside them fixed schedules that nothing was looked for in, judged alike.
+and errors count from then on. Fixed schedules without any search are judged in the same way.
 """
 
 import functools

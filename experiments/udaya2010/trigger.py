@@ -6,7 +6,7 @@ r"""Waking a gyroscope when the filler's own predicted error is worth the energy
 
 in squares relative to the rate's mean square r², at the sample t + k. The parts are
 
-    ρ(φ) = exp(a_0 + Σ_m a_m cos 2πmφ + b_m sin 2πmφ)    what fillers err at a phase of the stride: much in late swing
+    ρ(φ) = exp(a_0 + Σ_m a_m cos 2πmφ + b_m sin 2πmφ)    error of fillers at a phase of the stride: much in late swing
                                                           and as the foot lands, little while it stands
     s = ((Σ found + σ) / (Σ ρ + σ))^α                     whether this wearer's filler errs more, where it was measured
     v = Σ_j w_{t,j} (ω_{t−j} − ω̂_t)² / r²                 the neighbours' disagreement
