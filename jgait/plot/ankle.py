@@ -3,12 +3,21 @@
 Readable in grey, with units. Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
-import functools
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
+import jax
 import numpy as np
+from jax import Array, lax
 
-from jgait.events.shank import FLAT, HEEL_STRIKE, SWING, TOE_OFF, Detector
+from jgait.estimators import ankle_stride
+from jgait.estimators.ankle_stride import length_steps as steps
+from jgait.estimators.ankle_stride import readout
+from jgait.estimators.ankle_stride.inputs import AnkleSignals
+from jgait.estimators.ankle_stride.length import StrideLengthParams
+from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.events import shank as shank_events
+from jgait.events.shank import FLAT, HEEL_STRIKE, MACHINE, SWING, TOE_OFF, Detector, ShankEvents, ShankState
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector, cross, vector
 from jgait.plot.style import (
@@ -27,11 +36,9 @@ from jgait.plot.style import (
     legend,
     windowed,
 )
-from jgait.types import SIDES, Recording, as_float
-
-if TYPE_CHECKING:
-    from jgait.estimators.ankle_stride.inputs import AnkleSignals
-    from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.signal import butterworth
+from jgait.signal.marks import Marks
+from jgait.types import SIDES, AnyArray, Recording, Scalar, as_float
 
 RAW: Style = {"color": "0.6", "linewidth": 0.9}
 FILTERED: Style = {"color": "black", "linewidth": 1.9}
@@ -67,7 +74,7 @@ class Machine(NamedTuple):
     time: np.ndarray
     rate: np.ndarray
     state: np.ndarray
-    found: Any
+    found: ShankEvents
 
 
 def swing_states(
@@ -94,9 +101,6 @@ def swing_states(
         ValueError: if that side was not measured, or no sample lies in the time asked for.
         RecordingError: as `ankle_stride.estimate`.
     """
-    from jgait.estimators import ankle_stride
-    from jgait.events.shank import MACHINE
-
     d = MACHINE if detector is None else detector
     side, time, leg = _leg(recording, side, ankle_stride.DEFAULT)
     raw = (as_float(leg.gyr) - as_float(leg.gyr_bias))[:, 1]
@@ -161,9 +165,6 @@ def stride_integration(
         ValueError: if that side was not measured, or there is no such stride.
         RecordingError: as `ankle_stride.estimate`.
     """
-    from jgait.estimators import ankle_stride
-    from jgait.estimators.ankle_stride import readout as ankle_strides
-
     p = ankle_stride.AnkleParams() if p is None else p
     options = ankle_stride.DEFAULT if options is None else options
     side, time, leg = _leg(recording, side, options)
@@ -174,7 +175,7 @@ def stride_integration(
     if not 0 <= number < count:
         raise ValueError(f"stride must lie between 0 and {count - 1}; got {stride}")
     first, last = int(leg.begin[number]), int(leg.end[number])
-    went = _integrated(leg, p, first, last, ankle_strides.lever_of(p, leg))
+    went = _integrated(leg, p, first, last, readout.lever_of(p, leg))
     when = time[first : last + 1]
     figure, axes = blank(3, 1, 7.2, 7.0, sharex=True)
     for axis, unit, name in zip(axes[:, 0], ROWS, ("acceleration", "velocity", "way"), strict=True):
@@ -196,8 +197,6 @@ def stride_integration(
 
 def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tuple[str, np.ndarray, "AnkleSignals"]:
     """A side that is worn, the time [s] and the leg's signals and decisions."""
-    from jgait.estimators import ankle_stride
-
     if side not in (None, *SIDES):
         raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
     inputs = ankle_stride.prepared(recording, options).inputs
@@ -208,31 +207,24 @@ def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tup
     return chosen, as_float(inputs.time), legs[chosen]
 
 
-@functools.cache
-def _phases() -> Any:
-    """The machine as `shank_events.phases`, with the states on the way; compiled once."""
-    import jax
-    from jax import lax
+@jax.jit
+def _phases(
+    d: Detector, values: Array, time: Array, rate_hz: Scalar
+) -> tuple[Array, Scalar, tuple[Array, ShankEvents]]:
+    """The machine as `shank_events.phases`: filtered rate, delay of the filter, and state and events at each sample."""
+    filtered = butterworth.low_pass(values, d.cutoff_hz, rate_hz)
 
-    from jgait.events import shank as shank_events
-    from jgait.signal import butterworth
+    def one(state: ShankState, sample: tuple[Array, Array]) -> tuple[ShankState, tuple[Array, ShankEvents]]:
+        state, found = shank_events.phase_step(d, state, *sample)
+        return state, (state.phase, found)
 
-    def states(d: Any, values: Any, time: Any, rate_hz: Any) -> Any:
-        filtered = butterworth.low_pass(values, d.cutoff_hz, rate_hz)
-
-        def one(state: Any, sample: Any) -> Any:
-            state, found = shank_events.phase_step(d, state, *sample)
-            return state, (state.phase, found)
-
-        began = shank_events.begin(filtered[0], time[0])
-        return filtered, butterworth.delay(d.cutoff_hz, rate_hz), lax.scan(one, began, (filtered, time))[1]
-
-    return jax.jit(states)
+    began = shank_events.begin(filtered[0], time[0])
+    return filtered, butterworth.delay(d.cutoff_hz, rate_hz), lax.scan(one, began, (filtered, time))[1]
 
 
 def _machine(rate: np.ndarray, time: np.ndarray, rate_hz: float, d: Detector) -> Machine:
     """The machine over the whole recording; the states so late as the filter makes them, which is taken off."""
-    filtered, late, (state, found) = _phases()(d, rate, time, float(rate_hz))
+    filtered, late, (state, found) = _phases(d, rate, time, float(rate_hz))
     late = float(late)
     moved = {field: as_float(getattr(found, field)) - late for field in ("push_off", "start", "end")}
     found = found._replace(stride=np.asarray(found.stride, bool), **moved)
@@ -250,26 +242,20 @@ def _grounds(axis: Axes, machine: Machine, span: tuple[float, float]) -> None:
         axis.axvspan(machine.time[start], machine.time[stop], color=grey, label=name, **GROUND)
 
 
-@functools.cache
-def _strapdown() -> Any:
+Integrals = tuple[steps.StrideState, Vector, Vector]
+"""The integrals of a stride, its lever and the lever's velocity, in the axes of the first sample."""
+
+
+@jax.jit
+def _strapdown(p: StrideLengthParams, gyr: Array, acc: Array, dt: Scalar) -> Integrals:
     """The integrals of `stride_length` from sample to sample behind the first; compiled once for each length."""
-    import jax
-    from jax import lax
+    nowhere = Marks(np.False_, np.False_)
 
-    from jgait.estimators.ankle_stride import length_steps as steps
-    from jgait.signal.marks import Marks
+    def one(state: steps.StrideState, sample: tuple[Array, Array]) -> tuple[steps.StrideState, Integrals]:
+        state, _ = steps.stride_step(p, state, vector(sample[0]), vector(sample[1]), nowhere, dt)
+        return state, (state, rotated(state.attitude, p.lever), rotated(state.attitude, cross(state.gyr, p.lever)))
 
-    def over(p: Any, gyr: Any, acc: Any, dt: Any) -> Any:
-        began = steps.stride_begin(p, vector(gyr[0]), vector(acc[0]))
-        nowhere = Marks(np.False_, np.False_)
-
-        def one(state: Any, sample: Any) -> Any:
-            state, _ = steps.stride_step(p, state, vector(sample[0]), vector(sample[1]), nowhere, dt)
-            return state, (state, rotated(state.attitude, p.lever), rotated(state.attitude, cross(state.gyr, p.lever)))
-
-        return lax.scan(one, began, (gyr[1:], acc[1:]))[1]
-
-    return jax.jit(over)
+    return lax.scan(one, steps.stride_begin(p, vector(gyr[0]), vector(acc[0])), (gyr[1:], acc[1:]))[1]
 
 
 def _integrated(
@@ -280,9 +266,6 @@ def _integrated(
     With V and W the single and double integral of what the sensor feels, gravity in it, v the velocity ω × r of the
     sensor about the ankle and g the mean that makes it right at the end, the ankle has W − g t²/2 + v(0) t − (R r − r).
     """
-    from jgait.estimators.ankle_stride.length import StrideLengthParams
-    from jgait.signal import butterworth
-
     rate_hz = float(leg.rate_hz)
     gyr, acc = (
         np.asarray(butterworth.low_pass_until(as_float(v), p.cutoff_hz, rate_hz, int(leg.last)))[first : last + 1]
@@ -291,10 +274,10 @@ def _integrated(
     lever = Vector(*(np.asarray(float(part)) for part in lever))
     known = StrideLengthParams(lever=lever)
     gyr = gyr - as_float(leg.gyr_bias)
-    state, arm, about = _strapdown()(known, gyr, acc, 1.0 / rate_hz)
+    state, arm, about = _strapdown(known, gyr, acc, 1.0 / rate_hz)
     t = np.arange(last - first + 1)[:, None] / rate_hz
 
-    def rows(parts: Any, start: np.ndarray) -> np.ndarray:
+    def rows(parts: Iterable[AnyArray], start: np.ndarray) -> np.ndarray:
         return np.concatenate([start[None], np.stack([as_float(part) for part in parts], axis=1)])
 
     nothing, r = np.zeros(3), np.array([float(part) for part in lever])

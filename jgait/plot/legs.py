@@ -1,11 +1,9 @@
 """Figures of legs: joint angles, the foot relative to the hip, and distance, beside their reference."""
 
-from typing import Any
-
 import numpy as np
 
-from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, band, blank, windowed
-from jgait.types import SIDES, Estimate, LegTrajectory
+from jgait.plot.style import DEGREES, ESTIMATE, REFERENCE, Axes, Figure, Seconds, Style, band, blank, windowed
+from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
 
 FIELDS = (
     ("hip_angle", "hip flexion [°]", DEGREES),
@@ -25,16 +23,16 @@ def _shown(estimate: Estimate) -> Estimate:
     """The same with gaps where it says nothing: padding, no data yet."""
     valid = np.asarray(estimate.valid, bool)
 
-    def gapped(values: Any) -> np.ndarray:
+    def gapped(values: AnyArray) -> np.ndarray:
         return np.where(valid, np.asarray(values, float), np.nan)
 
-    def legs(both: Any) -> Any:
-        return None if both is None else type(both)(
-            *(None if leg is None else type(leg)(*map(gapped, leg)) for leg in both)
+    def legs(both: Legs) -> Legs:
+        return Legs(
+            *(None if leg is None else LegTrajectory(*map(gapped, leg)) for leg in both)
         )  # fmt: skip
 
     way = None if estimate.distance is None else gapped(estimate.distance)
-    return estimate._replace(legs=legs(estimate.legs), stddev=legs(estimate.stddev), distance=way)
+    return estimate._replace(legs=legs(estimate.legs), stddev=estimate.stddev and legs(estimate.stddev), distance=way)
 
 
 def joint_angles(
@@ -94,7 +92,7 @@ def _over_time(
     seconds: Seconds,
     title: str,
     labels: tuple[str, str],
-) -> Any:
+) -> Figure:
     """A row for each field of the legs' trajectories, a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
@@ -203,7 +201,7 @@ def distance(
     figure, axes = blank(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
 
-    def draw(what: Estimate, name: str, style: dict[str, Any]) -> None:
+    def draw(what: Estimate, name: str, style: Style) -> None:
         what = _shown(what)
         part = windowed(what.time, seconds)
         values = np.asarray(what.distance)[part]

@@ -4,9 +4,10 @@ Readable in grey, units on the axes. Each function returns the matplotlib figure
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jgait.plot.style import DASHED, RED, Axes, Figure, Style, blank
 
@@ -28,12 +29,12 @@ class Series(NamedTuple):
         role: "filler", "paper", "found" (schedules found by gradient) or "policy" (single points).
     """
 
-    x: Any
-    error: Any
+    x: ArrayLike
+    error: ArrayLike
     role: str = "filler"
 
 
-def _style(series: Series, number: int) -> dict[str, Any]:
+def _style(series: Series, number: int) -> Style:
     special = {"paper": PAPER, "found": FOUND, "policy": POLICY}
     if series.role in special:
         return special[series.role]
@@ -99,7 +100,7 @@ def error_over_saving(
     return _panels(panels, "energy of the gyroscope saved, wake-ups paid [%]", power, title)
 
 
-def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float | None, title: str) -> Any:
+def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float | None, title: str) -> Figure:
     if not panels or not all(panels.values()):
         raise ValueError("a figure needs a panel, and every panel a series; got none")
     figure, axes = blank(len(panels), 1, 8.2, 0.6 + 3.9 * len(panels))
@@ -119,7 +120,7 @@ def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float
 def _second(axis: Axes, power: float) -> None:
     """Mean power in milliwatts above the saving."""
 
-    def both_ways(value: Any) -> Any:
+    def both_ways(value: ArrayLike) -> ArrayLike:
         return value
 
     above = axis.secondary_xaxis("top", functions=(both_ways, both_ways))

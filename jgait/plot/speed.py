@@ -3,17 +3,20 @@
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
 
-import functools
-from typing import TYPE_CHECKING, Any
-
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from jgait.estimators import waist
+from jgait.estimators.waist import velocity_update
+from jgait.estimators.waist.ofdri import Cycles
+from jgait.estimators.waist.params import WaistOptions, WaistParams
+from jgait.estimators.waist.readout import bouts_begin
+from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.plot.style import BLUE, DASHED, RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import Trunk, contacts_of, moves
 from jgait.types import Estimate, Recording, as_float
-
-if TYPE_CHECKING:
-    from jgait.estimators.waist.params import WaistOptions, WaistParams
 
 ACCELERATION: Style = {"color": "0.35", "linewidth": 0.8}
 WAYS: dict[str, tuple[str, Style]] = {
@@ -61,8 +64,6 @@ def forward_speed(
         ValueError: if the estimate has no distance or no contacts, or no sample lies in the time asked for.
         RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist
-
     contacts = np.sort(np.concatenate(list(contacts_of(estimate).values())))
     if estimate.distance is None:
         raise ValueError("the estimate has no distance; it should be an estimate of `waist`")
@@ -98,35 +99,24 @@ def forward_speed(
     return figure
 
 
-@functools.cache
-def _integrate() -> Any:
-    """Velocity and way by each way of integrating, compiled once."""
-    import jax
-
-    from jgait.estimators.waist import velocity_update
-
-    def ways(p: Any, forward: Any, cycles: Any, dt: Any, start: Any, mask: Any, known: Any) -> dict[str, Any]:
-        told = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
-                for name in WAYS}  # fmt: skip
-        return {name: (one.velocity, one.displacement) for name, one in told.items()}
-
-    return jax.jit(ways)
+@jax.jit
+def _integrate(
+    p: VelocityUpdateParams, forward: Array, cycles: Cycles, dt: Array, start: Array, mask: Array, known: Array
+) -> dict[str, tuple[Array, Array]]:
+    """Velocity and way by each way of integrating."""
+    told = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
+            for name in WAYS}  # fmt: skip
+    return {name: (one.velocity, one.displacement) for name, one in told.items()}
 
 
 def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Way of integrating → velocity [m/s] and way [m] (T,)."""
-    import jax
-    import jax.numpy as jnp
-
-    from jgait.estimators.waist.ofdri import Cycles
-    from jgait.estimators.waist.readout import bouts_begin
-
     inputs, count = trunk.inputs, len(trunk.time)
     forward = np.zeros(np.size(inputs.time))
     forward[:count] = trunk.forward
     known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    told = _integrate()(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
+    told = _integrate(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
     return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in told.items()}
 
 
@@ -147,12 +137,12 @@ def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np
     return time[seen], way[seen] - (way[seen][0] if seen.any() else 0.0)
 
 
-def _ours(speed: Any, way: Any, estimate: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
+def _ours(speed: Axes, way: Axes, estimate: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
     speed.plot(*_steps(estimate, contacts), label="estimate, contact to contact", **OURS)
     way.plot(*_gone(estimate, span), **OURS)
 
 
-def _known(speed: Any, way: Any, reference: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
+def _known(speed: Axes, way: Axes, reference: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
     speed.plot(*_steps(reference, contacts), label="reference, contact to contact", **TRUE)
     way.plot(*_gone(reference, span), **TRUE)
 

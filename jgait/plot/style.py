@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.atomic import replaced
-from jgait.types import as_float
+from jgait.types import AnyArray, as_float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
@@ -51,7 +51,7 @@ GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
 """A part of the time that is shaded behind the lines."""
 
 
-def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
+def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
     """A figure [inch] drawn without a display, so that servers and tests need none, and its axes (rows, columns)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ def blank(rows: int, columns: int, width: float, height: float, **options: Any) 
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def windowed(time: Any, seconds: Seconds) -> np.ndarray:
+def windowed(time: AnyArray, seconds: Seconds) -> np.ndarray:
     """(T,) True where a time lies in the window."""
     time = as_float(time)
     if seconds is None:
@@ -69,7 +69,7 @@ def windowed(time: Any, seconds: Seconds) -> np.ndarray:
     return (time >= seconds[0]) & (time <= seconds[1])
 
 
-def check_overlap(time: Any, seconds: tuple[float, float]) -> None:
+def check_overlap(time: AnyArray, seconds: tuple[float, float]) -> None:
     """Refuse a window in which no sample lies.
 
     Raises:
@@ -80,7 +80,9 @@ def check_overlap(time: Any, seconds: tuple[float, float]) -> None:
         raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
 
 
-def band(axis: Axes, x: Any, values: Any, deviation: Any, *, label: str | None = "±2σ", **style: Any) -> None:
+def band(
+    axis: Axes, x: AnyArray, values: AnyArray, deviation: AnyArray, *, label: str | None = "±2σ", **style: Any
+) -> None:
     """Two standard deviations about values, filled."""
     spread = 2.0 * as_float(deviation)
     axis.fill_between(x, as_float(values) - spread, as_float(values) + spread, linewidth=0.0, label=label, **style)

@@ -5,7 +5,7 @@ Readable in grey, units on the axes. Each function returns the matplotlib figure
 
 import math
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,13 +14,16 @@ from jgait.tune.fit import Fit
 from jgait.tune.identifiability import Identifiability
 from jgait.tune.profile import Profile
 
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
 MANY = 14
 """From so many parameters on the numbers are left out of the squares."""
 
 
-def _plain(axis: Any) -> None:
+def _plain(axis: "Axis") -> None:
     """Numbers instead of powers of ten on a logarithmic axis."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

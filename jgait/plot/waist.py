@@ -4,11 +4,19 @@ Right contacts are black with dots, left ones light blue with squares: told apar
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
 
-import functools
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
+import jax
 import numpy as np
+from jax import Array
 
+from jgait.estimators import waist
+from jgait.estimators.axes import pad
+from jgait.estimators.run import bucket
+from jgait.estimators.waist.inputs import WaistInputs
+from jgait.estimators.waist.motion import motion
+from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
 from jgait.plot.style import (
     BLUE,
@@ -27,10 +35,6 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.types import SIDES, Estimate, Recording, as_float
-
-if TYPE_CHECKING:
-    from jgait.estimators.waist.inputs import WaistInputs
-    from jgait.estimators.waist.params import WaistOptions, WaistParams
 
 RAW: Style = {"color": "0.6", "linewidth": 1.0}
 REBUILT: Style = {"color": "black", "linewidth": 1.9}
@@ -67,14 +71,7 @@ class Trunk(NamedTuple):
     inputs: "WaistInputs"
 
 
-@functools.cache
-def _motion() -> Any:
-    """How the trunk moves, compiled once."""
-    import jax
-
-    from jgait.estimators.waist import motion as waist_motion
-
-    return jax.jit(waist_motion.motion, static_argnames=("smooth", "execution"))
+_motion = jax.jit(motion, static_argnames=("smooth", "execution"))
 
 
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
@@ -89,14 +86,10 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
     Raises:
         RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist
-    from jgait.estimators.axes import pad
-    from jgait.estimators.run import bucket
-
     inputs = waist.prepared(recording, options).inputs
     count = np.size(inputs.time)
     padded = pad(inputs, bucket(count))
-    seen = _motion()(p, padded, smooth=smooth, execution=options.execution)
+    seen = _motion(p, padded, smooth=smooth, execution=options.execution)
     forward, left, upward = (as_float(values)[:count] for values in (seen.forward, seen.left, seen.upward))
     return Trunk(as_float(inputs.time), forward, left, upward, padded)
 
@@ -133,8 +126,6 @@ def trunk_contacts(
         ValueError: if the estimate has no contacts, or no sample lies in the time asked for.
         RecordingError: as `waist.estimate`.
     """
-    from jgait.estimators import waist
-
     contacts = contacts_of(estimate)
     first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
     check_overlap(estimate.time, (first, last))
@@ -196,24 +187,19 @@ def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, di
     return time, {field: kept[:, k] for k, (field, _) in enumerate(ROWS)}
 
 
-@functools.cache
-def _found() -> Any:
-    """Where the low-passed forward acceleration peaks before each contact, compiled once."""
-    import jax
-
-    def times(forward: Any, upward: Any, rate: float, measured: Any) -> tuple[Any, Any]:
-        # sides are not asked for: no yaw rate is needed
-        found = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
-        return found.time, found.valid
-
-    return jax.jit(times, static_argnums=2)
+@partial(jax.jit, static_argnums=2)
+def _times(forward: Array, upward: Array, rate: float, measured: Array) -> tuple[Array, Array]:
+    """Where the low-passed forward acceleration peaks before each contact, and which of the entries are one."""
+    # sides are not asked for: no yaw rate is needed
+    found = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
+    return found.time, found.valid
 
 
 def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
     """Peaks of the low-passed forward acceleration, about which the intervals of interest lie [s]."""
     measured = np.asarray(trunk.inputs.measured, bool)
     forward, upward = (np.pad(v, (0, measured.size - v.size)) for v in (trunk.forward, trunk.upward))
-    time, valid = _found()(forward, upward, float(rate), measured)
+    time, valid = _times(forward, upward, float(rate), measured)
     return trunk.time[0] + as_float(time)[np.asarray(valid)]
 
 

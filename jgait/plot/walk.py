@@ -13,7 +13,7 @@ from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
 from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank
 from jgait.simulate import Body, Truth
-from jgait.types import PLACEMENTS, SIDES, Recording
+from jgait.types import PLACEMENTS, SIDES, Recording, Strides
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -86,7 +86,9 @@ def stick_figure(
     return animation
 
 
-def _stage(axes: Any, lines: dict[str, np.ndarray], ground: np.ndarray, title: str) -> tuple[dict[Any, Any], Any]:
+def _stage(
+    axes: np.ndarray, lines: dict[str, np.ndarray], ground: np.ndarray, title: str
+) -> tuple[dict[Any, Any], Any]:
     """Both views with a line for each part of the body, to be filled in; and where the time stands."""
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12
@@ -226,7 +228,7 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
     return figure
 
 
-def _contacts(axis: Axes, strides: Any, stride: int, *, labelled: bool) -> None:
+def _contacts(axis: Axes, strides: Strides, stride: int, *, labelled: bool) -> None:
     """Upright lines where feet land and leave: dark for the foot whose stride it is, light for the other."""
     start, end, own = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
     rows = np.flatnonzero(np.asarray(strides.valid))
