@@ -14,7 +14,7 @@ from jgait.simulate.population import fitted, person_of, population
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.worn import SEVEN, Truth, limits, room, roomy, samples_in, trimmed, walk
-from jgait.types import AnyArray, Recording, Values
+from jgait.types import AnyArray, Recording
 
 
 @partial(jax.jit, static_argnames=("capacity", "placements"))
@@ -34,7 +34,7 @@ def _walks(
 
 
 def walks(
-    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
+    keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
     rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
     """Simulate a walk of each of several people, one after another out of batches that share one compilation.
@@ -71,7 +71,8 @@ def walks(
 
 
 def _one_by_one(
-    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], lasts: Sequence[float], errors: ImuErrors,
+    keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], lasts: Sequence[float],
+    errors: ImuErrors,
     rate: float, placements: tuple[str, ...], names: Sequence[str], batch: int,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
     capacity = room(max(round(float(person.gait.steps)) for person in people))

@@ -18,7 +18,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Person, Route, Truth
 from jgait.simulate.sensors import FREESENSE, HC_SR04, IDG300, MPU6000, OPAL, ImuErrors, Ranging
 from jgait.simulate.sensors.range import check_ranging, measure_range, nearest_point
-from jgait.types import Recording, Values
+from jgait.types import Recording
 
 
 class Walked(NamedTuple):
@@ -45,7 +45,7 @@ def _keys(key: PRNGKeyArray, people: int) -> tuple[list[Person], list[PRNGKeyArr
 
 
 def _walked(
-    keys: Sequence[Values], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
+    keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
     placements: Sequence[str], name: str,
 ) -> list[Walked]:  # fmt: skip
     """Fit everyone to their route, and simulate."""
