@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import typer
 from rich.console import Console
@@ -19,7 +19,7 @@ def stop(message: str) -> NoReturn:
     raise typer.Exit(2)
 
 
-def write_json(file: Path | None, content: Any) -> None:
+def write_json(file: Path | None, content: object) -> None:
     """The numbers as JSON where a file is named; leaves with 2 where they cannot be written."""
     if file is None:
         return
@@ -32,7 +32,7 @@ def write_json(file: Path | None, content: Any) -> None:
         stop(f"{file} could not be written: {error}")
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """A NumPy scalar or an array as JSON has it."""
     return value.tolist() if hasattr(value, "tolist") else str(value)
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -11,8 +11,12 @@ from rich.table import Table
 
 from jgait.commands.console import Bar, console, progress, stop, write_json
 
+if TYPE_CHECKING:
+    from jgait.commands.demo_run import Demo
 
-def _show(result: Any) -> None:
+
+def _show(result: "Demo") -> None:
+    """Print the errors and the tuned parameters of a demonstration."""
     table = Table(title=result.title, title_justify="left", caption_justify="left")
     paper = any(line.paper is not None for line in result.lines)
     for name in ("walk", "leg", "error"):
@@ -53,7 +57,7 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             stop(f"neura_sparse could not be fetched: {error}")
-    parts: list[Callable[[Any], Any]] = [lambda bar: demo_run.simulated(out, bar, subjects=subjects, steps=steps)]
+    parts: list[Callable[[Bar], Demo]] = [lambda bar: demo_run.simulated(out, bar, subjects=subjects, steps=steps)]
     if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
         parts.append(lambda bar: demo_run.neura_sparse(out, bar, steps=steps))
     # Most of the time goes into compiling, which two threads do side by side.

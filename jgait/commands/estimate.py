@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from jaxtyping import PyTree
 from rich.markup import escape
 from rich.table import Table
 
@@ -67,7 +68,7 @@ def estimate(
 
 
 def _each(
-    files: list[Path], read: Callable[[Path], Recording], choice: Choice, p: Any, table: Table, out: Path
+    files: list[Path], read: Callable[[Path], Recording], choice: Choice, p: PyTree, table: Table, out: Path
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Estimate, write and print every file: file → numbers, and file → the reason why it could not be used."""
     about = choice.estimator.about

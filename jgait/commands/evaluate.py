@@ -5,7 +5,7 @@ import json
 import math
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -17,6 +17,11 @@ from jgait.commands.console import Bar, console, count, note, progress, say_fail
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.report.cohort import DRAWN
 from jgait.report.recording import CURVES, readable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jgait.evaluate import Cohort
 
 
 def evaluate(
@@ -110,7 +115,7 @@ def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
         )
 
 
-def _write(out: Path, results: Any, agreement: Any, failures: list[tuple[str, str]]) -> list[Path]:
+def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:
     """Tables and figures."""
     import pandas as pd
 
@@ -138,12 +143,17 @@ def _write(out: Path, results: Any, agreement: Any, failures: list[tuple[str, st
     return files
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _write_json(
-    path: Path | None, name: str, results: Any, agreement: Any, failures: list[tuple[str, str]], files: list[Path]
+    path: Path | None,
+    name: str,
+    results: "Cohort",
+    agreement: "pd.DataFrame",
+    failures: list[tuple[str, str]],
+    files: list[Path],
 ) -> None:
     rows = {q: {k: _plain(v) for k, v in row.items()} for q, row in agreement.astype(object).to_dict("index").items()}
     whole = {
@@ -167,7 +177,7 @@ def _span(low: float, high: float) -> str:
     return "–" if not math.isfinite(low) else f"{number(low)} … {number(high)}"
 
 
-def _show(title: str, results: Any, agreement: Any) -> None:
+def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
     """Print the results in tables that fit a terminal."""
     recordings = results.recordings
     console.print(
@@ -204,7 +214,7 @@ def _show(title: str, results: Any, agreement: Any) -> None:
         note(f"{without} of {len(recordings)} recordings have no reference to be compared with")
 
 
-def _show_shapes(rows: Any, names: list[str]) -> None:
+def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:
     """Print the root mean square errors of whole recordings."""
     meaning = "feet turned and shifted to fit" if names[0].startswith("foot") else "offsets while standing included"
     console.print(f"\nroot mean square error of whole recordings, {meaning}", style="italic")

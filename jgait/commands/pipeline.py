@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import note, stop
 from jgait.commands.own_options import given_of, refuse
 from jgait.estimators import About, Estimator
+from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.types import Estimate, Recording
 
@@ -27,9 +29,9 @@ class Choice(NamedTuple):
         paper: whether this is the paper's pipeline.
     """
 
-    estimator: Estimator[Any, Any]
-    settings: dict[str, Any]
-    params: Any
+    estimator: Estimator[PyTree, PyTree]
+    settings: Settings
+    params: PyTree
     given: dict[str, Any]
     paper: bool = False
 
@@ -48,7 +50,7 @@ class Choice(NamedTuple):
                 p = option.params(p, self.given[option.name])
         return p, missing(about, body, self.params, self.estimator.params)
 
-    def estimate(self, p: Any, recording: Recording) -> Estimate:
+    def estimate(self, p: PyTree, recording: Recording) -> Estimate:
         """The estimate of one recording, with the notes of the options."""
         result = self.estimator.estimate(p, recording)
         notes = list(result.diagnostics["notes"])
@@ -58,7 +60,7 @@ class Choice(NamedTuple):
         return result._replace(diagnostics={**result.diagnostics, "notes": tuple(notes)})
 
 
-def missing(about: About, body: Mapping[str, Any], params: Any, default: Any) -> list[Note]:
+def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTree) -> list[Note]:
     """Notes about measures that are not known, neither of the person nor from parameters.
 
     Args:
@@ -103,13 +105,13 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     return Choice(estimator, settings, start_of(estimator, file, paper), given, paper)
 
 
-def settings_of(about: About, paper: bool) -> dict[str, Any]:
+def settings_of(about: About, paper: bool) -> Settings:
     """The settings of the paper's pipeline or of the default one."""
     options = about.paper if paper else about.default
     return {} if options is None else {"options": options}
 
 
-def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
+def pipeline_of(name: str, paper: bool) -> Estimator[PyTree, PyTree]:
     """The estimator of this name; leaves with 2 where there is none, or no pipeline of a paper."""
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
@@ -119,13 +121,13 @@ def pipeline_of(name: str, paper: bool) -> Estimator[Any, Any]:
         stop(str(error))
 
 
-def measures_of(estimator: Estimator[Any, Any]) -> tuple[str, ...]:
+def measures_of(estimator: Estimator[PyTree, PyTree]) -> tuple[str, ...]:
     """Those of a person's measures that are parameters of the estimator."""
     fields = getattr(estimator.params, "_fields", ())
     return tuple(measure.name for measure in estimator.about.measures if measure.name in fields)
 
 
-def start_of(estimator: Estimator[Any, Any], file: Path | None, paper: bool) -> Any:
+def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: bool) -> PyTree:
     """The estimator's own parameters, or those of a file; leaves with 2 where the file cannot be used."""
     from jgait import io
     from jgait.params import check_params

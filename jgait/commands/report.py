@@ -4,9 +4,10 @@ import shlex
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
@@ -14,6 +15,9 @@ from jgait.commands.console import Bar, console, count, note, progress, say_fail
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
 from jgait.types import Estimate, Recording
+
+if TYPE_CHECKING:
+    from jgait.report import Report
 
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
@@ -110,7 +114,7 @@ def is_cohort(path: Path) -> bool:
 
 def _of_one(
     file: Path | None, dataset: str | None, name: str | None, choice: Choice, files: dict[str, Any], command: str
-) -> Any:
+) -> "Report":
     """The page of one recording, of a file or of a data set; leaves with 2 where it cannot be used."""
     from jgait import datasets
     from jgait import report as reports
@@ -146,14 +150,14 @@ def _of_one(
     return reports.of_estimate(result, walked, reference=reference, made=made)
 
 
-def _estimated(choice: Choice, p: Any, walked: Recording) -> Estimate:
+def _estimated(choice: Choice, p: PyTree, walked: Recording) -> Estimate:
     return choice.estimate(p, walked)
 
 
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
     params: Path | None, files: dict[str, Any], command: str,
-) -> tuple[Any, list[tuple[str, str]]]:  # fmt: skip
+) -> tuple["Report", list[tuple[str, str]]]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
     import functools
 
@@ -188,7 +192,7 @@ def _of_cohort(
     return reports.of_cohort(results, title=source.title, failures=failures, made=made), failures
 
 
-def _of_folder(folder: Path, command: str) -> tuple[Any, list[tuple[str, str]]]:
+def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, str]]]:
     """The page of the results of `jgait evaluate` in a folder."""
     from jgait import report as reports
     from jgait.report import folder as folders
@@ -201,7 +205,7 @@ def _of_folder(folder: Path, command: str) -> tuple[Any, list[tuple[str, str]]]:
         stop(f"{folder} is no folder that jgait evaluate wrote: {error}")
 
 
-def _write(page: Any, out: Path, json_file: Path | None) -> None:
+def _write(page: "Report", out: Path, json_file: Path | None) -> None:
     """Write the page, and the numbers where a file is named; leaves with 2 where they cannot be written."""
     written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
     for save, path in written:

@@ -3,17 +3,34 @@
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import jax
 import numpy as np
 import typer
+from jaxtyping import PRNGKeyArray
 from rich.table import Table
 
 from jgait.commands.console import Bar, console, count, progress, stop, write_json
+from jgait.types import Recording
+
+if TYPE_CHECKING:
+    from jgait.simulate.person import Person
+    from jgait.simulate.routes import Route
+    from jgait.simulate.worn import Truth
 
 ROUTES = {"straight": (1, "length"), "u_turn": (1, "length"), "rectangle": (2, "a,b"), "circle": (1, "radius")}
 """Name → the number of lengths [m] of the route, and their names."""
+
+
+class SimulatedWalk(NamedTuple):
+    """A walk of a simulated person, with the distance [m] along its route."""
+
+    recording: Recording
+    truth: "Truth"
+    person: "Person"
+    distance: float
+
 
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
 KEPT = "simulation.json"
@@ -55,8 +72,10 @@ def simulate(
     `jgait evaluate` and `jgait tune` take. The same options give the same files.
     """
     worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
-    asked = {"people": people, "route": None if protocol else route, "protocol": protocol, "sensors": sensors,
-             "rate": rate, "placements": worn and list(worn), "seed": seed}  # fmt: skip
+    asked: dict[str, Any] = {
+        "people": people, "route": None if protocol else route, "protocol": protocol, "sensors": sensors,
+        "rate": rate, "placements": worn and list(worn), "seed": seed,
+    }  # fmt: skip
     walks = _walks(people, route, protocol, _options(sensors, rate, worn), seed)
     made = _folder(out, asked, fresh)
     written: dict[str, Any] = {}
@@ -64,8 +83,8 @@ def simulate(
         bar = Bar(bars)
         bar("simulating (the first walk compiles)", 0, people)
         try:
-            for number, (recording, truth, person, distance) in enumerate(walks(), 1):
-                written[recording.name] = _written(recording, truth, person, distance, out, made)
+            for number, walk in enumerate(walks(), 1):
+                written[walk.recording.name] = _written(walk, out, made)
                 bar("simulating", number, people)
         except ValueError as error:
             stop(str(error))
@@ -104,8 +123,8 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 
 def _walks(
     people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
-) -> Callable[[], Iterator[Any]]:
-    """An iterator over recording, truth, person and distance; leaves with 2 for an unknown protocol or route."""
+) -> Callable[[], Iterator[SimulatedWalk]]:
+    """A function that simulates the walks one after another; leaves with 2 for an unknown protocol or route."""
     from jgait.simulate import protocols
 
     key = jax.random.key(seed)
@@ -114,16 +133,18 @@ def _walks(
             stop(f"--protocol must be one of {', '.join(PROTOCOLS)}; got {protocol!r}")
         simulated = getattr(protocols, protocol)
 
-        def of_paper() -> Iterator[Any]:
+        def of_paper() -> Iterator[SimulatedWalk]:
             for walked in simulated(key, people, **options):
-                yield walked.recording, walked.truth, walked.extra["person"], float(walked.extra["distance"])
+                yield SimulatedWalk(
+                    walked.recording, walked.truth, walked.extra["person"], float(walked.extra["distance"])
+                )
 
         return of_paper
     along = _route(route)
     return lambda: _drawn(key, people, along, options)
 
 
-def _drawn(key: Any, people: int, along: Any, options: dict[str, Any]) -> Iterator[Any]:
+def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, Any]) -> Iterator[SimulatedWalk]:
     """People drawn from the norms on one route."""
     from jgait import simulate as simulation
     from jgait.simulate import sensors
@@ -136,10 +157,10 @@ def _drawn(key: Any, people: int, along: Any, options: dict[str, Any]) -> Iterat
     walks = simulation.walks(keys, fit, [along] * people, **asked)
     distance = float(simulation.routes.total_length(along))
     for (recording, truth), person in zip(walks, fit, strict=True):
-        yield recording, truth, person, distance
+        yield SimulatedWalk(recording, truth, person, distance)
 
 
-def _route(text: str) -> Any:
+def _route(text: str) -> "Route":
     """The route of a text; leaves with 2 for a text that is no route."""
     from jgait import simulate as simulation
 
@@ -170,10 +191,11 @@ def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
     return before == asked
 
 
-def _written(recording: Any, truth: Any, person: Any, distance: float, out: Path, made: bool) -> dict[str, Any]:
+def _written(walk: SimulatedWalk, out: Path, made: bool) -> dict[str, Any]:
     """Write the files of a walk that do not exist yet; returns the numbers of the walk."""
     from jgait import io
 
+    recording, truth, person, distance = walk
     name = recording.name
     files = {
         out / f"{name}.csv": lambda: recording,

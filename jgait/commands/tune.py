@@ -1,64 +1,23 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
-import hashlib
-import json
 import shutil
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
-import jax
 import numpy as np
 import typer
+from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
-from jgait.commands import recordings, tune_report
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
+from jgait.commands import recordings
+from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.estimators import Estimator
+from jgait.types import Walk
 
-LOSSES = {
-    "distance": ("distance_percent", "%", "|error of the distance|"),
-    "trajectory": ("trajectory_rms", "° or cm", "error of angles and foot path"),
-    "likelihood": ("likelihood", "nat", "negative log-likelihood"),
-}
-"""Loss → the term that people are judged by, its unit and its name."""
-
-
-class Job(NamedTuple):
-    """What is learned, from whom, and how.
-
-    Attributes:
-        pipeline: the estimator.
-        start: parameters to start from.
-        free: transforms, all fixed but what is learned.
-        made: the lessons.
-        loss: what is minimised.
-        error: what people are judged by.
-        unit: of the error.
-        judged: name of the error.
-        optimizer: of optax.
-        steps: of each fit.
-        starts: of each fit.
-        key: of starts and folds.
-        folds: how many; None leaves one subject out at a time.
-        run: folder of the checkpoints.
-    """
-
-    pipeline: Any
-    start: Any
-    free: Any
-    made: Any
-    loss: Any
-    error: Any
-    unit: str
-    judged: str
-    optimizer: Any
-    steps: int
-    starts: int
-    key: Any
-    folds: int | None
-    run: Path
+if TYPE_CHECKING:
+    from jgait.tune import Lessons
 
 
 def tune(
@@ -94,9 +53,12 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
+    from jgait.commands import tune_report, tune_run
+    from jgait.tune.checkpoint import OtherFitError
+
     for option, given in (("--loss", loss), ("--judge", judge or loss)):
-        if given not in LOSSES:
-            stop(f"{option} is {', '.join(LOSSES)}; got '{given}'")
+        if given not in tune_run.LOSSES:
+            stop(f"{option} is {', '.join(tune_run.LOSSES)}; got '{given}'")
     pipeline = pipeline_of(estimator, paper)
     start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
@@ -109,20 +71,20 @@ def tune(
     say_failures(failures)
     _check_reference(made, {loss, judge or loss}, source.title)
     _make_room(out, fresh)
-    from jgait.tune.checkpoint import OtherFitError
-
-    job = _job(pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run")
+    job = tune_run.job_of(
+        pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run"
+    )  # fmt: skip
     with progress() as bars, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            results = _learned(job, Bar(bars), cross, loss)
+            results = tune_run.learned(job, Bar(bars), cross, loss)
         except OtherFitError as error:
             stop(f"{error}; --fresh starts anew")
         except (ValueError, TypeError) as error:
             stop(str(error))
     for message in dict.fromkeys(str(warning.message) for warning in caught):
         note(message)
-    how = {
+    how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)),
@@ -137,7 +99,8 @@ def tune(
         raise typer.Exit(1)
 
 
-def _freed(pipeline: Any, names: list[str]) -> Any:
+def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:
+    """The transforms of the parameters that are learned; leaves with 2 for an unknown name."""
     from jgait.params import freed
 
     if not names:
@@ -149,9 +112,9 @@ def _freed(pipeline: Any, names: list[str]) -> Any:
 
 
 def _lessons(
-    pipeline: Any, source: cohorts.Source, start: Any, names: list[str], failures: list[tuple[str, str]],
-    reference: bool,
-) -> Any:  # fmt: skip
+    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
+    failures: list[tuple[str, str]], reference: bool,
+) -> "Lessons":  # fmt: skip
     """The lessons of the cohort, with the measures of each person; leaves with 2 if there are none."""
     from jgait import tune as tuning
     from jgait.params import check_params
@@ -164,7 +127,7 @@ def _lessons(
             "person"
         )
 
-    def body_of(walk: Any) -> dict[str, Any]:
+    def body_of(walk: Walk) -> dict[str, np.ndarray]:
         # All lessons name the same measures, so those that are not known have their default.
         known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
@@ -185,7 +148,7 @@ def _lessons(
     return made
 
 
-def _check_reference(made: Any, losses: set[str], title: str) -> None:
+def _check_reference(made: "Lessons", losses: set[str], title: str) -> None:
     """Leave with 2 where the reference lacks what the losses need."""
     truth = made.data.reference
     if "trajectory" in losses and not any(truth.legs):
@@ -195,89 +158,10 @@ def _check_reference(made: Any, losses: set[str], title: str) -> None:
 
 
 def _make_room(out: Path, fresh: bool) -> None:
+    """Make the folder of the results, empty with --fresh; leaves with 2 where that cannot be done."""
     try:
         if fresh and (out / "run").is_dir():
             shutil.rmtree(out / "run")
         (out / "run").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         stop(f"{out} cannot be used: {error}")
-
-
-def _job(
-    pipeline: Any, start: Any, freed: Any, made: Any, loss: str, judge: str, steps: int, rate: float, starts: int,
-    folds: int | None, seed: int, run: Path,
-) -> Job:  # fmt: skip
-    import optax
-
-    from jgait import tune as tuning
-
-    term, unit, judged = LOSSES[judge]
-    objective, error = (tuning.objective(pipeline, made.options, name) for name in (loss, term))
-    optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
-    digest = hashlib.sha256(_without_addresses(settings).encode())
-    for leaf in jax.tree.leaves(made.data):
-        digest.update(np.ascontiguousarray(leaf).tobytes())
-    return Job(
-        pipeline, start, freed, made, objective, error, unit, judged, optimizer, steps, starts,
-        jax.random.key(seed), folds, run / digest.hexdigest()[:12],
-    )  # fmt: skip
-
-
-def _without_addresses(text: str) -> str:
-    import re
-
-    return re.sub(r" at 0x[0-9a-f]+", "", text)
-
-
-def _learned(job: Job, bar: Bar, cross: bool, loss: str) -> "tune_report.TuningResults":
-    """Cross-validate, fit, and compute which parameters the data determine."""
-    from jgait import tune as tuning
-
-    people = len(set(job.made.subjects))
-    shared = {
-        "steps": job.steps, "starts": job.starts, "key": job.key, "subjects": job.made.subjects,
-    }  # fmt: skip
-    if job.run.exists():
-        console.print("continuing an earlier run with the same settings", highlight=False)
-
-    def report(what: str) -> Callable[[Any], None]:
-        return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
-
-    validation, why = None, ""
-    if cross and people < 2:
-        why = "cross-validation is left out: it needs two people, and there is only a single person"
-    elif cross:
-        bar("learning from other people (compiling)", 0, None)
-        validation = tuning.cross_validate(
-            job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
-            progress=report("learning from other people"), checkpoint_file=job.run / "cross_validation.npz",
-            **shared,
-        )  # fmt: skip
-    bar("learning from all people (compiling)", 0, None)
-    fit = tuning.fit(
-        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from all people"),
-        checkpoint_file=job.run / "fit.npz", **shared,
-    )  # fmt: skip
-    bar("which parameters the data determine (compiling)", 0, None)
-    known, unknown = _determined(job, fit, people, "hessian" if loss == "likelihood" else "sandwich")
-    return tune_report.TuningResults(validation, fit, known, [line for line in (why, unknown) if line])
-
-
-def _determined(job: Job, fit: Any, people: int, information: str) -> tuple[Any, str]:
-    """Standard errors, or why there are none."""
-    from jgait import tune as tuning
-
-    numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(fit.free))
-    if people <= numbers:
-        return None, (
-            f"standard errors are left out: {count(numbers, 'number was', 'numbers were')} learned from "
-            f"{count(people, 'person', 'people')}, and there must be more people than numbers"
-        )
-    if fit.left_out:
-        return None, "standard errors are left out, because some recordings were not used"
-    loss, data = tuning.by_subject(job.loss, job.made.data, job.made.subjects)
-    try:
-        return tuning.identifiability(loss, fit.params, job.free, data, information=information), ""
-    except ValueError as error:
-        return None, f"standard errors are left out: {error}"

@@ -1,7 +1,7 @@
 """What `jgait tune` prints and writes."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -10,7 +10,13 @@ from rich.table import Table
 
 from jgait.commands.console import console, count, note, write_json
 from jgait.commands.evaluate import number
+from jgait.commands.tune_run import Job, TuningResults
 from jgait.tune.words import OFF
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jgait.evaluate import PairedDifference
 
 MOST = 30
 """People that the table on the terminal shows; the file has all."""
@@ -19,31 +25,35 @@ ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
-class TuningResults(NamedTuple):
-    """The results of a tuning.
+class LearnedNumber(NamedTuple):
+    """A number that was learned.
 
     Attributes:
-        validation: a `CrossValidation`, or None.
-        fit: a `Fit` to everybody.
-        known: an `Identifiability`, or None.
-        left_out: steps that were left out, with the reason.
+        unit: of the number.
+        before: its value at the start.
+        after: its learned value.
+        stderr: its standard error, or None where it is not known.
+        low: lower end of the 95 % interval, or None.
+        high: upper end of the 95 % interval, or None.
     """
 
-    validation: Any
-    fit: Any
-    known: Any
-    left_out: list[str]
+    unit: str
+    before: float
+    after: float
+    stderr: float | None = None
+    low: float | None = None
+    high: float | None = None
 
 
 def report(
-    title: str, job: Any, results: TuningResults, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
+    title: str, job: Job, results: TuningResults, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
     json_file: Path | None,
 ) -> None:  # fmt: skip
     """Write and print everything.
 
     Args:
         title: of the tables.
-        job: the task, a `jgait.commands.tune.Job`.
+        job: the task, a `jgait.commands.tune_run.Job`.
         results: of the tuning.
         how: the settings, for the file of parameters.
         out: folder.
@@ -55,7 +65,7 @@ def report(
     from jgait.plot import tuning as plot_tuning
 
     values = _values(job, results)
-    spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
+    spreads = {name: row.stderr for name, row in values.items() if row.stderr is not None}
     files = [
         io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=how),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
@@ -87,12 +97,13 @@ def report(
         note(line)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
     write_json(json_file, {
-        **how, "values": values, "held_out": None if change is None else change._asdict() | {"unit": job.unit},
+        **how, "values": {name: row._asdict() for name, row in values.items()},
+        "held_out": None if change is None else change._asdict() | {"unit": job.unit},
         "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
 
 
-def _values(job: Any, results: TuningResults) -> dict[str, dict[str, Any]]:
+def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     """Every learned number: its value before and after, and its standard error."""
     from jgait import io
 
@@ -102,25 +113,21 @@ def _values(job: Any, results: TuningResults) -> dict[str, dict[str, Any]]:
         {_name(path): float(value) for path, value in jax.tree_util.tree_flatten_with_path(params)[0]}
         for params in (job.start, results.fit.params)
     )
-    rows: dict[str, dict[str, Any]] = {
-        name: {"unit": units[name], "before": before[name], "after": after[name], "stderr": None, "low": None,
-               "high": None}
-        for name in after
-        if name in free
-    }  # fmt: skip
+    rows = {name: LearnedNumber(units[name], before[name], after[name]) for name in after if name in free}
     if results.known is not None:
         for i, name in enumerate(results.known.names):
-            spread = [float(column[i]) for column in (results.known.stderr, results.known.low, results.known.high)]
-            if np.isfinite(spread).all():
-                rows[name] |= dict(zip(("stderr", "low", "high"), spread, strict=True))
+            columns = (results.known.stderr, results.known.low, results.known.high)
+            stderr, low, high = (float(column[i]) for column in columns)
+            if np.isfinite([stderr, low, high]).all():
+                rows[name] = rows[name]._replace(stderr=stderr, low=low, high=high)
     return rows
 
 
-def _name(path: Any) -> str:
+def _name(path: jax.tree_util.KeyPath) -> str:
     return jax.tree_util.keystr(path).lstrip(".")
 
 
-def _show_held_out(table: Any, job: Any, change: Any) -> None:
+def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
     """Print each person's error before and after learning from other people, and the verdict."""
     title = f"\n{job.judged} [{job.unit}] of people left out of the tuning, worst first"
     console.print(escape(title), style="italic")
@@ -147,13 +154,14 @@ def _show_held_out(table: Any, job: Any, change: Any) -> None:
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 
-def _show_values(values: dict[str, dict[str, Any]]) -> None:
+def _show_values(values: dict[str, LearnedNumber]) -> None:
+    """Print every learned number before and after, with its standard error."""
     console.print("\nlearned from all people", style="italic")
     shown = Table()
     for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
         shown.add_column(escape(name), justify="left" if name in ("parameter", "unit") else "right")
     for name, row in values.items():
-        spread = "–" if row["stderr"] is None else number(row["stderr"], 2)
-        ends = "–" if row["low"] is None else f"{number(row['low'])} … {number(row['high'])}"
-        shown.add_row(name, row["unit"], number(row["before"]), number(row["after"], 4), spread, ends)
+        spread = "–" if row.stderr is None else number(row.stderr, 2)
+        ends = "–" if row.low is None or row.high is None else f"{number(row.low)} … {number(row.high)}"
+        shown.add_row(name, row.unit, number(row.before), number(row.after, 4), spread, ends)
     console.print(shown)

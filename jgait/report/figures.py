@@ -1,13 +1,12 @@
 """The figures of the page of a recording, each with a caption, and a text for readers who cannot see it."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.report.page import Picture, picture
-from jgait.types import SIDES, Estimate, as_float
+from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
 CLOSE = 8.0
 """[s] Length of the close-up of angles in a longer recording."""
@@ -59,8 +58,8 @@ def middle(estimate: Estimate) -> tuple[float, float] | None:
     return start, start + CLOSE
 
 
-def _worn(pair: Any) -> str:
-    return " and ".join(side for side, part in zip(SIDES, pair, strict=True) if part is not None)
+def _worn(pair: Legs | Feet | None) -> str:
+    return " and ".join(side for side, part in zip(SIDES, pair or (), strict=False) if part is not None)
 
 
 def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:

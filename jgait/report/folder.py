@@ -3,13 +3,18 @@
 import ast
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
+import numpy as np
+from jaxtyping import PyTree
 
 from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.notes import from_json
 from jgait.report.made import Made
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 
@@ -34,7 +39,7 @@ def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
     return Cohort(**tables, failures=frame("failures", rows)), failures
 
 
-def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, Any]:
+def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, np.ndarray]:
     import pandas as pd
 
     # as text: NA can be the name of a subject
@@ -45,7 +50,7 @@ def _strings(path: Path, columns: tuple[str, ...]) -> dict[str, Any]:
     return {name: text[name].to_numpy(dtype=object) for name in columns}
 
 
-def _table(path: Path, name: str) -> Any:
+def _table(path: Path, name: str) -> "pd.DataFrame":
     columns = _strings(path, COLUMNS[name])
     return frame(name, {
         column: values if column in TEXT else [float(value) if value else float("nan") for value in values]
@@ -107,7 +112,7 @@ def values_of(text: str) -> dict[str, float]:
     return values
 
 
-def _filled(default: Any, values: dict[str, float]) -> Any:
+def _filled(default: PyTree, values: dict[str, float]) -> PyTree:
     """The default parameters with other values where they are known."""
     leaves, structure = jax.tree_util.tree_flatten_with_path(default)
     names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in leaves]

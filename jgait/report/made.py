@@ -2,10 +2,11 @@
 
 import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.notes import Note
 from jgait.report.page import Cell, Table, significant
@@ -27,8 +28,8 @@ class Made(NamedTuple):
     """
 
     estimator: str = ""
-    params: Any = None
-    default: Any = None
+    params: PyTree = None
+    default: PyTree = None
     pipeline: str = ""
     file: str = ""
     command: str = ""
@@ -48,7 +49,7 @@ class Made(NamedTuple):
         used, usual = flat(self.params), flat(self.default)
         return {name: (used[name], usual[name]) for name in used if name in usual and used[name] != usual[name]}
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """The same as JSON numbers."""
         texts = {name: getattr(self, name) for name in ("estimator", "pipeline", "command", "version")}
         return {**texts, "file": Path(self.file).name, "parameters": flat(self.params), "changed": list(self.changed())}
@@ -69,7 +70,7 @@ class Made(NamedTuple):
         return Table("Parameters of the estimator", ("parameter", "value", "default", "unit", ""), rows, words=2)
 
 
-def flat(params: Any) -> dict[str, float]:
+def flat(params: PyTree) -> dict[str, float]:
     """Name of every parameter, such as "thigh_length.right" → its value; of arrays, none."""
     leaves = [] if params is None else jax.tree_util.tree_flatten_with_path(params)[0]
     named = {jax.tree_util.keystr(where).lstrip("."): value for where, value in leaves}

@@ -1,0 +1,146 @@
+"""What `jgait tune` runs: cross-validation, the fit to all people, and which parameters the data determine."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import optax
+from jaxtyping import PRNGKeyArray, PyTree
+
+from jgait import tune as tuning
+from jgait.commands.console import Bar, console, count
+from jgait.estimators import Estimator
+from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
+
+LOSSES = {
+    "distance": ("distance_percent", "%", "|error of the distance|"),
+    "trajectory": ("trajectory_rms", "° or cm", "error of angles and foot path"),
+    "likelihood": ("likelihood", "nat", "negative log-likelihood"),
+}
+"""Loss → the term that people are judged by, its unit and its name."""
+
+
+class Job(NamedTuple):
+    """What is learned, from whom, and how.
+
+    Attributes:
+        pipeline: the estimator.
+        start: parameters to start from.
+        free: transforms, all fixed but what is learned.
+        made: the lessons.
+        loss: what is minimised.
+        error: what people are judged by.
+        unit: of the error.
+        judged: name of the error.
+        optimizer: of optax.
+        steps: of each fit.
+        starts: of each fit.
+        key: of starts and folds.
+        folds: how many; None leaves one subject out at a time.
+        run: folder of the checkpoints.
+    """
+
+    pipeline: Estimator[PyTree, PyTree]
+    start: PyTree
+    free: PyTree
+    made: Lessons
+    loss: Objective
+    error: Objective
+    unit: str
+    judged: str
+    optimizer: optax.GradientTransformation
+    steps: int
+    starts: int
+    key: PRNGKeyArray
+    folds: int | None
+    run: Path
+
+
+class TuningResults(NamedTuple):
+    """The results of a tuning.
+
+    Attributes:
+        validation: a `CrossValidation`, or None.
+        fit: a `Fit` to everybody.
+        known: an `Identifiability`, or None.
+        left_out: steps that were left out, with the reason.
+    """
+
+    validation: CrossValidation[PyTree] | None
+    fit: Fit[PyTree]
+    known: Identifiability | None
+    left_out: list[str]
+
+
+def job_of(
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, freed: PyTree, made: Lessons, loss: str, judge: str, steps: int,
+    rate: float, starts: int, folds: int | None, seed: int, run: Path,
+) -> Job:  # fmt: skip
+    """The task of the options; its folder of checkpoints is named by a digest of all that the results depend on."""
+    term, unit, judged = LOSSES[judge]
+    objective, error = (tuning.objective(pipeline, made.options, name) for name in (loss, term))
+    optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
+    settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
+    digest = hashlib.sha256(_without_addresses(settings).encode())
+    for leaf in jax.tree.leaves(made.data):
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    return Job(
+        pipeline, start, freed, made, objective, error, unit, judged, optimizer, steps, starts,
+        jax.random.key(seed), folds, run / digest.hexdigest()[:12],
+    )  # fmt: skip
+
+
+def _without_addresses(text: str) -> str:
+    return re.sub(r" at 0x[0-9a-f]+", "", text)
+
+
+def learned(job: Job, bar: Bar, cross: bool, loss: str) -> TuningResults:
+    """Cross-validate, fit, and compute which parameters the data determine."""
+    people = len(set(job.made.subjects))
+    if job.run.exists():
+        console.print("continuing an earlier run with the same settings", highlight=False)
+
+    def report(what: str) -> Callable[[Progress], None]:
+        return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
+
+    validation, why = None, ""
+    if cross and people < 2:
+        why = "cross-validation is left out: it needs two people, and there is only a single person"
+    elif cross:
+        bar("learning from other people (compiling)", 0, None)
+        validation = tuning.cross_validate(
+            job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
+            progress=report("learning from other people"), checkpoint_file=job.run / "cross_validation.npz",
+            steps=job.steps, starts=job.starts, key=job.key, subjects=job.made.subjects,
+        )  # fmt: skip
+    bar("learning from all people (compiling)", 0, None)
+    fit = tuning.fit(
+        job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from all people"),
+        checkpoint_file=job.run / "fit.npz", steps=job.steps, starts=job.starts, key=job.key,
+        subjects=job.made.subjects,
+    )  # fmt: skip
+    bar("which parameters the data determine (compiling)", 0, None)
+    known, unknown = _determined(job, fit, people, "hessian" if loss == "likelihood" else "sandwich")
+    return TuningResults(validation, fit, known, [line for line in (why, unknown) if line])
+
+
+def _determined(job: Job, fit: Fit[PyTree], people: int, information: str) -> tuple[Identifiability | None, str]:
+    """Standard errors, or the reason why there are none."""
+    numbers = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(fit.free))
+    if people <= numbers:
+        return None, (
+            f"standard errors are left out: {count(numbers, 'number was', 'numbers were')} learned from "
+            f"{count(people, 'person', 'people')}, and there must be more people than numbers"
+        )
+    if fit.left_out:
+        return None, "standard errors are left out, because some recordings were not used"
+    loss, data = tuning.by_subject(job.loss, job.made.data, job.made.subjects)
+    try:
+        return tuning.identifiability(loss, fit.params, job.free, data, information=information), ""
+    except ValueError as error:
+        return None, f"standard errors are left out: {error}"
