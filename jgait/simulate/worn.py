@@ -322,7 +322,7 @@ def trimmed(read: PyTree, true: PyTree, samples: int) -> PyTree:
     """Cut the padding off every array over time and move all to NumPy; for one walk."""
     longest = true.estimate.time.shape[0]
 
-    def cut(leaf: AnyArray) -> np.ndarray:
+    def cut(leaf: AnyArray | np.generic | float) -> np.ndarray:
         array = np.asarray(leaf)
         array = array[:samples] if array.ndim and array.shape[0] == longest else array
         return array if array.dtype.kind in "bi" else as_float(array)
