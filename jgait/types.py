@@ -25,10 +25,12 @@ Integer = Int[AnyArray, ""] | int | np.integer
 if TYPE_CHECKING:  # whether it has axes, is traced or a Python number depends on the caller: checked while tests run
     type Values = Any
     type Flags = Any
+    type Counts = Any
 else:
     Values = Float[AnyArray, "..."] | float | np.floating
     Flags = Bool[AnyArray, "..."] | bool | np.bool_
-"""`Values`: numbers of any one shape, for elementwise functions. `Flags`: truth values of any one shape."""
+    Counts = Int[AnyArray, "..."] | int | np.integer
+"""`Values`: numbers of any one shape, for elementwise functions; `Flags`: truth values; `Counts`: whole numbers."""
 
 type Maybe[T] = T | Any
 """A field that can be None; its record says when. A reader of the field must know that it is there."""

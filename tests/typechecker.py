@@ -11,7 +11,7 @@ import beartype
 import numpy as np
 import numpy.typing as npt
 
-_PACKAGES = ("params", "types", "geometry", "signal", "tune", "simulate", "evaluate", "events", "mounting")
+_PACKAGES = ("params", "types", "geometry", "signal", "tune", "evaluate", "events", "mounting")
 
 MODULES = [f"jgait.{name}" for name in _PACKAGES]
 """Modules whose functions are checked, with all below them."""

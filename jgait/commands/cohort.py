@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import jax
 import numpy as np
 import typer
+from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
@@ -90,8 +91,8 @@ class Source(NamedTuple):
     """
 
     title: str
-    items: list[Any]
-    read: Callable[[Any], Walk] | None
+    items: list[PyTree]
+    read: Callable[[PyTree], Walk] | None
     marks: dict[str, str]
     failures: list[tuple[str, str]]
     notes: list[Note]

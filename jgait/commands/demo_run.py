@@ -4,12 +4,13 @@ import functools
 from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jaxtyping import PyTree
 
 from jgait import datasets, params, plot, tune
 from jgait.estimators import Prepared, leg_ekf
@@ -150,7 +151,7 @@ _loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, OPTIONS, (("trajectory", 
 """The trajectory's error in squared degrees and centimetres, plus the squared percent error of the distance."""
 
 
-def _walking(walk: Walk, prepared: Prepared[Any]) -> tune.Windows:
+def _walking(walk: Walk, prepared: Prepared[PyTree]) -> tune.Windows:
     """From the first movement to the last."""
     del walk
     moving = np.flatnonzero(~prepared.inputs.still)

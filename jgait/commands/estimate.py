@@ -69,7 +69,7 @@ def estimate(
 
 def _each(
     files: list[Path], read: Callable[[Path], Recording], choice: Choice, p: PyTree, table: Table, out: Path
-) -> tuple[dict[str, Any], dict[str, str]]:
+) -> tuple[dict[str, PyTree], dict[str, str]]:
     """Estimate, write and print every file: file → numbers, and file → the reason why it could not be used."""
     about = choice.estimator.about
     numbers: dict[str, Any] = {}

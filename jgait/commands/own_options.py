@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
@@ -86,7 +87,7 @@ def _line(name: str) -> str:
     return f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip()
 
 
-def given_of(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
     """The options that were given → their values, parsed; leaves with 2 for those that the estimator does not have.
 
     Args:

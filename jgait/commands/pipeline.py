@@ -35,7 +35,7 @@ class Choice(NamedTuple):
     given: dict[str, Any]
     paper: bool = False
 
-    def personal(self, known: Mapping[str, Any]) -> tuple[Any, list[Note]]:
+    def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
         """The parameters of one person, and notes about measures for which the default stands in.
 
         Args:

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+from jaxtyping import PyTree
 
 from jgait.commands.console import stop
 from jgait.types import Recording, RecordingError
@@ -92,7 +93,7 @@ def recording_of(
     placement: str | None = None,
     placements: Mapping[str, str] | None = None,
     trial: str | None = None,
-    **called: Any,
+    **called: PyTree,
 ) -> Recording:
     """A recording from a user's file or folder of any format.
 
@@ -123,7 +124,7 @@ def recording_of(
 
 def _read(
     file: Path, rate: float | None, gyr_unit: str | None, acc_unit: str | None, range_unit: str, format: str | None,
-    placement: str | None, placements: Mapping[str, str] | None, trial: str | None, **called: Any,
+    placement: str | None, placements: Mapping[str, str] | None, trial: str | None, **called: PyTree,
 ) -> Recording:  # fmt: skip
     """As `recording_of`, with errors that name the arguments of the readers."""
     from jgait import io

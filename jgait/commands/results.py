@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jaxtyping import PyTree
 from rich.markup import escape
 from rich.table import Table
 
@@ -30,7 +31,7 @@ def printed_rows(estimate: Estimate, about: About, name: str) -> list[list[str]]
     return [[name, *(_cell(row.get(c.name), c) for c in about.columns)] for row in about.totals(estimate)]
 
 
-def _cell(value: Any, column: TotalColumn) -> str:
+def _cell(value: PyTree, column: TotalColumn) -> str:
     """A total in words: a range, a number, or a word."""
     if value is None:
         return "–"
@@ -101,9 +102,9 @@ def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, An
     return {**of_all, **about.numbers(estimate), **tables}
 
 
-def _records(table: EstimateTable, estimate: Estimate, about: About) -> list[dict[str, Any]]:
+def _records(table: EstimateTable, estimate: Estimate, about: About) -> list[dict[str, PyTree]]:
     frame = rows_of(table, estimate, about)
     if table.rows == "strides":
         frame = frame.assign(special=special(estimate, about))
-    records: list[dict[str, Any]] = json.loads(frame.to_json(orient="records", double_precision=6))
+    records: list[dict[str, PyTree]] = json.loads(frame.to_json(orient="records", double_precision=6))
     return records

@@ -50,6 +50,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED
@@ -220,7 +221,7 @@ def _read_about(path: Path) -> dict[str, Any]:
     return about
 
 
-def _swings(what: str, events: Any, first: int, length: int, notes: list[Note]) -> np.ndarray:
+def _swings(what: str, events: PyTree, first: int, length: int, notes: list[Note]) -> np.ndarray:
     """(n, 3) int: samples of foot off and foot strike, and which of upstream's events it is; bad ones are left out."""
     try:
         found = np.asarray(events, np.float64).reshape(len(events), 2) - first

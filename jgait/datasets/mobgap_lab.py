@@ -39,6 +39,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED, UNITS_CONVERTED
@@ -154,7 +155,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise RecordingError(f"{'/'.join(path.parts[-3:])} is no whole MATLAB file: {error}") from error
 
 
-def _descend(tree: Any, file: str, *keys: str) -> Any:
+def _descend(tree: PyTree, file: str, *keys: str) -> PyTree:
     for key in keys:
         if not isinstance(tree, dict) or key not in tree:
             there = [name for name in tree if not name.startswith("_")] if isinstance(tree, dict) else []
@@ -163,7 +164,7 @@ def _descend(tree: Any, file: str, *keys: str) -> Any:
     return tree
 
 
-def _as_list(bouts: Any) -> list[dict[str, Any]]:
+def _as_list(bouts: PyTree) -> list[dict[str, PyTree]]:
     """A struct, an array of structs, or an empty array for none."""
     return [bouts] if isinstance(bouts, dict) else [bout for bout in bouts if isinstance(bout, dict)]
 
@@ -184,7 +185,7 @@ def _sensor(found: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu, f
     return imu, rate
 
 
-def _system(bouts: list[dict[str, Any]], system: str, rate: float, last: float, notes: list[Note]) -> dict[str, Any]:
+def _system(bouts: list[dict[str, PyTree]], system: str, rate: float, last: float, notes: list[Note]) -> dict[str, Any]:
     """What one system says: the keys of `Walk.info` up to `straight_parts`, and the strides; times less one sample."""
     shift = 1.0 / rate
     whole = [bout for bout in bouts if 0.0 < _number(bout, "Start") < _number(bout, "End") < last + 1.5 * shift]

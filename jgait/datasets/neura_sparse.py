@@ -21,9 +21,9 @@ Keys of `Walk.info`:
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.notes import SENSOR_FILE_ABSENT
@@ -243,7 +243,7 @@ def _reference(
     sensors: dict[str, Imu],
     vicon: dict[str, np.ndarray],
     contact: dict[str, np.ndarray],
-) -> tuple[Estimate, dict[str, Any]]:
+) -> tuple[Estimate, dict[str, PyTree]]:
     from scipy.ndimage import gaussian_filter1d
 
     heading = pelvis_heading(vicon)

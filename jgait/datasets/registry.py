@@ -14,8 +14,10 @@ import os
 from collections.abc import Collection, Iterable
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 from urllib.parse import quote
+
+from jaxtyping import PyTree
 
 from jgait.types import Walk
 
@@ -81,7 +83,7 @@ def loader(name: str) -> Loader:
     Raises:
         ValueError: if the data set is not known.
     """
-    module: Any = importlib.import_module(f"jgait.datasets.{info(name).name}")
+    module: PyTree = importlib.import_module(f"jgait.datasets.{info(name).name}")
     return module
 
 

@@ -26,9 +26,9 @@ Keys of `Walk.info`:
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.notes import SAMPLES_MASKED, SENSOR_FILE_ABSENT
@@ -128,7 +128,7 @@ def _folders() -> dict[str, str]:
     return found
 
 
-def _optional(path: str, read: Any, notes: list[Note]) -> tuple[dict[str, Any], bool]:
+def _optional(path: str, read: PyTree, notes: list[Note]) -> tuple[dict[str, PyTree], bool]:
     """What a file says and whether it is known; {} and a note where it is not there."""
     try:
         local, known = registry.file("tripod", path)

@@ -29,9 +29,9 @@ Keys of `Walk.info`:
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
@@ -164,7 +164,7 @@ def _read_table(path: Path) -> dict[str, np.ndarray]:
     return {name: _numbers(cells) for name, cells in zip(header, columns, strict=True) if name}
 
 
-def _numbers(cells: Any) -> np.ndarray:
+def _numbers(cells: PyTree) -> np.ndarray:
     """Cells as floats; some are text such as ' 0.140000', some empty."""
     try:
         return np.array(cells, np.float64)
@@ -172,7 +172,7 @@ def _numbers(cells: Any) -> np.ndarray:
         return np.array([_number(cell) for cell in cells])
 
 
-def _number(cell: Any) -> float:
+def _number(cell: PyTree) -> float:
     try:
         return float(cell)
     except (TypeError, ValueError):

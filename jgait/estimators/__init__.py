@@ -1,7 +1,6 @@
 """Published estimators, one method a folder; `get` finds one by name."""
 
 from collections.abc import Callable
-from typing import Any
 
 from jaxtyping import PyTree
 
@@ -32,7 +31,7 @@ def about_of(name: str) -> About:
     return get(name).about if name in _ESTIMATORS else About()
 
 
-def get(name: str, *args: Any, **settings: Any) -> Estimator[PyTree, PyTree]:
+def get(name: str, *args: PyTree, **settings: PyTree) -> Estimator[PyTree, PyTree]:
     """An estimator by name.
 
     Args:

@@ -7,6 +7,8 @@ estimator has its record in its own `about.py`.
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
+from jaxtyping import PyTree
+
 from jgait.notes import Note
 from jgait.types import Estimate, Recording
 
@@ -73,11 +75,11 @@ class CommandOption(NamedTuple):
     kind: type = float
     low: float | None = None
     high: float | None = None
-    parse: Callable[[Any], Any] | None = None
-    settings: Callable[[Settings, Any], Settings] | None = None
-    params: Callable[[Any, Any], Any] | None = None
-    notes: Callable[[Recording, Any], tuple[Note, ...]] | None = None
-    remark: Callable[[Any], str] | None = None
+    parse: Callable[[PyTree], PyTree] | None = None
+    settings: Callable[[Settings, PyTree], Settings] | None = None
+    params: Callable[[PyTree, PyTree], PyTree] | None = None
+    notes: Callable[[Recording, PyTree], tuple[Note, ...]] | None = None
+    remark: Callable[[PyTree], str] | None = None
 
 
 class TotalColumn(NamedTuple):
@@ -118,7 +120,7 @@ class EstimateTable(NamedTuple):
     """
 
     name: str
-    rows: Literal["samples", "strides"] | Callable[[Estimate], Any]
+    rows: Literal["samples", "strides"] | Callable[[Estimate], PyTree]
     json: str = ""
     when: Callable[[Estimate], bool] = always
 
@@ -135,11 +137,11 @@ class EstimatedRecording(NamedTuple):
 
     recording: Recording
     estimate: Estimate
-    params: Any
+    params: PyTree
     settings: Settings
 
 
-def of_estimate(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
+def of_estimate(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
     """The arguments of a figure that needs the estimate alone."""
     return (made.estimate,), {}
 
@@ -158,7 +160,7 @@ class EstimateFigure(NamedTuple):
     plot: str
     file: str
     when: Callable[[Estimate], bool] = always
-    arguments: Callable[[EstimatedRecording], tuple[tuple[Any, ...], dict[str, Any]]] = of_estimate
+    arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = of_estimate
     caption: str = ""
 
 
@@ -180,13 +182,13 @@ class StrideFlag(NamedTuple):
     word: str
     label: str
     meaning: str
-    read: Callable[[Estimate], Any]
+    read: Callable[[Estimate], PyTree]
     regular: bool = True
     leaves_out: tuple[str, ...] = ()
     grade: str = "check"
 
 
-def no_numbers(_: Estimate) -> Mapping[str, Any]:
+def no_numbers(_: Estimate) -> Mapping[str, PyTree]:
     """No numbers beyond those of every estimate."""
     return {}
 
@@ -215,15 +217,15 @@ class About(NamedTuple):
     title: str = "Gait from wearable sensors"
     needs: str = ""
     source: str = ""
-    default: Any = None
-    paper: Any = None
+    default: object | None = None
+    paper: object | None = None
     measures: tuple[BodyMeasure, ...] = ()
     missing: tuple[MissingMeasure, ...] = ()
     options: tuple[CommandOption, ...] = ()
-    totals: Callable[[Estimate], list[dict[str, Any]]] = lambda _: [{}]
+    totals: Callable[[Estimate], list[dict[str, PyTree]]] = lambda _: [{}]
     columns: tuple[TotalColumn, ...] = ()
     caption: str = ""
     tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)
     figures: tuple[EstimateFigure, ...] = ()
     flags: tuple[StrideFlag, ...] = ()
-    numbers: Callable[[Estimate], Mapping[str, Any]] = no_numbers
+    numbers: Callable[[Estimate], Mapping[str, PyTree]] = no_numbers

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 
 def one_each(samples: int) -> int:
@@ -53,10 +54,10 @@ type Times = Annotated[Any, Axis("onwards")]
 
 
 @functools.cache
-def axes_of(record: Any) -> dict[str, Axis | None]:
+def axes_of(record: PyTree) -> dict[str, Axis | None]:
     """The axis of each field of a NamedTuple; None of a field that is not padded."""
 
-    def axis(hint: Any) -> Axis | None:
+    def axis(hint: object) -> Axis | None:
         hint = getattr(hint, "__value__", hint)
         return next((mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Axis)), None)
 
@@ -83,7 +84,7 @@ def pad[I](inputs: I, samples: int) -> I:
     return padded
 
 
-def _grown(record: Any, have: int, samples: int) -> Any:
+def _grown(record: PyTree, have: int, samples: int) -> PyTree:
     changed = {}
     for name, axis in axes_of(record.__class__).items():
         value = getattr(record, name)

@@ -5,13 +5,14 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
 from jgait.estimators.run import bucket, compiled, trimmed
 from jgait.notes import Note
 from jgait.params import check_params
-from jgait.types import Estimate, Recording
+from jgait.types import Estimate, Recording, Values
 
 
 class Prepared[I](NamedTuple):
@@ -30,7 +31,7 @@ class Prepared[I](NamedTuple):
     options: Any
     notes: tuple[Note, ...]
     standing: tuple[int, int] | None = None
-    extra: Any = None
+    extra: PyTree = None
 
 
 class Estimator[P, I](NamedTuple):
@@ -55,12 +56,12 @@ class Estimator[P, I](NamedTuple):
     params: P
     transforms: P
     prepare: Callable[[Recording], Prepared[I]]
-    run: Callable[[P, I, Any], Estimate]
-    own: Callable[[P, dict[str, Any]], P]
+    run: Callable[[P, I, PyTree], Estimate]
+    own: Callable[[P, dict[str, PyTree]], P]
     about: About = About()
     per_stride: tuple[str, ...] = ()
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
-    in_parts: Callable[[P, I, Any], Estimate | None] | None = None
+    in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
 
     def pad(self, inputs: I, samples: int) -> I:
         """The inputs with invalid samples behind them, the estimate before them unchanged; see `axes.pad`."""
@@ -115,10 +116,10 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict
         takes = " and ".join(filter(None, [", ".join(measures[:-1]), measures[-1]]))
         raise ValueError(f"{estimator} takes {takes} of a person; got {unknown[0]!r}")
 
-    def number(value: Any) -> Any:
+    def number(value: PyTree) -> Values:
         return value if isinstance(value, jax.Array) else float(value)
 
-    def put(name: str, value: Any) -> Any:
+    def put(name: str, value: PyTree) -> PyTree:
         both = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
         if len(both) != 2:
             raise ValueError(f"{name} must be one number or (right, left); got {len(both)} numbers")

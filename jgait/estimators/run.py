@@ -3,10 +3,10 @@
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.types import Estimate
 
@@ -20,7 +20,7 @@ def bucket(samples: int, smallest: int = BUCKET) -> int:
 
 
 @functools.cache
-def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
+def compiled(run: Callable[..., PyTree]) -> Callable[..., PyTree]:
     """The compiled form of an estimator's `run`, with its options static; the same for the same function."""
     return jax.jit(run, static_argnames=("options",))
 
@@ -36,7 +36,7 @@ def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Esti
     result = jax.tree.map(np.asarray, result)
     padded = np.size(result.time)
 
-    def shorter(leaf: Any) -> Any:
+    def shorter(leaf: PyTree) -> PyTree:
         return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
 
     by_stride = {name: result.diagnostics[name] for name in per_stride if name in result.diagnostics}

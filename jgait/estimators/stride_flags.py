@@ -1,11 +1,9 @@
 """What makes strides special, for all estimators: turns, stairs, clipped swings, half strides, unsure numbers."""
 
-from typing import Any
-
 import numpy as np
 
 from jgait.estimators.about import StrideFlag
-from jgait.types import SIDES, Estimate, Strides, as_float
+from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 
 LARGEST_TURN = 0.35
 """[rad] A stride over which a foot turns by more (20°) belongs to a turn, where the estimator does not state it."""
@@ -42,14 +40,14 @@ def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.nda
     return {name: np.asarray(values, bool)[order] for name, values in read.items() if values is not None}
 
 
-def _turning(estimate: Estimate) -> Any:
+def _turning(estimate: Estimate) -> Flags:
     known = stated(estimate, "turning")
     if known is not None or estimate.strides.turn is None:
         return known
     return np.abs(np.nan_to_num(as_float(estimate.strides.turn))) > LARGEST_TURN
 
 
-def _half(estimate: Estimate) -> Any:
+def _half(estimate: Estimate) -> Flags:
     known, strides = stated(estimate, "half"), estimate.strides
     if known is not None or strides.start is None or strides.end is None:
         return known
@@ -76,12 +74,12 @@ def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
     return half
 
 
-def _unsure(estimate: Estimate) -> Any:
+def _unsure(estimate: Estimate) -> Flags:
     # where the pendulum measures the speed, an unsure integration does no harm
     return None if "pendulum_constant" in estimate.diagnostics else stated(estimate, "unsure")
 
 
-def _width(estimate: Estimate) -> Any:
+def _width(estimate: Estimate) -> Values:
     trusted = stated(estimate, "width_valid")
     return None if trusted is None else ~trusted & np.isfinite(as_float(estimate.strides.width))
 

@@ -1,8 +1,8 @@
 """Measures, totals and figures that several estimators share in their `about`."""
 
-from typing import Any
-
 import numpy as np
+import numpy.typing as npt
+from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, TotalColumn
 from jgait.types import SIDES, Estimate, as_float
@@ -81,7 +81,7 @@ def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
     return found
 
 
-def median(values: Any, rows: Any = slice(None)) -> float | None:
+def median(values: npt.ArrayLike, rows: PyTree = slice(None)) -> float | None:
     """Median of the values that are known; None where there are none."""
     if values is None:
         return None

@@ -5,9 +5,9 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import jax
+from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
 from jgait.params import units
@@ -18,11 +18,11 @@ FORMAT = 1
 
 def write_params(
     path: str | os.PathLike[str],
-    params: Any,
+    params: PyTree,
     *,
     estimator: str,
     stderr: Mapping[str, float] | None = None,
-    made: Mapping[str, Any] | None = None,
+    made: Mapping[str, PyTree] | None = None,
 ) -> Path:
     """Write parameters as JSON, each with its unit.
 
@@ -36,7 +36,7 @@ def write_params(
     Returns:
         The path.
     """
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, PyTree]] = {}
     told = units(params)
     for where, value in jax.tree_util.tree_flatten_with_path(params)[0]:
         name = jax.tree_util.keystr(where).lstrip(".")
@@ -51,7 +51,7 @@ def write_params(
     return write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
 
 
-def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -> tuple[P, dict[str, Any]]:
+def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -> tuple[P, dict[str, PyTree]]:
     """Parameters from a file that `write_params` wrote.
 
     Args:

@@ -3,9 +3,10 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.io.atomic import replaced
 from jgait.io.files import library
@@ -192,7 +193,7 @@ def _put(table: "pd.DataFrame", target: Path, *, parquet: bool) -> None:
             table.to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
 
 
-def _table(what: Any) -> "pd.DataFrame":
+def _table(what: PyTree) -> "pd.DataFrame":
     import pandas as pd
 
     if isinstance(what, Recording):

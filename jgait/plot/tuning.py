@@ -5,9 +5,10 @@ Readable in grey, units on the axes. Each function returns the matplotlib figure
 
 import math
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank
 from jgait.tune.fit import Fit
@@ -115,7 +116,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
     return figure
 
 
-def training(fit: Fit[Any], *, unit: str = "", title: str = "") -> Figure:
+def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
     """Loss and gradient step by step; crosses are steps that led nowhere and were taken back.
 
     Args:

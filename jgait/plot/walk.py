@@ -4,9 +4,10 @@ For whoever has the truth of a walk, simulated. `jgait.plot` has both functions.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
@@ -69,7 +70,7 @@ def stick_figure(
     figure, axes = blank(1, 2, 6.2, 4.4, width_ratios=(2.3, 1.0))
     drawn, label = _stage(axes[0], lines, ground, title)
 
-    def show(number: int) -> list[Any]:
+    def show(number: int) -> list[PyTree]:
         for (view, name), artist in drawn.items():
             points = ground[number] if name == "ground" else lines[name][number]
             artist.set_data(points[:, view], points[:, 2])
@@ -88,7 +89,7 @@ def stick_figure(
 
 def _stage(
     axes: np.ndarray, lines: dict[str, np.ndarray], ground: np.ndarray, title: str
-) -> tuple[dict[Any, Any], Any]:
+) -> tuple[dict[str, PyTree], PyTree]:
     """Both views with a line for each part of the body, to be filled in; and where the time stands."""
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.plot.feet import (
     feet_of,
@@ -241,7 +242,7 @@ def feet_apart(
     return figure
 
 
-def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, PyTree]]:
     """Times at which z₁ and z₂ are told [s], which of them are to be seen, and what is told."""
     told = estimate.diagnostics
     own = "moment_time" not in told

@@ -3,9 +3,10 @@
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators import about_of
 from jgait.notes import from_json
@@ -212,7 +213,7 @@ def _span(low: float, high: float) -> str:
     return "–" if not np.isfinite([low, high]).all() else f"{significant(low)} to {significant(high)}"
 
 
-def _interval(row: Any, name: str) -> Cell:
+def _interval(row: PyTree, name: str) -> Cell:
     inside = _span(row[f"{name}_low"], row[f"{name}_high"])
     return Cell(significant(row[name]) + (f"\n({inside})" if inside != "–" else ""), float(row[name]))
 
@@ -264,7 +265,7 @@ def _people(cohort: "Cohort", paired: "pd.DataFrame", failures: Sequence[tuple[s
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 
-def _count(value: Any) -> Cell:
+def _count(value: PyTree) -> Cell:
     return Cell(str(int(value)), float(value))
 
 

@@ -11,9 +11,15 @@ import re
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
+from jgait.types import Values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LARGEST_SVG = 150_000
 """[bytes] Drawings that are larger, with tens of thousands of points, are kept as pixels."""
@@ -186,7 +192,7 @@ def rendered(content: Content) -> str:
     )  # fmt: skip
 
 
-def picture(figure: Any, alt: str, caption: str) -> Picture:
+def picture(figure: "Figure", alt: str, caption: str) -> Picture:
     """A matplotlib figure as part of a page: a drawing if it is small, else pixels.
 
     Args:
@@ -216,7 +222,7 @@ def _few_colours(stream: io.BytesIO) -> bytes:
     return small.getvalue()
 
 
-def number(value: Any, digits: int) -> str:
+def number(value: Values, digits: int) -> str:
     """A number as the page shows it; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
@@ -224,12 +230,12 @@ def number(value: Any, digits: int) -> str:
     return f"{value:z.{digits}f}".replace("-", "−")
 
 
-def significant(value: Any, digits: int = 3) -> str:
+def significant(value: Values, digits: int = 3) -> str:
     """A number with so many digits that count."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
-def cell(value: Any, digits: int, spread: Any = None) -> Cell:
+def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
     """A number, with its standard deviation where there is one."""
     if value is None or not math.isfinite(value):
         return Cell("–", math.nan)
@@ -246,7 +252,7 @@ def without_folders(text: str) -> str:
     return FOLDERS.sub("", text)
 
 
-def plain(value: Any) -> Any:
+def plain(value: PyTree) -> PyTree:
     """The same for JSON: no NumPy, and null for what is no number."""
     if isinstance(value, dict):
         return {str(name): plain(inner) for name, inner in value.items()}

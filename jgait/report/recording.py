@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators import about_of
 from jgait.estimators.about import EstimatedRecording
@@ -82,7 +83,7 @@ def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
 
 
 def _facts(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, Any]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
     total: tuple[float, float | None] | None,
 ) -> list[tuple[str, str, str]]:  # fmt: skip
     """The most important numbers with their units, each with an explanation."""
@@ -106,7 +107,7 @@ def _facts(
     return [*facts, ("Sensors", str(len(recording.sensors)), placed)]
 
 
-def _strides(of: strides.ReportStrides, rows: list[dict[str, Any]]) -> list[Section]:
+def _strides(of: strides.ReportStrides, rows: list[dict[str, PyTree]]) -> list[Section]:
     """The means, or a sentence that there are none."""
     if rows:
         return [Section("Gait at a glance", "", [strides.mean_table(of, rows)])]
@@ -183,7 +184,7 @@ def _place(name: str) -> str:
 
 
 def _numbers(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, Any]],
+    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: list[dict[str, PyTree]],
     total: tuple[float, float | None] | None, raised: list[Flag], made: Made,
 ) -> dict[str, Any]:  # fmt: skip
     """The content of the page as JSON numbers."""

@@ -4,6 +4,7 @@ import itertools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators import stride_flags
 from jgait.estimators.about import StrideFlag
@@ -122,7 +123,7 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
 
     time = as_float(estimate.time)
     valid = np.asarray(estimate.valid, bool)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, PyTree]] = []
     for side, leg in zip(SIDES, estimate.legs, strict=True):
         if leg is None or time.size < 2:
             continue
@@ -169,7 +170,7 @@ def stride_table(of: ReportStrides) -> Table:
     return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in known), "remarks"), rows, True, 1)
 
 
-def means(of: ReportStrides) -> list[dict[str, Any]]:
+def means(of: ReportStrides) -> list[dict[str, PyTree]]:
     """Mean, standard deviation and number over the regular strides, of all and of each side.
 
     Args:
@@ -218,7 +219,7 @@ def mean_text(mean: dict[str, Any] | None, measure: Measure) -> str:
     return number(measure.scale * mean["mean"], measure.digits) + spread
 
 
-def mean_table(of: ReportStrides, rows: list[dict[str, Any]]) -> Table:
+def mean_table(of: ReportStrides, rows: list[dict[str, PyTree]]) -> Table:
     """Means of all regular strides and of each side, and how the sides differ."""
     known = {m.name: m for m in MEASURES}
     sides = [name for name in SIDES if any(row[name] is not None for row in rows)]

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array, lax
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from jgait.types import AnyArray, Scalar, Values
+from jgait.types import AnyArray, Integer, Scalar, Values
 
 UNROLL = 4
 """Samples per iteration of the scan: the work on one sample costs less than the overhead of an iteration."""
@@ -173,7 +173,7 @@ def low_pass_both_ways(
 
 
 def low_pass_until(
-    x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, last: Int[AnyArray, ""] | int, order: int = 2
+    x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, last: Integer, order: int = 2
 ) -> Float[Array, "time *rest"]:
     """The filter forwards and then backwards over a recording, unchanged by the padding after it.
 

@@ -1,8 +1,7 @@
 """What the ankle's estimator states about itself."""
 
-from typing import Any
-
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure, TotalColumn
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
@@ -17,7 +16,7 @@ TAPE_SD = 0.01
 FLAGS = (TURNING, STAIRS, CLIPPED, HALF)
 
 
-def totals(estimate: Estimate) -> list[dict[str, Any]]:
+def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     """One row for each leg that wore a sensor: totals of its strides; medians are over whole strides."""
     strides, rows = estimate.strides, []
     side, half = np.asarray(strides.side), np.asarray(estimate.diagnostics["half"], bool)
@@ -43,7 +42,7 @@ def totals(estimate: Estimate) -> list[dict[str, Any]]:
     return rows
 
 
-def leg_table(estimate: Estimate) -> list[dict[str, Any]]:
+def leg_table(estimate: Estimate) -> list[dict[str, PyTree]]:
     """The totals without the words for the terminal."""
     return [{name: value for name, value in row.items() if name != "special"} for row in totals(estimate)]
 

@@ -1,11 +1,12 @@
 """From prepared inputs to strides of the shanks."""
 
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
@@ -29,7 +30,7 @@ from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, subtract, vector
 from jgait.signal import butterworth
-from jgait.types import SIDES, Estimate, Legs, Recording, Strides
+from jgait.types import SIDES, Estimate, Legs, Recording, Strides, Values
 
 TOGETHER_S = 0.06
 """[s] Zero velocities so near to each other err together: they count as one, whatever the sampling rate."""
@@ -65,17 +66,17 @@ def model_params(p: AnkleParams) -> FootModelParams:
     return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
 
 
-def _mean_over_interval(values: Any) -> Any:
+def _mean_over_interval(values: Values) -> Values:
     return jnp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
 
-def controls(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any) -> AnkleControl:
+def controls(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values) -> AnkleControl:
     """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
     means = (vector(_mean_over_interval(values)) for values in (gyr, acc))
     return control(p, leg, vector(gyr), *means)
 
 
-def control(p: AnkleParams, now: Any, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
+def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
     """What the sensor reads, of one sample or, elementwise, of many.
 
     Args:
@@ -99,13 +100,13 @@ def control(p: AnkleParams, now: Any, rate: Vector, gyr: Vector, acc: Vector) ->
     return AnkleControl(over, rate)
 
 
-def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Any) -> Belief:
+def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
     """The belief at the first stance: level as gravity says, the ankle at rest, the lever as the placement says."""
     attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
     return standing_prior(p, leg, attitude, vector(gyr[jnp.argmax(leg.valid)]))
 
 
-def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector) -> Belief:
+def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vector) -> Belief:
     """The belief at a stance of which nothing but gravity tells.
 
     Args:
@@ -134,7 +135,7 @@ def standing_prior(p: AnkleParams, leg: Any, attitude: Quaternion, rate: Vector)
     return ankle_model.standing_belief(attitude, velocity, bias, lever, variances)
 
 
-def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, options: AnkleOptions) -> filtering.Inferred:
+def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions) -> filtering.Inferred:
     zero = jnp.zeros_like(leg.dt)
     stands = leg.stands & leg.valid
     return filtering.infer(
@@ -147,7 +148,7 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, options: An
 
 def _of_leg(
     p: AnkleParams, leg: AnkleSignals, side: int, options: AnkleOptions
-) -> tuple[Strides, Strides | None, dict[str, Any], dict[str, Any], Any]:
+) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
     """Strides of one leg, their deviations, flags, diagnostics, and where they mean something."""
     gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
     if options.length != "filter":
@@ -196,12 +197,12 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
         diagnostics |= named
     strides, deviations, flags = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
     return Estimate(
-        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), sum(valid[1:], valid[0]),
+        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), reduce(jnp.logical_or, valid),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
     )  # fmt: skip
 
 
-def _walked(strides: Strides, time: Any) -> Any:
+def _walked(strides: Strides, time: Values) -> Values:
     """Way along the strides (T,) [m], each one's length spread evenly over its swing."""
     lengths = jnp.where(strides.valid, strides.length, 0.0)
     # rows that hold no stride lie behind the recording, each a little later, where nothing more is walked

@@ -2,7 +2,10 @@
 
 from typing import Annotated, Any, NamedTuple
 
+from jaxtyping import PyTree
+
 from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
+from jgait.types import Counts, Values
 
 SHORTEST_STRIDE = 10
 """[samples] Less than from one stride to the next at the lowest rate; see `capacity`."""
@@ -60,13 +63,13 @@ class AnkleSignals(NamedTuple):
     restart: Sampled
     dt: Sampled
     valid: Sampled
-    last: Any
-    rate_hz: Any
-    attitude: Any
-    gyr_bias: Any
-    still_time: Any
-    mid_shank: Any
-    axes: Any
+    last: Counts
+    rate_hz: Values
+    attitude: PyTree
+    gyr_bias: Values
+    still_time: Values
+    mid_shank: Values
+    axes: Values
     begin: PerStride
     end: PerStride
     swing_begin: PerStride
@@ -76,7 +79,7 @@ class AnkleSignals(NamedTuple):
     half: PerStride
     clips: PerStride
     follows: PerStride
-    count: Any
+    count: Counts
 
 
 class AnkleInputs(NamedTuple):

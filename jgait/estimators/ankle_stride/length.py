@@ -34,12 +34,12 @@ Deviations from the paper, with their effect where it was measured by `experimen
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.length_steps import (
     StrideLengthParams,
@@ -53,7 +53,7 @@ from jgait.estimators.ankle_stride.length_steps import (
 from jgait.geometry.vectors import Vector
 from jgait.signal import butterworth
 from jgait.signal.marks import Marks, marks
-from jgait.types import Scalar
+from jgait.types import Scalar, Values
 
 __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "marks", "pendulum", "scanned", "smoothed"]
 
@@ -89,7 +89,7 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     rate = _vector(gyr, swings)
     state = swing_begin(Vector(*(v[0] for v in rate)))
 
-    def one(s: Any, x: Any) -> Any:
+    def one(s: PyTree, x: PyTree) -> PyTree:
         return swing_step(p, s, x[0], x[1], dt, all_axes=all_axes)
 
     found: Swung = lax.scan(one, _typed(one, state, (rate, swings)), (rate, swings))[1]
@@ -118,14 +118,19 @@ def inertial(
         ValueError: if the shapes do not fit.
     """
 
-    def one(s: Any, x: Any) -> Any:
+    def one(s: PyTree, x: PyTree) -> PyTree:
         return stride_step(p, s, x[0], x[1], x[2], dt, euler=euler, sample_up=sample_up)
 
     return scanned(one, stride_begin, p, gyr, acc, strides)
 
 
 def scanned(
-    one: Callable[[Any, Any], Any], begin: Any, p: StrideLengthParams, gyr: Any, acc: Any, strides: Marks
+    one: Callable[[Values, Values], Values],
+    begin: PyTree,
+    p: StrideLengthParams,
+    gyr: Values,
+    acc: Values,
+    strides: Marks,
 ) -> Travelled:
     """A method's step from sample to sample: its state begins with `begin`, the arguments are those of `inertial`."""
     rate, force = _vector(gyr, strides), _vector(acc, strides)
@@ -135,7 +140,7 @@ def scanned(
     return found
 
 
-def _vector(signal: Any, flags: Marks) -> Vector:
+def _vector(signal: Values, flags: Marks) -> Vector:
     values = jnp.asarray(signal)
     if values.ndim != 2 or values.shape[1] != 3 or values.shape[0] < 1:
         raise ValueError(f"signals must be (T, 3) with T >= 1; got shape {values.shape}")
@@ -144,7 +149,7 @@ def _vector(signal: Any, flags: Marks) -> Vector:
     return Vector(*values.T)
 
 
-def _typed(one: Callable[[Any, Any], Any], state: Any, samples: Any) -> Any:
+def _typed(one: Callable[[Values, Values], Values], state: PyTree, samples: PyTree) -> PyTree:
     """The first state in the types that a step gives back: parameters may be of another precision than signals."""
     after = jax.eval_shape(lambda s, x: one(s, x)[0], state, jax.tree.map(lambda v: v[0], samples))
     return jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)

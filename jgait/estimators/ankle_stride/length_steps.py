@@ -4,7 +4,7 @@ Each method is a function that begins and one that takes a sample, for a device 
 are in the axes of the segment: forward x, left y, up z.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jgait.geometry.rotation import Quaternion, exponential, product, rotated
 from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
 from jgait.signal.marks import Marks
+from jgait.types import Flags, Values
 
 
 class StrideLengthParams(NamedTuple):
@@ -26,9 +27,9 @@ class StrideLengthParams(NamedTuple):
         acc_bias: what the accelerometer reads too much, in the segment's axes [m/s²].
     """
 
-    leg_length: Any = 0.85
-    angle_gain: Any = 1.0
-    time_gain: Any = 0.0
+    leg_length: Values = 0.85
+    angle_gain: Values = 1.0
+    time_gain: Values = 0.0
     lever: Vector = Vector(0.0, 0.0, 0.0)
     gyr_bias: Vector = Vector(0.0, 0.0, 0.0)
     acc_bias: Vector = Vector(0.0, 0.0, 0.0)
@@ -44,10 +45,10 @@ class Swung(NamedTuple):
         duration: T_swing [s].
     """
 
-    chord: Any
-    arc: Any
-    angle: Any
-    duration: Any
+    chord: Values
+    arc: Values
+    angle: Values
+    duration: Values
 
 
 class Travelled(NamedTuple):
@@ -61,19 +62,19 @@ class Travelled(NamedTuple):
         duration: T [s].
     """
 
-    length: Any
-    level: Any
-    rise: Any
-    turn: Any
-    duration: Any
+    length: Values
+    level: Values
+    rise: Values
+    turn: Values
+    duration: Values
 
 
 class SwingState(NamedTuple):
     """Sum of the swing so far: angle [rad], time [s], and the rate of the sample before [rad/s]."""
 
-    angle: Any
-    duration: Any
-    rate: Any
+    angle: Values
+    duration: Values
+    rate: Values
 
 
 def swing_begin(gyr: Vector) -> SwingState:
@@ -82,14 +83,14 @@ def swing_begin(gyr: Vector) -> SwingState:
     return SwingState(nothing, nothing, nothing)
 
 
-def _root(square: Any) -> Any:
+def _root(square: Values) -> Values:
     """A square root whose gradient at zero is zero."""
     there = square > 0.0
     return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
 
 
 def swing_step(
-    p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Any, *, all_axes: bool = False
+    p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Values, *, all_axes: bool = False
 ) -> tuple[SwingState, Swung]:
     """One sample of the pendulum.
 
@@ -136,7 +137,7 @@ class StrideState(NamedTuple):
     attitude: Quaternion
     velocity: Vector
     way: Vector
-    duration: Any
+    duration: Values
     start: Vector
     sampled: Vector
     gyr: Vector
@@ -155,17 +156,17 @@ def stride_begin(p: StrideLengthParams, gyr: Vector, acc: Vector) -> StrideState
     return _stride_from(p, subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias))
 
 
-def _restarted(where: Any, fresh: StrideState, going: StrideState) -> StrideState:
+def _restarted(where: Flags, fresh: StrideState, going: StrideState) -> StrideState:
     state: StrideState = jax.tree.map(lambda a, b: jnp.where(where, a, b), fresh, going)
     return state
 
 
-def _trapezoid(total: Vector, dt: Any, before: Vector, now: Vector) -> Vector:
+def _trapezoid(total: Vector, dt: Values, before: Vector, now: Vector) -> Vector:
     return add(total, scale(0.5 * dt, add(before, now)))
 
 
 def stride_step(
-    p: StrideLengthParams, s: StrideState, gyr: Vector, acc: Vector, mark: Marks, dt: Any, *,
+    p: StrideLengthParams, s: StrideState, gyr: Vector, acc: Vector, mark: Marks, dt: Values, *,
     euler: bool = False, sample_up: bool = False,
 ) -> tuple[StrideState, Travelled]:  # fmt: skip
     """One sample of the 3-D method.

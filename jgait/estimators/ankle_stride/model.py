@@ -18,13 +18,14 @@ an ankle-mounted inertial measurement unit", 2017, who take it for zero at the s
 E. Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors", IEEE CG&A 25(6), 2005.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootError, FootModelParams, FootState
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, add, cross, subtract
+from jgait.types import Values
 
 
 class AnkleState(NamedTuple):
@@ -65,17 +66,17 @@ class AnkleObservation(NamedTuple):
     """What holds while the ankle stands: its velocity [m/s], its height over the last stance [m]; both zero."""
 
     velocity: Vector
-    height: Any
+    height: Values
 
 
-def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> AnkleState:
+def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> AnkleState:
     """Strapdown of the sensor over one interval, and what of its way was the ankle's."""
     moved = foot_model.transition(p, _sensor(s), u.over, dt)
     swung = subtract(rotated(moved.attitude, s.lever), rotated(s.attitude, s.lever))
     return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
 
 
-def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Any) -> AnkleError:
+def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Values) -> AnkleError:
     """As of the foot's sensor; the ankle's is less by that of R' r − R r, where δ(R r) = δ_θ × R r + R δ_r."""
     sensor = _sensor(s)
     moved = foot_model.transition(p, sensor, u.over, dt)
@@ -90,7 +91,7 @@ def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleC
     return AnkleError(position, own.velocity, own.attitude, own.gyr_bias, own.acc_bias, e.lever)
 
 
-def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Any) -> Covariance:
+def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> Covariance:
     """As of the foot's sensor; the lever is where it is, but for a nanometre that keeps the covariance's rank.
 
     What noise of the rate moves the ankle by through the lever is left out: a fifth of a millimetre a stride.

@@ -18,12 +18,13 @@ Deviations from `ankle_stride` without smoothing, which integrates signals filte
     6. Nothing is known of a reading's range, so that clipped swings are not noticed.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
@@ -52,7 +53,7 @@ from jgait.filtering import Belief
 from jgait.filtering.compile import compiled
 from jgait.geometry.vectors import Vector, vector
 from jgait.signal import butterworth
-from jgait.types import Strides
+from jgait.types import Flags, Strides, Values
 
 __all__ = [
     "ONLINE",
@@ -73,19 +74,19 @@ __all__ = [
 class _Delayed(NamedTuple):
     """A row of the history, by the names that `ankle_stride.control` knows."""
 
-    gyr_jump: Any
-    acc_jump: Any
-    gyr_doubt: Any
-    acc_doubt: Any
-    dt: Any
-    restart: Any
-    rate_hz: Any
-    gyr_bias: Any
+    gyr_jump: Values
+    acc_jump: Values
+    gyr_doubt: Values
+    acc_doubt: Values
+    dt: Values
+    restart: Flags
+    rate_hz: Values
+    gyr_bias: Values
 
 
 def _filter_step(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, row: Any, stands: Any, options: AnkleOptions
-) -> tuple[Belief, Any, Any]:
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, row: PyTree, stands: Flags, options: AnkleOptions
+) -> tuple[Belief, Values, Values]:
     """The filter over the row of the history that leaves it: belief, whether it has started, its numbers are sound."""
     stands = stands & (row[8] == 0.0)
     started = state.started | stands
@@ -113,8 +114,8 @@ def _filter_step(
 
 
 def _stride(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, swung: OnlineSwing, belief: Belief, stood: Any
-) -> tuple[Strides, Strides, dict[str, Any], Heading]:
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, swung: OnlineSwing, belief: Belief, stood: PyTree
+) -> tuple[Strides, Strides, dict[str, Values], Heading]:
     """The stride that ends at the filter's sample, its deviations, its flags, and the heading there."""
     way = ankle_strides.measured(belief.mean.position, ankle_strides.across(belief.cov))
     there = ankle_strides.heading(belief.mean, belief.cov)
@@ -131,8 +132,14 @@ def _stride(
 
 
 def _seen(
-    worn: Worn, filters: Filters, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any, options: AnkleOptions
-) -> tuple[AnkleOnlineState, Any]:
+    worn: Worn,
+    filters: Filters,
+    state: AnkleOnlineState,
+    gyr: Values,
+    acc: Values,
+    measured: Flags,
+    options: AnkleOptions,
+) -> tuple[AnkleOnlineState, Values]:
     """The state after the part that knows the newest sample, and the row (11,) that the history takes."""
     there = jnp.asarray(measured)
     x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
@@ -170,7 +177,7 @@ def _seen(
 
 
 def _advanced(
-    p: AnkleParams, worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Any, Any, Any],
+    p: AnkleParams, worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Values, Values, Values],
     options: AnkleOptions,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """One sample: what it says of swing and stance, then the filter a lag behind, then the stride if there is one."""
@@ -207,7 +214,7 @@ def _advanced(
 
 
 def one(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any = True,
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags = True,
     options: AnkleOptions = ONLINE,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """`step`, not compiled: to be part of another program."""
@@ -217,7 +224,7 @@ def one(
 
 
 def over(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Any, acc: Any, measured: Any = None,
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
     options: AnkleOptions = ONLINE,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """The same step over many samples in one scan, not compiled: to be part of another program.
@@ -245,7 +252,7 @@ _over = compiled(over, static_argnames=("options",))
 
 
 def walk(
-    p: AnkleParams, worn: Worn, gyr: Any, acc: Any, measured: Any = None, options: AnkleOptions = ONLINE
+    p: AnkleParams, worn: Worn, gyr: Values, acc: Values, measured: Flags | None = None, options: AnkleOptions = ONLINE
 ) -> Now:  # fmt: skip
     """A recording as the device would have seen it: `begin`, then `over`, compiled; arguments as of those.
 
@@ -256,7 +263,7 @@ def walk(
     return _over(p, worn, state, gyr, acc, measured, options)[1]
 
 
-def table(now: Now) -> tuple[Strides, Strides, dict[str, Any]]:
+def table(now: Now) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides of `over` or `walk` alone, in the order in which they became known; on the host.
 
     Returns:

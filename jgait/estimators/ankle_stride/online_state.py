@@ -4,6 +4,8 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.estimator import standing_prior
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
@@ -16,16 +18,16 @@ from jgait.filtering import Belief
 from jgait.geometry.rotation import between
 from jgait.geometry.vectors import Vector, vector
 from jgait.signal import butterworth
-from jgait.types import Strides
+from jgait.types import Counts, Flags, Strides, Values
 
 
 class OnlineSwing(NamedTuple):
     """The swings since the last stride: from when to when [s], the sample at which that was known, whether any."""
 
-    leaves: Any
-    lands: Any
-    known: Any
-    any: Any
+    leaves: Flags
+    lands: Flags
+    known: Flags
+    any: Flags
 
 
 class AnkleOnlineState(NamedTuple):
@@ -52,24 +54,24 @@ class AnkleOnlineState(NamedTuple):
         distance: their way [m].
     """
 
-    index: Any
-    last: Any
-    low_passed: Any
-    detector: Any
-    jumps: Any
-    history: Any
+    index: Counts
+    last: Counts
+    low_passed: PyTree
+    detector: PyTree
+    jumps: PyTree
+    history: PyTree
     valley: shank_valley.StanceSearch
-    stood: Any
-    slow: Any
+    stood: PyTree
+    slow: PyTree
     swung: OnlineSwing
-    before: Any
+    before: PyTree
     belief: Belief
-    restart: Any
-    started: Any
+    restart: Flags
+    started: Flags
     heading: Heading
-    landed: Any
-    count: Any
-    distance: Any
+    landed: Flags
+    count: Counts
+    distance: Values
 
 
 class Now(NamedTuple):
@@ -86,37 +88,37 @@ class Now(NamedTuple):
         valid: False where the filter's numbers broke down and it kept its prediction.
     """
 
-    stride: Any
+    stride: PyTree
     strides: Strides
     stddev: Strides
     flags: dict[str, Any]
-    count: Any
-    distance: Any
-    stands: Any
-    valid: Any
+    count: Counts
+    distance: Values
+    stands: Flags
+    valid: Flags
 
 
 class Filters(NamedTuple):
     """Sections of what is integrated, of the stance rates, of the sagittal rate."""
 
-    signals: Any
-    stance: Any
-    sagittal: Any
+    signals: PyTree
+    stance: PyTree
+    sagittal: PyTree
 
 
-def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: Any) -> Filters:
+def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: DTypeLike) -> Filters:
     """The low-passes of a device."""
     cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, DETECTORS[options.detector][1].cutoff_hz)
     cascades = (butterworth.sections(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
     return Filters(*cascades)
 
 
-def reading(worn: Worn, gyr: Any, acc: Any) -> Any:
+def reading(worn: Worn, gyr: Values, acc: Values) -> Values:
     """(6,) a reading in the segment's axes."""
     return jnp.concatenate([worn.axes @ jnp.asarray(gyr), worn.axes @ jnp.asarray(acc)])
 
 
-def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions = ONLINE) -> AnkleOnlineState:
+def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOptions = ONLINE) -> AnkleOnlineState:
     """The state before the first sample.
 
     Args:
@@ -156,7 +158,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Any, acc: Any, options: AnkleOptions 
     )
 
 
-def level_prior(p: AnkleParams, worn: Worn, x: Any) -> Belief:
+def level_prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
     """The belief of a leg that stands, level as the specific force says."""
     one, none = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
     attitude = between(vector(x[3:]), Vector(none, none, one))

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
@@ -13,7 +14,7 @@ from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector
 from jgait.signal import marks
-from jgait.types import Strides
+from jgait.types import Strides, Values
 
 SHORTEST = 0.1
 """[m] A shorter stride is a leg that was shifted; it counts as no stride."""
@@ -33,7 +34,7 @@ FLAGS = ("turning", "stairs", "clipped", "half")
 
 def from_filter(
     p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: int
-) -> tuple[Strides, Strides, dict[str, Any]]:
+) -> tuple[Strides, Strides, dict[str, Values]]:
     """Strides of one leg, their standard deviations, and flags.
 
     Args:
@@ -57,26 +58,26 @@ def from_filter(
 class Way(NamedTuple):
     """How far and how high the ankle came [m], and the variances of both [m²]."""
 
-    length: Any
-    height: Any
-    length_variance: Any
-    height_variance: Any
+    length: Values
+    height: Values
+    length_variance: Values
+    height_variance: Values
 
 
 class Heading(NamedTuple):
     """Where the sensor's forward axis points [rad], and the variance of it [rad²]."""
 
-    angle: Any
-    variance: Any
+    angle: Values
+    variance: Values
 
 
-def across(cov: Covariance) -> tuple[Any, Any, Any, Any]:
+def across(cov: Covariance) -> tuple[Values, Values, Values, Values]:
     """The entries of a position's covariance that `measured` takes."""
     xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
     return xx, xy, yy, zz
 
 
-def measured(way: Vector, entries: tuple[Any, Any, Any, Any]) -> Way:
+def measured(way: Vector, entries: tuple[Values, Values, Values, Values]) -> Way:
     """A stride from where the ankle stands at its end, counted from its begin; see `across`."""
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
@@ -91,7 +92,7 @@ def heading(state: AnkleState, cov: Covariance) -> Heading:
     return Heading(jnp.arctan2(forward.y, forward.x), cov["attitude.z", "attitude.z"])
 
 
-def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Any) -> Strides:
+def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:
     """Standard deviations of strides that begin and end with a heading and last for a time [s]."""
     length_sd = root(way.length_variance + p.stride_noise**2)
     speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
@@ -103,8 +104,8 @@ def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there:
 
 
 def by_method(
-    p: AnkleParams, leg: AnkleSignals, gyr: Any, acc: Any, side: int, method: str
-) -> tuple[Strides, dict[str, Any]]:
+    p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, side: int, method: str
+) -> tuple[Strides, dict[str, Values]]:
     """Strides of one leg by a method of `stride_length`, and flags.
 
     Args:
@@ -139,7 +140,7 @@ def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
     return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
 
 
-def durations(leg: AnkleSignals) -> tuple[Any, Any]:
+def durations(leg: AnkleSignals) -> tuple[Values, Values]:
     """When each stride starts, and the time that its speed is over [s].
 
     A stride starts with the contact that ends the one before, and lasts from contact to contact; where there is none,
@@ -151,7 +152,7 @@ def durations(leg: AnkleSignals) -> tuple[Any, Any]:
     return start, jnp.maximum(jnp.where(leg.follows, leg.lands - start, stood), 1e-3)
 
 
-def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> Strides:
+def told(leg: AnkleSignals, side: int, length: Values, height: Values, turn: Values) -> Strides:
     """The table of strides from what was measured and what was decided."""
     there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     start, duration = durations(leg)
@@ -159,7 +160,13 @@ def told(leg: AnkleSignals, side: int, length: Any, height: Any, turn: Any) -> S
 
 
 def table(
-    side: int, times: tuple[Any, Any, Any], duration: Any, length: Any, height: Any, turn: Any, there: Any
+    side: int,
+    times: tuple[Values, Values, Values],
+    duration: Values,
+    length: Values,
+    height: Values,
+    turn: Values,
+    there: PyTree,
 ) -> Strides:
     """Strides of one leg, or one of them, from start, final contact and end [s], and what was measured."""
     start, leaves, lands = times
@@ -170,7 +177,7 @@ def table(
     )  # fmt: skip
 
 
-def flags(strides: Strides, **decided: Any) -> dict[str, Any]:
+def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
     """What is special about each stride, what was decided among it; True only where it is valid."""
     found = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
     return {name: flag & strides.valid for name, flag in found.items()}

@@ -1,15 +1,16 @@
 """How the ankle's sensor is worn, told from a recording, as the estimator online takes it; on the host."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import WINDOW_S, prepare
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.signal import butterworth
-from jgait.types import SIDES, Recording, RecordingError
+from jgait.types import SIDES, Counts, Recording, RecordingError, Values
 
 HOLD_S = 0.2
 """[s] A minimum of the stance rate that stays the least for so long is the valley."""
@@ -54,20 +55,20 @@ class Worn(NamedTuple):
         jump_looks: (n,) bool, which of them lie around the sample that is integrated.
     """
 
-    axes: Any
-    gyr_bias: Any
-    still_time: Any
-    mid_shank: Any
-    rate_hz: Any
-    side: Any
-    hold: Any
-    landing: Any
-    calm: Any
-    reach: Any
-    shift: Any
-    history: Any
-    jumps: Any
-    jump_looks: Any
+    axes: Values
+    gyr_bias: Values
+    still_time: Values
+    mid_shank: Values
+    rate_hz: Values
+    side: Counts
+    hold: Values
+    landing: Values
+    calm: Values
+    reach: Values
+    shift: Values
+    history: PyTree
+    jumps: PyTree
+    jump_looks: PyTree
 
 
 def check_options(options: AnkleOptions) -> None:

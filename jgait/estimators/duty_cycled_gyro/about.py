@@ -4,6 +4,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import GYROSCOPE
@@ -67,7 +68,7 @@ def numbers(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     known = numbers(estimate)
     held = [kinds["held"] / sum(kinds.values()) for kinds in known["samples"].values()]
     life = known["battery_h_per_wh"] / known["battery_always_on_h_per_wh"]
@@ -84,7 +85,7 @@ def shown(estimate: Estimate) -> tuple[float, float] | None:
     return start, start + SHOWN_S
 
 
-def _drawn(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
+def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
     return (made.estimate,), {"seconds": shown(made.estimate)}
 
 
@@ -110,7 +111,7 @@ def _remark(duty: float | None) -> str:
     return f"--duty {duty:g} is taken as {share} of the time: on and off last whole units of 1.4 s"
 
 
-def _option(settings: Settings, **changed: Any) -> Settings:
+def _option(settings: Settings, **changed: PyTree) -> Settings:
     return {**settings, "options": settings["options"]._replace(**changed)}
 
 

@@ -35,7 +35,7 @@ from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
+from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
 __all__ = [
     "DEFAULT",
@@ -81,7 +81,7 @@ def _fill(p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, options: Du
     )  # fmt: skip
 
 
-def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Any) -> PlanarSegment:
+def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Values) -> PlanarSegment:
     """What the filter of one segment takes: a filled rate with its own variance, and no held one."""
     acc, persists = jnp.asarray(one.acc), 1.0 / jnp.maximum(jnp.asarray(dt), 1e-3)
     excess = jnp.where(filled.how == FILLED, p.filled_noise**2 * persists, 0.0).astype(filled.rate.dtype)
@@ -154,7 +154,7 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
         and their mean normalised square for every sensor, and the filler's latency [s].
     """
     results = _legs(p, inputs, options)
-    valid: Any = jnp.asarray(inputs.valid)
+    valid: Flags = jnp.asarray(inputs.valid)
     diagnostics: dict[str, Any] = {}
     for side, leg in zip(SIDES, results, strict=True):
         for segment, seen in () if leg is None else (("thigh", leg.thigh), ("shank", leg.shank)):
@@ -178,7 +178,7 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
 
 
 def estimator(
-    options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
+    options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Estimator[DutyCycledParams, DutyCycledInputs]:
     """This estimator as a record of functions; what sleeps is told by masks and the options' schedule.
 
@@ -196,7 +196,7 @@ def estimator(
 
 
 def prepared(
-    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Any] | None = None
+    recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Prepared[DutyCycledInputs]:
     """The inputs and options of `run` for a recording; arguments and errors as of `prepare`."""
     return prepare(recording, options, gyro_on)
@@ -252,7 +252,7 @@ def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[Not
 
 def estimate(
     p: DutyCycledParams, recording: Recording, options: DutyCycledOptions = DEFAULT, *,
-    gyro_on: Mapping[str, Any] | None = None,
+    gyro_on: Mapping[str, Values] | None = None,
 ) -> Estimate:  # fmt: skip
     """Leg angles of one recording whose gyroscopes sleep, and what that saves.
 

@@ -53,9 +53,8 @@ Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards
 gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.duty_cycled_gyro.model_params import (
@@ -75,9 +74,10 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
 )
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY
+from jgait.types import Flags, Values
 
 
-def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl, dt: Any) -> ThighState:
+def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl, dt: Values) -> ThighState:
     """Section 8.1 with T²/2, and without the stray θ in z (deviations 3 and 4)."""
     del params, control
     return state._replace(
@@ -89,7 +89,7 @@ def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl
     )
 
 
-def shin_transition(params: LinkParams, state: ShinState, control: DutyControl, dt: Any) -> ShinState:
+def shin_transition(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> ShinState:
     """The same for the shin, whose thigh turns too (deviation 5)."""
     moved = thigh_transition(params, _own(state), control, dt)
     return _behind(moved, state.thigh_angle + dt * state.thigh_rate, state.thigh_rate)
@@ -100,12 +100,12 @@ def _own(state: ShinState) -> ThighState:
     return ThighState(*state[:7], state.angle, state.rate)
 
 
-def _behind(own: ThighState, thigh_angle: Any, thigh_rate: Any) -> ShinState:
+def _behind(own: ThighState, thigh_angle: Values, thigh_rate: Values) -> ShinState:
     """The shin's state from its own and the thigh's angle and rate."""
     return ShinState(*own[:7], thigh_angle, thigh_rate, *own[7:])
 
 
-def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Any, dt: Any) -> Covariance:
+def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Values, dt: Values) -> Covariance:
     """Q: integrated white jerk, integrated white angular acceleration, a walking bias (deviations 1 and 2)."""
     s, w = params.acceleration_noise, params.angle_noise
     entries = {("velocity_bias", "velocity_bias"): params.bias_noise * dt}
@@ -124,19 +124,19 @@ def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Any, dt
     return Covariance.from_variances(like(*(0.0 for _ in like._fields))).with_entries(entries)
 
 
-def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyControl, dt: Any) -> Covariance:
+def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyControl, dt: Values) -> Covariance:
     """Q of the thigh: σ [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T] twice, the bias, the angle."""
     del state, control
     return _noise(params, (("angle", "rate"),), ThighState, dt)
 
 
-def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyControl, dt: Any) -> Covariance:
+def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> Covariance:
     """Q of the shin: 11 × 11, with a block for each angle."""
     del state, control
     return _noise(params, (("thigh_angle", "thigh_rate"), ("angle", "rate")), ShinState, dt)
 
 
-def _read(params: LinkParams, state: ThighState, joint: tuple[Any, Any, Any, Any]) -> ThighObservation:
+def _read(params: LinkParams, state: ThighState, joint: tuple[Values, Values, Values, Values]) -> ThighObservation:
     """What the segment's own sensors read, given position and velocity of its joint (x, z, ẋ, ż)."""
     sin, cos = jnp.sin(state.angle), jnp.cos(state.angle)
     d, lighter = params.lever, GRAVITY - state.down_acceleration
@@ -184,7 +184,7 @@ def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyCo
     return ShinObservation(*own, control.thigh_angle_variance, control.thigh_rate_variance)
 
 
-def thigh_standing(params: LinkParams, angle: Any, bias: Any, angle_variance: Any) -> Belief:
+def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
     """The belief before the first sample: at rest, on the rigid link.
 
     Args:
@@ -202,7 +202,9 @@ def thigh_standing(params: LinkParams, angle: Any, bias: Any, angle_variance: An
     return Belief(mean, Covariance.from_variances(variances))
 
 
-def shin_standing(params: LinkParams, angle: Any, bias: Any, angle_variance: Any, thigh_angle: Any = 0.0) -> Belief:
+def shin_standing(
+    params: LinkParams, angle: Values, bias: Values, angle_variance: Values, thigh_angle: Values = 0.0
+) -> Belief:
     """The same for the shin behind a thigh at rest."""
     own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
     m, v = own.mean, own.cov.variances()
@@ -228,7 +230,7 @@ SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observa
 """Eleven states: the shank behind the thigh."""
 
 
-def link_params(p: DutyParams, lever: Any) -> LinkParams:
+def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
     """The model's parameters for a sensor that far from its joint [m]."""
     return LinkParams(
         p.thigh_length, lever, p.angle_noise, p.acceleration_noise, p.bias_noise,
@@ -237,7 +239,7 @@ def link_params(p: DutyParams, lever: Any) -> LinkParams:
 
 
 def observe(
-    p: DutyParams, segment: PlanarSegment, dt: Any, still: Any, valid: Any, options: DutyOptions = DEFAULT
+    p: DutyParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, options: DutyOptions = DEFAULT
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
     """What the filter of one segment is told: observation, control and mask; for a recording or for one sample."""
     zero = jnp.zeros_like(segment.gyr)
@@ -257,7 +259,7 @@ def observe(
 
 
 def observe_shin(
-    p: DutyParams, segment: PlanarSegment, thigh: SegmentEstimate, dt: Any, still: Any, valid: Any,
+    p: DutyParams, segment: PlanarSegment, thigh: SegmentEstimate, dt: Values, still: Flags, valid: Flags,
     options: DutyOptions = DEFAULT,
 ) -> tuple[ShinObservation, DutyControl, ShinObservation]:  # fmt: skip
     """The same for the shin's filter, with what the thigh's filter found at the same samples."""
@@ -271,7 +273,7 @@ def observe_shin(
 
 
 def _filtered(
-    model: Model, params: LinkParams, told: Any, initial: Belief, inputs: DutyInputs, options: DutyOptions
+    model: Model, params: LinkParams, told: PyTree, initial: Belief, inputs: DutyInputs, options: DutyOptions
 ) -> SegmentEstimate:
     """Filter, or smooth, and read off the segment's angle and rate."""
     observations, controls, mask = told

@@ -1,6 +1,6 @@
 """What the duty-cycled filters are told and tell, by name: parameters, options, inputs, states, estimates."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.types import Counts, Values
 
 
 @documented
@@ -64,7 +65,7 @@ class DutyOptions(NamedTuple):
 
     gravity: bool = True
     smooth: bool = False
-    method: Any = filtering.EKF()
+    method: Values = filtering.EKF()
     execution: Execution = "auto"
 
 
@@ -87,15 +88,15 @@ class ThighState(NamedTuple):
         rate: ω₁ [rad/s].
     """
 
-    down: Any
-    down_velocity: Any
-    down_acceleration: Any
-    forward: Any
-    forward_velocity: Any
-    forward_acceleration: Any
-    velocity_bias: Any
-    angle: Any
-    rate: Any
+    down: Values
+    down_velocity: Values
+    down_acceleration: Values
+    forward: Values
+    forward_velocity: Values
+    forward_acceleration: Values
+    velocity_bias: Values
+    angle: Values
+    rate: Values
 
 
 class ShinState(NamedTuple):
@@ -115,17 +116,17 @@ class ShinState(NamedTuple):
         rate: ω₂ [rad/s].
     """
 
-    down: Any
-    down_velocity: Any
-    down_acceleration: Any
-    forward: Any
-    forward_velocity: Any
-    forward_acceleration: Any
-    velocity_bias: Any
-    thigh_angle: Any
-    thigh_rate: Any
-    angle: Any
-    rate: Any
+    down: Values
+    down_velocity: Values
+    down_acceleration: Values
+    forward: Values
+    forward_velocity: Values
+    forward_acceleration: Values
+    velocity_bias: Values
+    thigh_angle: Values
+    thigh_rate: Values
+    angle: Values
+    rate: Values
 
 
 class LinkParams(NamedTuple):
@@ -141,13 +142,13 @@ class LinkParams(NamedTuple):
         velocity_variance: of the rigid link [m²/s²].
     """
 
-    thigh_length: Any
-    lever: Any
-    angle_noise: Any
-    acceleration_noise: Any
-    bias_noise: Any
-    position_variance: Any
-    velocity_variance: Any
+    thigh_length: Values
+    lever: Values
+    angle_noise: Values
+    acceleration_noise: Values
+    bias_noise: Values
+    position_variance: Values
+    velocity_variance: Values
 
 
 class ThighObservation(NamedTuple):
@@ -166,16 +167,16 @@ class ThighObservation(NamedTuple):
         swing: always 0: the angle, while the gyroscope is off [rad].
     """
 
-    acc_up: Any
-    acc_forward: Any
-    gyro: Any
-    link_down: Any
-    link_forward: Any
-    link_down_velocity: Any
-    link_forward_velocity: Any
-    rest_down: Any
-    rest_forward: Any
-    swing: Any
+    acc_up: Values
+    acc_forward: Values
+    gyro: Values
+    link_down: Values
+    link_forward: Values
+    link_down_velocity: Values
+    link_forward_velocity: Values
+    rest_down: Values
+    rest_forward: Values
+    swing: Values
 
 
 class ShinObservation(NamedTuple):
@@ -196,18 +197,18 @@ class ShinObservation(NamedTuple):
         thigh_rate: ω₁ [rad/s].
     """
 
-    acc_up: Any
-    acc_forward: Any
-    gyro: Any
-    link_down: Any
-    link_forward: Any
-    link_down_velocity: Any
-    link_forward_velocity: Any
-    rest_down: Any
-    rest_forward: Any
-    swing: Any
-    thigh_angle: Any
-    thigh_rate: Any
+    acc_up: Values
+    acc_forward: Values
+    gyro: Values
+    link_down: Values
+    link_forward: Values
+    link_down_velocity: Values
+    link_forward_velocity: Values
+    rest_down: Values
+    rest_forward: Values
+    swing: Values
+    thigh_angle: Values
+    thigh_rate: Values
 
 
 class DutyControl(NamedTuple):
@@ -222,12 +223,12 @@ class DutyControl(NamedTuple):
         thigh_rate_variance: [rad²/s²]; the shin's filter only.
     """
 
-    acc_variance: Any
-    rest_variance: Any
-    gyro_variance: Any
-    swing_variance: Any = 1.0
-    thigh_angle_variance: Any = 1.0
-    thigh_rate_variance: Any = 1.0
+    acc_variance: Values
+    rest_variance: Values
+    gyro_variance: Values
+    swing_variance: Values = 1.0
+    thigh_angle_variance: Values = 1.0
+    thigh_rate_variance: Values = 1.0
 
 
 class PlanarSegment(NamedTuple):
@@ -251,8 +252,8 @@ class PlanarSegment(NamedTuple):
     measured: Sampled
     gyro_on: Sampled
     excess: Sampled
-    bias: Any
-    variance: Any
+    bias: Values
+    variance: Values
 
 
 class DutyInputs(NamedTuple):
@@ -274,7 +275,7 @@ class DutyInputs(NamedTuple):
     dt: Held
     still: Sampled
     valid: Sampled
-    start_variance: Any
+    start_variance: Values
 
 
 class SegmentEstimate(NamedTuple):
@@ -292,14 +293,14 @@ class SegmentEstimate(NamedTuple):
         valid: (T,) bool, False where the numbers broke down and the prediction was kept.
     """
 
-    angle: Any
-    rate: Any
-    angle_stddev: Any
-    rate_stddev: Any
-    gyro: Any
-    nis: Any
-    count: Any
-    log_likelihood: Any
+    angle: Values
+    rate: Values
+    angle_stddev: Values
+    rate_stddev: Values
+    gyro: Values
+    nis: Values
+    count: Counts
+    log_likelihood: Values
     valid: Sampled
 
 
@@ -310,7 +311,7 @@ class DutyEstimate(NamedTuple):
     shank: SegmentEstimate | None
 
 
-def planar(segment: Segment, gyro_on: Any = None, excess: Any = None) -> PlanarSegment:
+def planar(segment: Segment, gyro_on: Values | None = None, excess: Values | None = None) -> PlanarSegment:
     """The sagittal plane of a leg's segment, as `leg_calibration` gives it, under a gyroscope mask.
 
     Args:

@@ -14,6 +14,7 @@ from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf import params as leg_params
 from jgait.estimators.leg_ekf.params import BySide
 from jgait.params import Param, Parameter, declared, documented, interval, positive, ranges
+from jgait.types import Values
 
 _USUAL = DutyParams()
 _OF_FILTERS = declared(DutyParams)
@@ -41,7 +42,7 @@ class DutyCycledParams(NamedTuple):
     filled_noise: Annotated[Param, Parameter(
         positive, "rad/√s", "of a filled rate beyond the gyroscope's own, as white noise",
     )] = 0.1  # fmt: skip
-    filler: Annotated[Any, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
+    filler: Annotated[Values, Parameter(None, "", "parameters of the filler, see there for their units")] = NEIGHBOURS
 
 
 TRANSFORMS = ranges(DutyCycledParams())
@@ -134,8 +135,8 @@ class GapSegment(NamedTuple):
     gyr: Sampled
     acc: Held
     on: Sampled
-    bias: Any
-    variance: Any
+    bias: Values
+    variance: Values
 
 
 class GapLeg(NamedTuple):
@@ -164,4 +165,4 @@ class DutyCycledInputs(NamedTuple):
     dt: Held
     still: Sampled
     valid: Sampled
-    start_variance: Any
+    start_variance: Values

@@ -5,7 +5,6 @@ schedule hides is not looked at.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from jgait.estimators.notes import NO_FIRST_STANDING
 from jgait.events.rest import standing_of_legs
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 NAME = "duty_cycled_gyro"
 
@@ -109,7 +108,7 @@ def _leg(
     used: Mapping[str, Masks],
     still: np.ndarray,
     standing: slice,
-    gyro_on: Mapping[str, Any],
+    gyro_on: Mapping[str, Values],
 ) -> tuple[GapLeg, list[Note]]:
     """One leg's signals in segment axes; a segment worn alone is told from its own swing, the faster one forward."""
     own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
@@ -142,7 +141,7 @@ def _leg(
 
 
 def prepare(
-    recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Any] | None = None
+    recording: Recording, options: DutyCycledOptions, gyro_on: Mapping[str, Values] | None = None
 ) -> Prepared[DutyCycledInputs]:
     """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
 

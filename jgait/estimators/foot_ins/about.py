@@ -1,8 +1,7 @@
 """What the foot estimator states about itself."""
 
-from typing import Any
-
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.about import About, EstimateFigure, EstimateTable, TotalColumn
 from jgait.estimators.foot_ins.params import DEFAULT
@@ -11,7 +10,7 @@ from jgait.estimators.totals import DISTANCE, DURATION, LEVEL, MEDIANS, PIVOT, d
 from jgait.types import Estimate
 
 
-def totals(estimate: Estimate) -> list[dict[str, Any]]:
+def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     """Numbers of the whole recording; medians over the valid strides."""
     rows = np.flatnonzero(np.asarray(estimate.strides.valid, bool))
     return [{

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
@@ -25,7 +26,7 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
-from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Recording
+from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
 
 LONG = 2**15
 """[samples] From here on "auto" smooths over components: ten times as fast, after twice as long a compilation."""
@@ -133,7 +134,9 @@ def _check_options(options: FootOptions) -> None:
         raise ValueError(f"level must be True, False or 'auto'; got {options.level!r}")
 
 
-def _one_foot(p: FootParams, foot: FootSignals, time: Any, options: FootOptions) -> tuple[Path, dict[str, Any], Any]:
+def _one_foot(
+    p: FootParams, foot: FootSignals, time: Values, options: FootOptions
+) -> tuple[Path, dict[str, Values], Values]:
     """One foot's way, what the filter says of itself, and where that holds."""
     found = _foot(p, foot, options)
     path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
@@ -147,11 +150,11 @@ class _Found(NamedTuple):
     side: int
     path: Path
     told: dict[str, Any]
-    valid: Any
-    rows: Any
+    valid: Flags
+    rows: Flags
 
 
-def _assembled(time: Any, found: list[_Found]) -> Estimate:
+def _assembled(time: Values, found: list[_Found]) -> Estimate:
     """Both feet, or one, as an estimate."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
@@ -233,7 +236,7 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         if parts is None:
             return None
 
-        def one(window: FootSignals, time: Any) -> tuple[Path, Any, Any]:
+        def one(window: FootSignals, time: Values) -> PyTree:
             path, told, valid = _one_foot_jit(p, window, time, options)
             return path, told["nis"], valid
 

@@ -2,7 +2,10 @@
 
 from typing import Annotated, Any, NamedTuple
 
+from jaxtyping import PyTree
+
 from jgait.estimators.axes import Axis, Held, Sampled, Times
+from jgait.types import Counts, Values
 
 SHORTEST_STANCE_TO_STANCE = 20
 """[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
@@ -58,11 +61,11 @@ class FootSignals(NamedTuple):
     restart: Sampled
     dt: Sampled
     valid: Sampled
-    attitude: Any
-    gyr_bias: Any
-    acc_bias: Any
-    up: Any
-    still_time: Any
+    attitude: PyTree
+    gyr_bias: Values
+    acc_bias: Values
+    up: Values
+    still_time: Values
     foothold: PerFoothold
     leaves: PerFoothold
     arrives: PerFoothold
@@ -70,7 +73,7 @@ class FootSignals(NamedTuple):
     initial_contact: PerFoothold
     whole: PerFoothold
     known: Sampled
-    count: Any
+    count: Counts
 
 
 class FootInputs(NamedTuple):

@@ -20,11 +20,12 @@ inertial sensors", IEEE CG&A 25(6), 2005, and the smoother's use in gait after P
 the source of their foot trajectories. The pivot and noise that follows the signal are this library's own.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
+from jgait.types import Flags, Values
 
 
 class FootState(NamedTuple):
@@ -61,17 +62,17 @@ class FootControl(NamedTuple):
 
     gyr: Vector
     acc: Vector
-    gyr_density: Any
-    acc_density: Any
-    velocity_variance: Any
-    restart: Any
+    gyr_density: Values
+    acc_density: Values
+    velocity_variance: Values
+    restart: Flags
 
 
 class FootObservation(NamedTuple):
     """What holds while a foot stands: velocity beside that of the pivot [m/s], height [m]; both zero."""
 
     velocity: Vector
-    height: Any
+    height: Values
 
 
 class FootModelParams(NamedTuple):
@@ -84,17 +85,17 @@ class FootModelParams(NamedTuple):
         height_variance: of level ground from one foothold to the next [m²].
     """
 
-    pivot_height: Any
-    gyr_bias_walk: Any
-    acc_bias_walk: Any
-    height_variance: Any
+    pivot_height: Values
+    gyr_bias_walk: Values
+    acc_bias_walk: Values
+    height_variance: Values
 
 
 AGAIN = 1e-12
 """Variance of the position where it starts anew [m²]: a micrometre, so that covariances keep their rank."""
 
 
-def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> FootState:
+def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> FootState:
     """Strapdown integration over one interval, the force turned by the attitude half way."""
     del p
     half, middle, force = _midway(s, u, dt)
@@ -110,7 +111,7 @@ def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> Foo
     )
 
 
-def _midway(s: FootState, u: FootControl, dt: Any) -> tuple[Quaternion, Quaternion, Vector]:
+def _midway(s: FootState, u: FootControl, dt: Values) -> tuple[Quaternion, Quaternion, Vector]:
     """The turn of half an interval, the attitude after it, and the specific force there, in the world."""
     half = _small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
     middle = product(s.attitude, half)
@@ -131,7 +132,7 @@ def _near_unit(q: Quaternion) -> Quaternion:
     return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
 
 
-def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
     """First the velocity's error and half of the position's, δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
 
     With φ = h (ω − b_g) and R half way, δ_a = δ_θm × R (f − b_a) − R δ_ba, δ_θm = δ_θ − h R (1/2 − φ×/8 + φ×²/48) δ_bg.
@@ -149,7 +150,7 @@ def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
     )
 
 
-def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Any) -> FootError:
+def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
     """Then the rest: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
     del p
     _, middle, _ = _midway(s, u, dt)
@@ -161,7 +162,7 @@ def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
     )
 
 
-def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Any) -> Covariance:
+def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> Covariance:
     """White noise of both sensors, the same in all directions, and walking biases."""
     del s
     a = u.acc_density * dt
@@ -256,7 +257,7 @@ def standing_belief(attitude: Quaternion, gyr_bias: Vector, variances: FootError
     return Belief(FootState(zero, zero, attitude, gyr_bias, zero), Covariance.from_variances(variances))
 
 
-def _three(value: Any) -> Vector:
+def _three(value: Values) -> Vector:
     return Vector(value, value, value)
 
 

@@ -1,8 +1,9 @@
 """From one foot's smoothed states to its strides, each with a standard deviation; JAX, smooth given the footholds."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootState
@@ -10,7 +11,7 @@ from jgait.estimators.foot_ins.params import FootParams
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
 from jgait.geometry.vectors import Vector
-from jgait.types import FootTrajectory, Strides
+from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST = 0.1
 """[m] From foothold to foothold; less is a foot that is set down again where it stood."""
@@ -38,7 +39,7 @@ class Path(NamedTuple):
     stddev: FootTrajectory
     strides: Strides
     strides_stddev: Strides
-    pitch: Any
+    pitch: Values
 
 
 FLAT_RISE, FLAT_STEP = 0.015, 0.08
@@ -46,7 +47,7 @@ FLAT_RISE, FLAT_STEP = 0.015, 0.08
 
 
 def path_of(
-    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
+    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
 ) -> Path:
     """Trajectory and strides of one foot.
 
@@ -86,7 +87,7 @@ def path_of(
     return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)))
 
 
-def walked(strides: Strides, rows: Any, time: Any) -> Any:
+def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
     """Way along the footholds (T,) [m], each stride's length spread evenly over its swing.
 
     Args:
@@ -108,8 +109,8 @@ def walked(strides: Strides, rows: Any, time: Any) -> Any:
 
 
 def _strides(
-    p: FootParams, foot: FootSignals, time: Any, state: FootState, cov: Covariance, side: int, forward: Vector,
-    valid: Any,
+    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int, forward: Vector,
+    valid: Flags,
 ) -> tuple[Strides, Strides]:  # fmt: skip
     """Strides of one foot and their standard deviations."""
     here, there = foot.foothold[:-1], foot.foothold[1:]
@@ -152,7 +153,7 @@ def _strides(
     return strides, deviations
 
 
-def _flattened(height: Any, foot: FootSignals, time: Any, rise: Any, valid: Any) -> Any:
+def _flattened(height: Values, foot: FootSignals, time: Values, rise: Values, valid: Flags) -> Values:
     """Heights (T,) with every foothold at zero, if the ground cannot be told from level."""
     count = jnp.maximum(jnp.sum(valid), 1).astype(rise.dtype)
     mean = jnp.sum(jnp.where(valid, rise, 0.0)) / count
@@ -164,7 +165,7 @@ def _flattened(height: Any, foot: FootSignals, time: Any, rise: Any, valid: Any)
     return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
 
 
-def _lift(height: Any, foot: FootSignals, rise: Any) -> Any:
+def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
     """How far the sensor rises above the higher foothold of each stride (K − 1,) [m]."""
     rows = foot.foothold.shape[0]
     stride = jnp.cumsum(foot.restart).astype(jnp.int32)
@@ -172,7 +173,7 @@ def _lift(height: Any, foot: FootSignals, rise: Any) -> Any:
     return highest[1:rows] - jnp.maximum(rise, 0.0)
 
 
-def _forward(attitude: Quaternion, way: Vector, length: Any, here: Any, straight: Any) -> Vector:
+def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, straight: Values) -> Vector:
     """The foot's front in the sensor's axes: the mean direction of its strides as it stands before them."""
     unit = jnp.maximum(length, SHORTEST)
     ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
@@ -187,25 +188,25 @@ def _accumulated(position: Vector, foot: FootSignals) -> Vector:
     """Positions from the start of the recording."""
     again = foot.restart[1:] > 0.5
 
-    def whole(part: Any) -> Any:
+    def whole(part: PyTree) -> PyTree:
         steps = jnp.where(again, part[:-1], jnp.zeros_like(part[:-1]))
         return part + jnp.concatenate([jnp.zeros_like(part[:1]), jnp.cumsum(steps)])
 
     return Vector(*(whole(part) for part in position))
 
 
-def _turned(v: Vector, heading: Any) -> Vector:
+def _turned(v: Vector, heading: Values) -> Vector:
     """In a world whose x axis lies along a heading."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return Vector(c * v.x + s * v.y, c * v.y - s * v.x, v.z)
 
 
-def _yawed(q: Quaternion, heading: Any) -> Quaternion:
+def _yawed(q: Quaternion, heading: Values) -> Quaternion:
     c, s = jnp.cos(0.5 * heading), jnp.sin(0.5 * heading)
     return Quaternion(c * q.w + s * q.z, c * q.x + s * q.y, c * q.y - s * q.x, c * q.z - s * q.w)
 
 
-def _rotated_stddev(cov: Covariance, part: str, heading: Any, spread: Vector) -> Vector:
+def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
     """Standard deviations along the axes of the world that `_turned` gives."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
@@ -213,7 +214,7 @@ def _rotated_stddev(cov: Covariance, part: str, heading: Any, spread: Vector) ->
                   spread.z)  # fmt: skip
 
 
-def _across(cov: Covariance, axis: Vector) -> Any:
+def _across(cov: Covariance, axis: Vector) -> Values:
     """Variance of the rotation about the horizontal axis to the left of the foot's front (T,) [rad²]."""
     norm = jnp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
     x, y = -axis.y / norm, axis.x / norm
@@ -221,25 +222,25 @@ def _across(cov: Covariance, axis: Vector) -> Any:
     return x * x * xx + 2.0 * x * y * xy + y * y * yy
 
 
-def _at(values: Any, index: Any) -> Any:
+def _at(values: Values, index: PyTree) -> Values:
     return type(values)(*(part[index] for part in values))
 
 
-def _spread(v: Vector, like: Any) -> Vector:
+def _spread(v: Vector, like: Values) -> Vector:
     return Vector(*(jnp.broadcast_to(part, like.shape) for part in v))
 
 
-def _first(values: Any, valid: Any) -> Any:
+def _first(values: Values, valid: Flags) -> Values:
     """The value of the first valid row; of the first row if there is none."""
     return values[jnp.argmax(valid)]
 
 
-def wrapped(angle: Any) -> Any:
+def wrapped(angle: Values) -> Values:
     """An angle from −π to π [rad]."""
     return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
 
 
-def root(square: Any) -> Any:
+def root(square: Values) -> Values:
     """The root, 0 with gradient 0 where there is none."""
     positive = square > 0.0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.axes import Axis, axes_of
 from jgait.estimators.foot_ins.inputs import FootSignals, capacity
 from jgait.estimators.foot_ins.readout import Path
-from jgait.types import FootTrajectory
+from jgait.types import FootTrajectory, Values
 
 WINDOW = 2**16
 """[samples] Five minutes and a half at 200 Hz."""
@@ -117,7 +118,7 @@ class Joined(NamedTuple):
 
 def joined(
     foot: FootSignals, time: np.ndarray, parts: list[Window], level: Callable[[np.ndarray], np.ndarray],
-    estimate: Callable[[FootSignals, np.ndarray], tuple[Path, Any, Any]],
+    estimate: Callable[[FootSignals, np.ndarray], tuple[Path, Values, Values]],
 ) -> Joined:  # fmt: skip
     """Estimate every window, as many at once as there are cores, and put them together.
 
@@ -129,7 +130,7 @@ def joined(
         estimate: (inputs of a window, its times) → path, nis, valid (T,); compiled once.
     """
 
-    def one(window: Window) -> Any:
+    def one(window: Window) -> PyTree:
         own = time[window.start : window.stop] - time[window.start]
         path, nis, valid = estimate(cut(foot, window, level), Axis("onwards").padded(own, WINDOW - own.size))
         path, nis, valid = jax.tree.map(np.asarray, (path, nis, valid))
@@ -149,7 +150,7 @@ class _Pose(NamedTuple):
     unsure: float
 
 
-def _together(results: list[Any], parts: list[Window]) -> Joined:
+def _together(results: list[PyTree], parts: list[Window]) -> Joined:
     pieces: list[list[np.ndarray]] = []
     tables, spreads, pitches, flags = [], [], [], []
     join: _Pose | None = None

@@ -1,6 +1,6 @@
 """What the leg estimator states about itself."""
 
-from typing import Any
+from jaxtyping import PyTree
 
 from jgait.estimators.about import About, CommandOption, EstimateTable
 from jgait.estimators.leg_ekf.params import DEFAULT, PAPER
@@ -21,7 +21,7 @@ from jgait.estimators.totals import (
 from jgait.types import Estimate
 
 
-def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     return [{"duration_s": duration(estimate), "distance_m": distance(estimate), **joint_ranges(estimate)}]
 
 

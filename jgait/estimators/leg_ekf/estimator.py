@@ -1,10 +1,11 @@
 """From prepared inputs to joint angles, foot positions and distance."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.interface import Estimator, Prepared
@@ -27,7 +28,7 @@ from jgait.estimators.leg_ekf.params import (
 from jgait.estimators.leg_ekf.prepare import prepare
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
-from jgait.types import SIDES, Estimate, Legs, LegTrajectory, Recording
+from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
 __all__ = [
     "DEFAULT",
@@ -76,7 +77,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     )
 
 
-def _each(function: Callable[..., Any], options: LegOptions, stacked: Any) -> Any:
+def _each(function: Callable[..., PyTree], options: LegOptions, stacked: PyTree) -> PyTree:
     """Map over legs or segments: side by side, or in turn where filters run over components.
 
     There, recordings fill the vectors of the processor; an axis of two inside would take their place.
@@ -105,7 +106,7 @@ def observe(
         control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
         angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
         rates = (gain * thigh.rate, shank.rate)
-        tilted: Any = inputs.valid
+        tilted: Values = inputs.valid
     else:
         # Standing again means the standing pose again, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
@@ -118,7 +119,7 @@ def observe(
     return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
 
 
-def prior_of(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> Belief:
+def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> Belief:
     """The belief before the first sample: standing, with the gyroscopes' biases at rest.
 
     With gravity the inclination filter has taken the biases out already.
@@ -150,7 +151,7 @@ def trajectory_of(state: LegState) -> LegTrajectory:
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
-def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Any:
+def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values:
     """Of one component; smoothing lowers a variance, and where rounding says otherwise the filter's stands for it."""
     own = cov[name, name]
     if filtered is None:
@@ -181,7 +182,7 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covar
     )
 
 
-def walked(p: LegParams, legs: Legs, still: Any, options: LegOptions) -> Any:
+def walked(p: LegParams, legs: Legs, still: Flags, options: LegOptions) -> Values:
     """Distance walked [m] at every sample; see `leg_distance`."""
     if options.distance == "stance":
         return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
@@ -226,9 +227,9 @@ class _LegResult(NamedTuple):
 
     trajectory: LegTrajectory
     deviation: LegTrajectory
-    log_likelihood: Any
-    nis: Any
-    valid: Any
+    log_likelihood: Values
+    nis: Values
+    valid: Flags
 
 
 def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: LegOptions, model: Model) -> _LegResult:

@@ -14,7 +14,7 @@ Sensors: one gyroscope and accelerometer on the segment. Gravity direction as a 
 Sensors 11(2), doi 10.3390/s110201489.
 """
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
 
@@ -23,6 +23,7 @@ from jgait.filtering import Belief, Covariance, Model
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
 from jgait.params import Param, Parameter, documented, positive
+from jgait.types import Flags, Values
 
 
 class InclinationState(NamedTuple):
@@ -43,8 +44,8 @@ class InclinationControl(NamedTuple):
     """What the filter is told each sample: mean rate over the interval [rad/s], and whether the person stands."""
 
     rate: Vector
-    still: Any
-    measured: Any
+    still: Flags
+    measured: Flags
 
 
 @documented
@@ -78,7 +79,7 @@ def _initial(params: InclinationNoise) -> Belief:
 
 
 def _transition(
-    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Any
+    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del params
     w = Vector(*((rate - bias) * dt for rate, bias in zip(control.rate, state.bias, strict=True)))
@@ -86,7 +87,7 @@ def _transition(
 
 
 def _transition_noise(
-    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Any
+    params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del state
     # A lost sample leaves the rate unknown by about 2 rad/s over its interval.
@@ -124,10 +125,10 @@ class Inclination(NamedTuple):
         bias: (T,) gyroscope bias about the sagittal axis [rad/s].
     """
 
-    angle: Any
-    rate: Any
-    variance: Any
-    bias: Any
+    angle: Values
+    rate: Values
+    variance: Values
+    bias: Values
 
 
 def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclination:
@@ -150,11 +151,11 @@ def run(
     params: InclinationNoise,
     gyr: Vector,
     acc: Vector,
-    still: Any,
-    measured: Any,
-    dt: Any,
+    still: Flags,
+    measured: Flags,
+    dt: Values,
     bias: Vector,
-    start_variance: Any,
+    start_variance: Values,
     *,
     smooth: bool = True,
     standing: bool = True,
@@ -195,7 +196,7 @@ def run(
     return read_out(belief.mean, belief.cov, gyr)
 
 
-def prior(bias: Vector, start_variance: Any) -> Belief:
+def prior(bias: Vector, start_variance: Values) -> Belief:
     """The belief before the first sample: upright, with the bias found at rest.
 
     Args:
@@ -208,7 +209,7 @@ def prior(bias: Vector, start_variance: Any) -> Belief:
     return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
 
 
-def observe(gyr: Vector, acc: Vector, still: Any, measured: Any) -> tuple[InclinationObservation, Any]:
+def observe(gyr: Vector, acc: Vector, still: Flags, measured: Flags) -> tuple[InclinationObservation, Values]:
     """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing.
 
     Without knowledge of standing (`still` None) the bias is never observed.

@@ -1,10 +1,11 @@
 """What the leg estimator takes: signals in segment axes, as arrays that pad, stack and map."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from jgait.estimators.axes import Axis, Held, Sampled, Times
+from jgait.types import Values
 
 
 class Segment(NamedTuple):
@@ -49,7 +50,7 @@ class LegInputs(NamedTuple):
     left: LegSignals | None
     time: Times
     dt: Held
-    still: Annotated[Any, Axis("one")]
+    still: Annotated[Values, Axis("one")]
     valid: Sampled
     start_variance: np.ndarray
 

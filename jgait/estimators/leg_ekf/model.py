@@ -15,11 +15,12 @@ distance", ACC 2013, equations 3–14.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from jgait.filtering import Belief, Covariance, Model
+from jgait.types import Values
 
 STANDING = -math.pi / 2
 """θ₁ of a thigh that hangs straight down [rad]."""
@@ -28,14 +29,14 @@ STANDING = -math.pi / 2
 class LegState(NamedTuple):
     """Equation 4: positions [m], angles [rad], rates [rad/s], gyroscope biases [rad/s]."""
 
-    x: Any
-    y: Any
-    thigh_angle: Any
-    thigh_rate: Any
-    knee_angle: Any
-    knee_rate: Any
-    thigh_gyro_bias: Any
-    shin_gyro_bias: Any
+    x: Values
+    y: Values
+    thigh_angle: Values
+    thigh_rate: Values
+    knee_angle: Values
+    knee_rate: Values
+    thigh_gyro_bias: Values
+    shin_gyro_bias: Values
 
 
 class LegObservation(NamedTuple):
@@ -50,12 +51,12 @@ class LegObservation(NamedTuple):
         shin_inclination: θ₁ + θ₂ from gravity [rad].
     """
 
-    thigh_gyro: Any
-    shin_gyro: Any
-    closure_x: Any
-    closure_y: Any
-    thigh_inclination: Any
-    shin_inclination: Any
+    thigh_gyro: Values
+    shin_gyro: Values
+    closure_x: Values
+    closure_y: Values
+    thigh_inclination: Values
+    shin_inclination: Values
 
 
 class LegModelParams(NamedTuple):
@@ -72,24 +73,24 @@ class LegModelParams(NamedTuple):
         closure_noise: variance of the kinematic closure [m²].
     """
 
-    thigh_length: Any
-    shank_length: Any
-    position_noise: Any
-    angle_noise: Any
-    bias_noise: Any
-    gyro_variance_thigh: Any
-    gyro_variance_shin: Any
-    closure_noise: Any
+    thigh_length: Values
+    shank_length: Values
+    position_noise: Values
+    angle_noise: Values
+    bias_noise: Values
+    gyro_variance_thigh: Values
+    gyro_variance_shin: Values
+    closure_noise: Values
 
 
 class LegControl(NamedTuple):
     """Variances of the inclinations at this sample [rad²]."""
 
-    thigh_variance: Any
-    shin_variance: Any
+    thigh_variance: Values
+    shin_variance: Values
 
 
-def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Any, Any]:
+def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Values, Values]:
     """Ankle relative to hip (x forward, y up) [m]: equation 3, last column."""
     shin = state.thigh_angle + state.knee_angle
     x = params.thigh_length * jnp.cos(state.thigh_angle) + params.shank_length * jnp.cos(shin)
@@ -97,7 +98,7 @@ def forward_kinematics(params: LegModelParams, state: LegState) -> tuple[Any, An
     return x, y
 
 
-def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
+def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Values) -> LegState:
     """Equations 5, 7 and 8 over one interval."""
     del control
     shin = state.thigh_angle + state.knee_angle
@@ -114,7 +115,7 @@ def transition(params: LegModelParams, state: LegState, control: LegControl, dt:
     )
 
 
-def angle_blocks(params: LegModelParams, angle: Any, cross: Any, rate: Any) -> Covariance:
+def angle_blocks(params: LegModelParams, angle: Values, cross: Values, rate: Values) -> Covariance:
     """Q, given the entries of its blocks of an angle and its rate."""
     variances = LegState(
         params.position_noise, params.position_noise, angle, rate, angle, rate, params.bias_noise, params.bias_noise
@@ -124,7 +125,7 @@ def angle_blocks(params: LegModelParams, angle: Any, cross: Any, rate: Any) -> C
     )
 
 
-def transition_noise(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> Covariance:
+def transition_noise(params: LegModelParams, state: LegState, control: LegControl, dt: Values) -> Covariance:
     """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2)."""
     del state, control
     s = params.angle_noise
@@ -164,7 +165,12 @@ def initial(params: LegModelParams) -> Belief:
 
 
 def standing_belief(
-    params: LegModelParams, thigh_angle: Any, knee_angle: Any, thigh_bias: Any, shin_bias: Any, angle_variance: Any
+    params: LegModelParams,
+    thigh_angle: Values,
+    knee_angle: Values,
+    thigh_bias: Values,
+    shin_bias: Values,
+    angle_variance: Values,
 ) -> Belief:
     """The belief before the first sample of a person who stands in a known pose.
 

@@ -5,7 +5,7 @@ The same filter steps as `leg_ekf.run` without smoothing, with the same results;
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jgait.estimators.leg_ekf.estimator import (
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.filtering import Belief
 from jgait.geometry.vectors import Vector, vector
-from jgait.types import LegTrajectory
+from jgait.types import LegTrajectory, Values
 
 
 class LegOnlineState(NamedTuple):
@@ -52,7 +52,7 @@ class OnlineStep(NamedTuple):
     stddev: LegTrajectory
 
 
-def start(p: LegParams, leg: LegSignals, start_variance: Any, options: LegOptions) -> LegOnlineState:
+def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegOnlineState:
     """The state before the first sample.
 
     Args:

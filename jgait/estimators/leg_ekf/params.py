@@ -2,18 +2,21 @@
 
 from typing import Annotated, Any, NamedTuple
 
+from jaxtyping import PyTree
+
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 
 class BySide(NamedTuple):
     """A value for each leg."""
 
-    right: Any
-    left: Any
+    right: Values
+    left: PyTree
 
 
 @documented
@@ -44,7 +47,7 @@ class LegParams(NamedTuple):
     closure_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of x and y about the forward kinematics",
     )] = 1e-3  # fmt: skip
-    inclination: Annotated[Any, Parameter(
+    inclination: Annotated[Values, Parameter(
         None, "", "noise of the gravity direction, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
     soft_tissue_thigh: Annotated[Param, Parameter(
@@ -87,7 +90,7 @@ class LegOptions(NamedTuple):
     distance: str = "stance"
     rate_hz: float | None = None
     median: int = 1
-    method: Any = filtering.EKF()
+    method: Values = filtering.EKF()
     execution: Execution = "auto"
 
 

@@ -4,18 +4,16 @@ Source: Bennett et al. (2013), section V, for the accumulated displacement of th
 replaces it where both legs are worn.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 
-from jgait.types import Legs, LegTrajectory
+from jgait.types import Flags, Legs, LegTrajectory, Values
 
 
-def _interval(values: Any) -> Any:
+def _interval(values: Values) -> Values:
     return jnp.diff(values, prepend=values[:1])
 
 
-def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Any:
+def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
     """The paper's read-out: D = Σ max(Δx, 0) + Σ |Δy|, the foot's way forward and all its way up and down.
 
     The sum of |Δy| is the reading that comes near the paper's figures (deviation 6). The read-out is biased by
@@ -33,7 +31,7 @@ def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Any:
     return jnp.cumsum(way)
 
 
-def _backward(leg: LegTrajectory, rollover_radius: Any) -> Any:
+def _backward(leg: LegTrajectory, rollover_radius: Values) -> Values:
     """How far the hip would move over this foot in each interval if it were the stance foot [m].
 
     The foot rolls: its ankle moves forward by r per radian that the shank leans forward, so the hip gains
@@ -42,7 +40,7 @@ def _backward(leg: LegTrajectory, rollover_radius: Any) -> Any:
     return -_interval(leg.x) - rollover_radius * _interval(leg.hip_angle - leg.knee_angle)
 
 
-def stance_carried(legs: Legs, rollover_radius: Any, still: Any) -> Any:
+def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     """Σ max(−Δx_right, −Δx_left, 0): the leg whose foot goes back fastest stands, and carries the hip.
 
     With one leg worn, its backward way is divided by the share of time in which it goes backward while walking, as

@@ -1,8 +1,7 @@
 """What the stride width estimator states about itself."""
 
-from typing import Any
-
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators import foot_ins
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure, Settings, TotalColumn
@@ -13,7 +12,7 @@ from jgait.estimators.totals import LEVEL, PIVOT, median
 from jgait.types import Estimate, as_float
 
 
-def _totals(estimate: Estimate) -> list[dict[str, Any]]:
+def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     """As of the feet, with the median width of the strides whose width can be trusted and their number."""
     width = 100.0 * as_float(estimate.strides.width)
     good = np.isfinite(width) & np.asarray(estimate.strides.valid, bool)

@@ -18,7 +18,7 @@ from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording, Values
 
 SWAP = 6.0
 """Evidence from which on the feet are said to be exchanged, or not to be [nat]."""
@@ -63,7 +63,7 @@ def _filtered(
     )  # fmt: skip
 
 
-def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found: filtering.Inferred) -> Any:
+def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found: filtering.Inferred) -> Values:
     """How many nats better the ranges are explained by the feet as labelled than exchanged.
 
     Where even the better explanation leaves innovations larger than they should be, they count for less.
@@ -113,7 +113,7 @@ def run(
     )  # fmt: skip
 
 
-def _feet(state: WidthState, heights: tuple[Any, Any]) -> Feet:
+def _feet(state: WidthState, heights: tuple[Values, Values]) -> Feet:
     """Both feet's places; nothing is said of velocity and orientation."""
     right = jnp.stack([state.x_right, state.y_right, heights[0]], axis=1)
     left = jnp.stack([state.x_left, state.y_left, heights[1]], axis=1)
@@ -186,7 +186,7 @@ def estimate(
 
 
 def estimate_from_feet(
-    p: WidthParams, time: Any, feet: Feet, stances: tuple[Any, Any], feet_range: RangeReadings | None,
+    p: WidthParams, time: Values, feet: Feet, stances: tuple[Values, Values], feet_range: RangeReadings | None,
     options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
 ) -> Estimate:  # fmt: skip
     """Stride widths of one recording, given both feet's trajectories.

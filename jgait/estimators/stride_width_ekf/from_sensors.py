@@ -1,12 +1,10 @@
 """From sensors on both feet to what the stride width filter takes, and its result back onto the feet's own; NumPy."""
 
-from typing import Any
-
 import numpy as np
 
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.estimator import FootOptions, FootParams
-from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
+from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
 
 
 def feet_of(
@@ -106,7 +104,7 @@ def _strides(
         found[rows] = np.where(inside, index[place], -1)
     known = found >= 0
 
-    def taken(values: Any, otherwise: Any) -> np.ndarray:
+    def taken(values: AnyArray, otherwise: AnyArray) -> np.ndarray:
         result = np.array(np.broadcast_to(otherwise, found.shape), np.float64)
         result[known] = np.asarray(values)[found[known]]
         return result

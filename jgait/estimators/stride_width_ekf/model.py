@@ -14,26 +14,27 @@ as long as the foot rests; such a covariance has no inverse, and smoothing loses
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from jgait.filtering import Belief, Covariance, Model
+from jgait.types import Flags, Values
 
 
 class WidthState(NamedTuple):
     """Equation 1, and how far each foot has moved since it stood; places [m], headings [rad] from x to y."""
 
-    x_right: Any
-    y_right: Any
-    heading_right: Any
-    x_left: Any
-    y_left: Any
-    heading_left: Any
-    moved_x_right: Any
-    moved_y_right: Any
-    moved_x_left: Any
-    moved_y_left: Any
+    x_right: Values
+    y_right: Values
+    heading_right: Values
+    x_left: Values
+    y_left: Values
+    heading_left: Values
+    moved_x_right: Values
+    moved_y_right: Values
+    moved_x_left: Values
+    moved_y_left: Values
 
 
 class PathControl(NamedTuple):
@@ -47,11 +48,11 @@ class PathControl(NamedTuple):
         leaves: 1 where the interval begins at the middle of a stance, else 0.
     """
 
-    dx: Any
-    dy: Any
-    turn: Any
-    way: Any
-    leaves: Any
+    dx: Values
+    dy: Values
+    turn: Values
+    way: Values
+    leaves: Flags
 
 
 class WidthControl(NamedTuple):
@@ -64,21 +65,21 @@ class WidthControl(NamedTuple):
 class WidthObservation(NamedTuple):
     """Equation 6 [m]: across, as the range and its offset say, and along, which is 0 while the feet pass."""
 
-    across: Any
-    along: Any
+    across: Values
+    along: Values
 
 
 class WidthModelParams(NamedTuple):
     """What the model's functions take: variances, but for the rates of their growth; see `WidthParams`."""
 
-    position_noise: Any
-    heading_noise: Any
-    turn_noise: Any
-    range_noise: Any
-    passing_noise: Any
+    position_noise: Values
+    heading_noise: Values
+    turn_noise: Values
+    range_noise: Values
+    passing_noise: Values
 
 
-def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> WidthState:
+def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> WidthState:
     """Equation 3."""
     del params, dt
     right, left = control
@@ -102,7 +103,9 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
     )
 
 
-def _foot_noise(params: WidthModelParams, heading: Any, foot: PathControl, side: str) -> dict[tuple[str, str], Any]:
+def _foot_noise(
+    params: WidthModelParams, heading: Values, foot: PathControl, side: str
+) -> dict[tuple[str, str], Values]:
     """V R Vᵀ of one foot: noise of Δx and Δy grows with the way, that of Δθ comes with a stride and turns the way."""
     shift = params.position_noise * foot.way
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
@@ -120,7 +123,7 @@ def _foot_noise(params: WidthModelParams, heading: Any, foot: PathControl, side:
     }  # fmt: skip
 
 
-def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Any) -> Covariance:
+def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
     """V R Vᵀ of equation 4; V by hand, since only Δθ turns anything."""
     del dt
     zero = Covariance.from_variances(WidthState(*(0.0,) * 10))
@@ -156,7 +159,7 @@ def initial(params: WidthModelParams) -> Belief:
 
 
 def start_belief(
-    heading_right: Any, heading_left: Any, width: Any, across: Any, along: Any, heading_stddev: Any
+    heading_right: Values, heading_left: Values, width: Values, across: Values, along: Values, heading_stddev: Values
 ) -> Belief:
     """The belief before the first interval: the right foot at the origin, the left one to its left.
 

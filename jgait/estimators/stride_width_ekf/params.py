@@ -1,11 +1,12 @@
 """Parameters and options of the stride width estimator, with their units, ranges and presets."""
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jgait import filtering
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
+from jgait.types import Values
 
 
 @documented
@@ -76,7 +77,7 @@ class WidthOptions(NamedTuple):
         execution: how the filters compute, see `jgait.filtering`.
     """
 
-    method: Any = filtering.IteratedEKF()
+    method: Values = filtering.IteratedEKF()
     smooth: bool = True
     longest_range: float = 0.5
     turn: float = math.radians(15.0)

@@ -4,7 +4,7 @@ Everything here is a decision: which readings are used, what is a turn, how late
 (`stride_width_ekf.run`) is smooth given these decisions.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
 from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
 from jgait.notes import Note
-from jgait.types import Feet, RangeReadings, RecordingError
+from jgait.types import Feet, RangeReadings, RecordingError, Values
 
 TOGETHER = 0.12  # s; readings closer than this are of one passing
 HALF_PASSING = 0.12  # s; a foot that passes is nearest within this of when it is heard nearest
@@ -46,7 +46,7 @@ class Ranges(NamedTuple):
 
 
 def prepare_from_feet(
-    time: Any, feet: Feet, stances: tuple[Any, Any], feet_range: RangeReadings | None,
+    time: Values, feet: Feet, stances: tuple[Values, Values], feet_range: RangeReadings | None,
     options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
 ) -> Prepared[WidthInputs]:  # fmt: skip
     """Make the inputs of `stride_width_ekf.run`; it does not matter how the trajectories were made.

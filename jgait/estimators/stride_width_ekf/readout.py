@@ -10,13 +10,13 @@ from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
 from jgait.filtering import Covariance
-from jgait.types import Strides
+from jgait.types import Strides, Values
 
 SHORTEST_LINE = 0.15
 """Two stances nearer than this give no line to measure a width from [m]."""
 
 
-def with_stddev(read: Callable[[WidthState], Any], states: WidthState, cov: Covariance) -> tuple[Any, Any]:
+def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: Covariance) -> tuple[Values, Values]:
     """A read-out of one state at every moment, and the standard deviation that its linearisation gives.
 
     Args:
@@ -66,7 +66,7 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     ends = jax.tree.map(lambda v: v[at], (states, cov))
     own = jax.tree.map(lambda b, a: jnp.where(left, b, a), _ordered(ends[0], left=True), _ordered(ends[0], left=False))
 
-    def dense(side: bool) -> Any:
+    def dense(side: bool) -> Values:
         order = jnp.asarray(_ORDER[side])
         return ends[1].dense()[:, order][:, :, order]
 
@@ -92,7 +92,7 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     return values, spread
 
 
-def _like(value: Any, array: Any) -> Any:
+def _like(value: Values, array: Values) -> Values:
     return jnp.zeros_like(array) + value
 
 
@@ -110,7 +110,7 @@ def _ordered(state: WidthState, *, left: bool) -> WidthState:
     return WidthState(*(state[k] for k in _ORDER[left]))
 
 
-def _line(state: WidthState) -> tuple[Any, Any, Any, Any, Any]:
+def _line(state: WidthState) -> tuple[Values, Values, Values, Values, Values]:
     """Of the right foot's stride: its way, its length, and the way from its start to where the left foot stood."""
     x, y = state.moved_x_right, state.moved_y_right
     square = x * x + y * y
@@ -121,15 +121,15 @@ def _line(state: WidthState) -> tuple[Any, Any, Any, Any, Any]:
     return x, y, length, other_x, other_y
 
 
-def _length(state: WidthState) -> Any:
+def _length(state: WidthState) -> Values:
     return _line(state)[2]
 
 
-def _width(state: WidthState) -> Any:
+def _width(state: WidthState) -> Values:
     x, y, length, other_x, other_y = _line(state)
     return (x * other_y - y * other_x) / length
 
 
-def _step(state: WidthState) -> Any:
+def _step(state: WidthState) -> Values:
     x, y, length, other_x, other_y = _line(state)
     return (x * other_x + y * other_y) / length

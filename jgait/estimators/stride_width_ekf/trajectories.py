@@ -1,9 +1,10 @@
 """Two feet's trajectories, checked: places between stances, headings of strides, contacts. NumPy, on the host."""
 
 import itertools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
 from jgait.notes import Note
@@ -61,7 +62,9 @@ class Pair(NamedTuple):
     left: FootTrack
 
 
-def checked_feet(time: Any, feet: Feet, stances: tuple[Any, Any]) -> tuple[Pair, list[Note]]:
+def checked_feet(
+    time: npt.ArrayLike, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike]
+) -> tuple[Pair, list[Note]]:
     """Both feet, or what is wrong with them; and notes.
 
     Raises:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.about import (
     About,
@@ -28,7 +29,7 @@ def contacts(estimate: Estimate) -> dict[str, Any]:
     return {"time_s": as_float(estimate.diagnostics["initial_contact"]), "side": sides}
 
 
-def totals(estimate: Estimate) -> list[dict[str, Any]]:
+def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     """Numbers of the whole recording."""
     strides, diagnostics = estimate.strides, estimate.diagnostics
     times = as_float(diagnostics["initial_contact"])
@@ -47,7 +48,7 @@ def totals(estimate: Estimate) -> list[dict[str, Any]]:
     }]  # fmt: skip
 
 
-def _drawn(made: EstimatedRecording) -> tuple[tuple[Any, ...], dict[str, Any]]:
+def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
     # an estimate does not contain the accelerations over which contacts are drawn
     return (made.recording, made.estimate), {"p": made.params, "options": made.settings["options"]}
 

@@ -1,13 +1,13 @@
 """From contacts and standing to bouts and nodes, instants at which something is known; NumPy, on the host."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jgait.estimators.waist.notes import BOUT_WITHOUT_STANDING, NO_CONTACTS
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
-from jgait.types import as_float
+from jgait.types import Values, as_float
 
 PAUSE_STEPS, PAUSE_S = 2.2, 2.0
 """[steps], [s] Contacts further apart than both are of different bouts."""
@@ -73,7 +73,7 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
     return found
 
 
-def nodes(bouts: list[list[Node]], time: Any = (0.0,)) -> dict[str, np.ndarray]:
+def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarray]:
     """The bouts as columns of `WaistInputs`, each of as many rows as there are nodes.
 
     Args:

@@ -1,10 +1,10 @@
 """From prepared inputs to contacts, steps and distance of the waist."""
 
 from functools import partial
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.waist import motion as waist_motion
@@ -26,7 +26,7 @@ from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import WaistWalk, earlier
 from jgait.estimators.waist.steps import Intervals
 from jgait.notes import Note
-from jgait.types import Estimate, Legs, Recording, Strides
+from jgait.types import Estimate, Legs, Recording, Strides, Values
 
 TURNING = 0.35
 """[rad] A stride over which the walk turns by more (20°) is flagged as part of a turn."""
@@ -113,7 +113,7 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
     )  # fmt: skip
 
 
-def _along(inputs: WaistInputs, values: Any, there: Any) -> Any:
+def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
     """(T,) what is known at nodes, evenly between them."""
     row = jnp.arange(values.shape[0], dtype=jnp.int32).astype(values.dtype)
     final = values[jnp.maximum(inputs.count - 1, 0)]
@@ -122,7 +122,9 @@ def _along(inputs: WaistInputs, values: Any, there: Any) -> Any:
     return jnp.interp(inputs.time, when, jnp.where(there, values, jnp.where(inputs.count > 0, final, 0.0)))
 
 
-def _strides(inputs: WaistInputs, found: Intervals, walked: WaistWalk, there: Any) -> tuple[Strides, Strides, Any]:
+def _strides(
+    inputs: WaistInputs, found: Intervals, walked: WaistWalk, there: PyTree
+) -> tuple[Strides, Strides, Values]:
     """Strides of both feet, their standard deviations and flags; a row a node."""
     valid = inputs.stride & there
     start, end = earlier(inputs.contact, 2), inputs.contact

@@ -2,7 +2,10 @@
 
 from typing import Annotated, Any, NamedTuple
 
+from jaxtyping import PyTree
+
 from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
+from jgait.types import Counts, Values
 
 SHORTEST_STEP = 5
 """[samples] Less than from one node to the next at the lowest rate; see `capacity`."""
@@ -63,11 +66,11 @@ class WaistInputs(NamedTuple):
     measured: Sampled
     valid: Sampled
     dt: Sampled
-    last: Any
-    rate_hz: Any
-    gyr_bias: Any
-    attitude: Any
-    start_variance: Any
+    last: Counts
+    rate_hz: Values
+    gyr_bias: Values
+    attitude: PyTree
+    start_variance: Values
     at: HeldNode
     contact: HeldNode
     side: PerNode
@@ -79,10 +82,10 @@ class WaistInputs(NamedTuple):
     stride: PerNode
     cycle_begin: PerNode
     cycle_end: PerNode
-    cycles: Any
+    cycles: Values
     stood: PerNode
     alone: PerNode
-    count: Any
+    count: Counts
 
 
 PER_NODE = fields_of(WaistInputs, capacity)

@@ -15,22 +15,23 @@ accelerations during human walking", Gait and Posture 18, 2003; velocity update 
 Croce, 2011. Joining them in one model is this library's own.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from jgait.filtering import Belief, Covariance, Model
+from jgait.types import Values
 
 
 class WaistState(NamedTuple):
     """Way [m], last step [m], last stride [m], speed [m/s], bias [m/s²], logarithm of the pendulum's constant [1]."""
 
-    distance: Any
-    step: Any
-    stride: Any
-    speed: Any
-    bias: Any
-    log_constant: Any
+    distance: Values
+    step: Values
+    stride: Values
+    speed: Values
+    bias: Values
+    log_constant: Values
 
 
 class WaistControl(NamedTuple):
@@ -48,51 +49,51 @@ class WaistControl(NamedTuple):
         duration: T [s].
     """
 
-    gained: Any
-    went: Any
-    walks: Any
-    turn: Any
-    pendulum: Any
-    pendulum_variance: Any
-    update: Any
-    update_variance: Any
-    duration: Any
+    gained: Values
+    went: Values
+    walks: Values
+    turn: Values
+    pendulum: Values
+    pendulum_variance: Values
+    update: Values
+    update_variance: Values
+    duration: Values
 
 
 class WaistObservation(NamedTuple):
     """What holds at a node, all zero: step beside the pendulum's [m], beside the update's [m]; speed [m/s]."""
 
-    pendulum: Any
-    update: Any
-    speed: Any
+    pendulum: Values
+    update: Values
+    speed: Values
 
 
 class WaistModelParams(NamedTuple):
     """What the model needs to know: variances and spectral densities, see `WaistParams`."""
 
-    speed_density: Any
-    bias_variance: Any
-    bias_density: Any
-    turn_variance: Any
-    start_speed: Any
-    start_speed_variance: Any
-    standing_variance: Any
-    log_constant: Any
-    constant_variance: Any
+    speed_density: Values
+    bias_variance: Values
+    bias_density: Values
+    turn_variance: Values
+    start_speed: Values
+    start_speed_variance: Values
+    standing_variance: Values
+    log_constant: Values
+    constant_variance: Values
 
 
 _STILL = 1e-10
 """Variance that keeps a covariance's rank: of a way of ten micrometres [m²]."""
 
 
-def transition(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Any) -> WaistState:
+def transition(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) -> WaistState:
     """One step, or a pause."""
     step = u.walks * (dt * s.speed + u.went - 0.5 * dt * dt * s.bias)
     speed = u.walks * (s.speed + u.gained - dt * s.bias) + (1.0 - u.walks) * p.start_speed
     return WaistState(s.distance + step, step, u.walks * (s.step + step), speed, s.bias, s.log_constant)
 
 
-def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Any) -> WaistState:
+def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) -> WaistState:
     """Of speed and bias; a bias fixed in the world turns round with the person."""
     del s
     turned = 0.5 - 0.5 * jnp.cos(u.turn)

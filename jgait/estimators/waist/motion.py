@@ -8,9 +8,10 @@ The walking direction is where h looks on average: a low-pass on the heading, be
 of the walk from those of the pelvis, and the level accelerations are turned by the difference.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.waist import orientation as waist_orientation
@@ -21,6 +22,7 @@ from jgait.filtering.execution import Execution
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, subtract, vector
 from jgait.signal import butterworth
+from jgait.types import Values
 
 LOST_RATE = 0.5
 """[rad/s] How wrong the rate may be where it was lost."""
@@ -37,11 +39,11 @@ class TrunkMotion(NamedTuple):
         heading: of the walk, from about 0 at the first sample [rad].
     """
 
-    forward: Any
-    left: Any
-    upward: Any
-    yaw_rate: Any
-    heading: Any
+    forward: Values
+    left: PyTree
+    upward: Values
+    yaw_rate: Values
+    heading: Values
 
 
 def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, execution: Execution = "dense") -> TrunkMotion:
@@ -58,7 +60,7 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, executio
 
 def motion_and_likelihood(
     p: WaistParams, inputs: WaistInputs, *, execution: Execution = "dense"
-) -> tuple[TrunkMotion, Any]:
+) -> tuple[TrunkMotion, Values]:
     """How the trunk moves by the filter alone, and the log-likelihood of what the accelerometer reads.
 
     A gyroscope that turns the other way makes it less: what leans by gravity then leans the other way by rate.
@@ -92,7 +94,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     return TrunkMotion(cosine * x + sine * y, cosine * y - sine * x, z, yaw_rate, heading)
 
 
-def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: Execution) -> Any:
+def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: Execution) -> Values:
     """Attitude and biases at each sample: what the filter, or the smoother, gives."""
     gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
     lost = jnp.where(inputs.measured, 0.0, LOST_RATE)

@@ -28,15 +28,17 @@ Source: M. Zok, C. Mazzà, U. Della Croce, Med. Eng. Phys. 26 (2004) 791; A. Kö
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.typing import ArrayLike
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import PyTree
 
 from jgait.signal.butterworth import UNROLL
 from jgait.signal.marks import marks
+from jgait.types import Counts, Flags, Values
 
 HIGHEST = 1.0
 """[Hz] Where the search for a cut-off ends: steps, one to two a second, are to pass."""
@@ -54,9 +56,9 @@ class Cycles(NamedTuple):
         count: how many there are.
     """
 
-    begin: Any
-    end: Any
-    count: Any
+    begin: PyTree
+    end: Values
+    count: Counts
 
 
 class Since(NamedTuple):
@@ -68,9 +70,9 @@ class Since(NamedTuple):
         filtered: y, the signal without what is slow [m/s²].
     """
 
-    change: Any
-    time: Any
-    filtered: Any
+    change: Values
+    time: Values
+    filtered: Values
 
 
 class Placed(NamedTuple):
@@ -84,11 +86,11 @@ class Placed(NamedTuple):
         valid: (K,) bool, there is such a cycle.
     """
 
-    inside: Any
-    number: Any
-    ended: Any
-    restart: Any
-    valid: Any
+    inside: Values
+    number: Values
+    ended: Values
+    restart: Flags
+    valid: Flags
 
 
 def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
@@ -169,7 +171,7 @@ def optimum_cutoff(
     values, steps = signal_and_steps(acc, dt, mask)
     data = (values, steps, jnp.asarray(change, values.dtype))
 
-    def residual(cutoff: Any, given: Any) -> Any:
+    def residual(cutoff: Values, given: Values) -> Values:
         return _scanned(given[0], given[1], cutoff)[0] - given[2]
 
     return _least(residual, data, (), highest_hz)
@@ -230,7 +232,7 @@ def optimum_cutoffs(
     at = placed(cycles, values.shape[0])
     wanted = jnp.where(at.valid, jnp.asarray(change, values.dtype), 0.0)
 
-    def residual(cutoff: Any, given: Any) -> Any:
+    def residual(cutoff: Values, given: Values) -> Values:
         ends = since(given[0], given[1], per_sample(cutoff, at, values.dtype), at.restart).change[cycles.end]
         return jnp.where(at.valid, ends - given[2], 0.0)
 
@@ -274,7 +276,7 @@ def _scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike 
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
     shares = _share(cutoff_hz, steps)
 
-    def one(state: Any, sample: Any) -> Any:
+    def one(state: PyTree, sample: PyTree) -> PyTree:
         low, change, time, before = state
         now, share, step, mark = sample
         low = low + share * (now - low)
@@ -293,19 +295,19 @@ def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> 
     return weight(_part(found.time, found.time[cycles.end][at.number]), beta)
 
 
-def per_sample(values: ArrayLike, at: Placed, dtype: Any) -> Array:
+def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:
     """One value, or those (K,) of cycles, at the samples (T,); 0 outside cycles where they are (K,)."""
     given = jnp.asarray(values, dtype)
     return given if given.ndim == 0 else jnp.where(at.inside, given[at.number], 0.0)
 
 
-def _share(cutoff_hz: ArrayLike, steps: Any) -> Any:
+def _share(cutoff_hz: ArrayLike, steps: Values) -> Values:
     """1 − α."""
     turned = 2.0 * jnp.pi * jnp.asarray(cutoff_hz, steps.dtype) * steps
     return turned / (1.0 + turned)
 
 
-def _part(time: Any, whole: Any) -> Any:
+def _part(time: Values, whole: Values) -> Values:
     """How much has passed, t / T; 0 in a cycle of one sample."""
     return time / jnp.where(whole > 0.0, whole, 1.0)
 
@@ -327,7 +329,9 @@ def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None) -> t
     return values, jnp.where(there, steps, 0.0)
 
 
-def _least(residual: Callable[[Any, Any], Any], data: Any, shape: tuple[int, ...], highest_hz: ArrayLike) -> Array:
+def _least(
+    residual: Callable[[Values, Values], Values], data: Values, shape: tuple[int, ...], highest_hz: ArrayLike
+) -> Array:
     """Where |residual(f, data)| is least over [0, f_max], each entry of f by itself, with the implicit gradient.
 
     A grid finds the first change of sign, or else the lowest point; Newton's steps, halving where they leave the
@@ -337,11 +341,11 @@ def _least(residual: Callable[[Any, Any], Any], data: Any, shape: tuple[int, ...
     most = jnp.broadcast_to(jnp.asarray(highest_hz, data[0].dtype), shape)
     top = lax.stop_gradient(most)
 
-    def slopes(f: Any, given: Any = still) -> Any:
+    def slopes(f: Values, given: Values = still) -> Values:
         """Residual and its slope along f."""
         return jax.jvp(lambda x: residual(x, given), (f,), (jnp.ones_like(f),))
 
-    def curved(f: Any) -> Any:
+    def curved(f: Values) -> Values:
         (value, slope), (_, bend) = jax.jvp(slopes, (f,), (jnp.ones_like(f),))
         return value, slope, bend
 
@@ -358,7 +362,7 @@ def _least(residual: Callable[[Any, Any], Any], data: Any, shape: tuple[int, ...
     bottom = (sign == 0.0) | (~root & (lowest == 0) & (sign * edges[0] >= 0.0))
     ceiling = ~root & (lowest == GRID) & (sign * edges[1] <= 0.0)
 
-    def narrow(_: Any, state: Any) -> Any:
+    def narrow(_: Values, state: PyTree) -> Values:
         f, low, high, root = state
         value, slope, bend = curved(f)
         beyond = sign * value <= 0.0

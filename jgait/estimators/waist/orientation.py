@@ -16,11 +16,12 @@ determination using inertial/magnetic sensors", Sensors 11(10), 2011; Köse and 
 and parameters are not printed.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, add, scale, subtract
+from jgait.types import Values
 
 
 class TrunkState(NamedTuple):
@@ -51,8 +52,8 @@ class TrunkControl(NamedTuple):
 
     gyr: Vector
     acc: Vector
-    gyr_density: Any
-    acc_variance: Any
+    gyr_density: Values
+    acc_variance: Values
 
 
 class TrunkObservation(NamedTuple):
@@ -69,18 +70,18 @@ class TrunkNoise(NamedTuple):
         acc_bias_walk: the same of the accelerometer [m²/s⁵].
     """
 
-    gyr_bias_walk: Any
-    acc_bias_walk: Any
+    gyr_bias_walk: Values
+    acc_bias_walk: Values
 
 
-def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Any) -> TrunkState:
+def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
     """The attitude turned by the rate over one interval."""
     del p
     turned = product(s.attitude, exponential(scale(dt, subtract(u.gyr, s.gyr_bias))))
     return TrunkState(turned, s.gyr_bias, s.acc_bias)
 
 
-def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Any) -> TrunkError:
+def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
     """Of the rate over the interval, and of both biases."""
     del s
     turned, gyr, acc = u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt

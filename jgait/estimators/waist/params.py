@@ -4,12 +4,14 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 import jax
+from jaxtyping import PyTree
 
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.types import Values
 
 DISTANCES = ("fused", "pendulum", "update")
 DETECTORS = {"soft": Soft(), "peaks": Peaks(), "paper": PaperRule(), "literal": LITERAL}
@@ -160,7 +162,7 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
     if unknown:
         raise ValueError(f"the waist's estimator takes {', '.join(known)} of a person; got {unknown[0]!r}")
 
-    def one(value: Any) -> Any:
+    def one(value: Values) -> PyTree:
         if isinstance(value, jax.Array):
             return value
         if not (math.isfinite(value) and value > 0.0):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.foot_ins.readout import root
@@ -20,6 +21,7 @@ from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.steps import Intervals
+from jgait.types import Flags, Values
 
 TURNED = 1.0
 """[rad] After a turn by more, a bias of the accelerometer has turned round, and integration is not to be relied on."""
@@ -41,21 +43,21 @@ class WaistWalk(NamedTuple):
         told: name → scalar, of the whole recording.
     """
 
-    distance: Any
-    distance_sd: Any
-    step: Any
-    stride: Any
-    stride_sd: Any
-    unsure: Any
+    distance: Values
+    distance_sd: Values
+    step: Values
+    stride: Values
+    stride_sd: Values
+    unsure: Flags
     told: dict[str, Any]
 
 
-def earlier(values: Any, rows: int) -> Any:
+def earlier(values: Values, rows: int) -> Values:
     """(K,) what was some rows before; the first rows are their own."""
     return jnp.concatenate([values[:rows], values[:-rows]])
 
 
-def model_params(p: WaistParams, stood: Any) -> WaistModelParams:
+def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
     """The model's parameters; `stood` says whether any rest told the accelerometer's bias."""
     known = jnp.where(stood, p.acc_bias, p.acc_bias_unknown)
     return WaistModelParams(
@@ -64,13 +66,13 @@ def model_params(p: WaistParams, stood: Any) -> WaistModelParams:
     )  # fmt: skip
 
 
-def begun(inputs: WaistInputs) -> Any:
+def begun(inputs: WaistInputs) -> Values:
     """(K,) the row at which the bout of each node begins."""
     row = jnp.arange(inputs.fresh.shape[0], dtype=jnp.int32)
     return lax.cummax(jnp.where(inputs.fresh, row, 0))
 
 
-def _turned(inputs: WaistInputs, found: Intervals) -> Any:
+def _turned(inputs: WaistInputs, found: Intervals) -> Values:
     """(K,) bool: the walk has turned round since the bout began."""
     heading, first = jnp.cumsum(found.turn), begun(inputs)
     row = jnp.arange(first.shape[0], dtype=jnp.int32)
@@ -78,7 +80,7 @@ def _turned(inputs: WaistInputs, found: Intervals) -> Any:
     return lax.cummax(jnp.where(away, row, -1)) >= first
 
 
-def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Any) -> tuple[Any, Any]:
+def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Values, Values]:
     """Where a speed is known because a bout begins (T,) bool, and which: none after standing, else a usual one [m/s].
 
     Args:
@@ -95,7 +97,7 @@ def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Any) -> tuple[Any, An
 def integrated_speed(
     p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals,
     way: Callable[..., velocity_update.Covered] = velocity_update.updated,
-) -> tuple[Any, Any]:  # fmt: skip
+) -> tuple[Values, Values]:  # fmt: skip
     """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was kept there."""
     known, start = bouts_begin(p, inputs, seen.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
@@ -108,7 +110,7 @@ def integrated_speed(
     return (here - earlier(here, 1)) / duration, held & inputs.steps
 
 
-def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Any:
+def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Values:
     """(K,) of the pendulum's steps [m²]: in turns, and in setting off and stopping, it says less."""
     edge = inputs.stands
     for _ in range(EDGE_STEPS):
@@ -118,16 +120,16 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Any
     return p.step_noise**2 + turned + jnp.where(edge, p.edge_noise**2, 0.0)
 
 
-def fused(p: WaistParams, inputs: WaistInputs, seen: Any, found: Intervals, options: WaistOptions) -> WaistWalk:
+def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, options: WaistOptions) -> WaistWalk:
     """The state-space model over a walk."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     unsure = ~inputs.stood | _turned(inputs, found)
     dtype = found.gained.dtype
     zero = jnp.zeros_like(found.gained)
-    speed: Any = zero
-    variance: Any = zero + 1.0
-    heard: Any = False
+    speed: Values = zero
+    variance: Values = zero + 1.0
+    heard: Values = False
     if options.updated:
         speed, _ = integrated_speed(p, inputs, seen, found)
         variance = p.update_noise**2 * jnp.maximum(inputs.alone, 1.0)
@@ -183,7 +185,7 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistW
 
 
 def by_integration(
-    p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Any, held: Any, start_sd: Any
+    p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Values, held: Flags, start_sd: Values
 ) -> WaistWalk:
     """The paper's way, and how far it can be right.
 

@@ -9,16 +9,18 @@ h is the range of the height, twice integrated and each time without what is slo
 forward speed likewise.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import PyTree
 
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.params import WaistParams
 from jgait.geometry.vectors import GRAVITY
 from jgait.signal import butterworth
+from jgait.types import Values
 
 SURGE_HZ = 6.0
 """[Hz] Of the low-pass on the forward acceleration, whose jolts at a contact are no change of the trunk's speed."""
@@ -37,13 +39,13 @@ class Intervals(NamedTuple):
         turn: of the walk [rad].
     """
 
-    duration: Any
-    gained: Any
-    went: Any
-    excursion: Any
-    surge: Any
-    pendulum: Any
-    turn: Any
+    duration: Values
+    gained: Values
+    went: Values
+    excursion: Values
+    surge: Values
+    pendulum: Values
+    turn: Values
 
 
 def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:
@@ -57,10 +59,10 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     rate, last = inputs.rate_hz, inputs.last
     steps = inputs.dt
 
-    def fast(x: Any, cutoff_hz: Any) -> Any:
+    def fast(x: Values, cutoff_hz: Values) -> Values:
         return x - butterworth.low_pass_until(x, cutoff_hz, rate, last)
 
-    def integral(x: Any) -> Any:
+    def integral(x: Values) -> Values:
         return jnp.cumsum(0.5 * steps * (x + jnp.concatenate([x[:1], x[:-1]])))
 
     upward = jnp.where(inputs.valid, seen.upward, 0.0)
@@ -71,7 +73,7 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     node = jnp.zeros_like(inputs.valid).at[inputs.at].set(True)
     after = jnp.concatenate([jnp.ones_like(node[:1]), node[:-1]])
 
-    def one(carry: Any, sample: Any) -> Any:
+    def one(carry: PyTree, sample: PyTree) -> PyTree:
         change, way, top, bottom, fastest, slowest, before = carry
         restart, dt, a, z, v = sample
         a_before, z_before, v_before = before
@@ -99,7 +101,7 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     return Intervals(duration, gained, went, excursion, surge, shorter * pendulum(p, excursion, surge), turn)
 
 
-def pendulum(p: WaistParams, excursion: Any, surge: Any) -> Any:
+def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:
     """λ of steps [m]; 0 where there is no excursion or surge to speak of.
 
     Args:

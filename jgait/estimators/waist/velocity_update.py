@@ -29,16 +29,18 @@ Readings, where the paper leaves a choice:
        by itself, or OFI's.
 """
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
 
 from jgait.estimators.waist.ofdri import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
 from jgait.estimators.waist.ofdri import signal_and_steps as _checked
 from jgait.params import Param, Parameter, documented, fixed, positive
+from jgait.types import Flags, Values
 
 
 @documented
@@ -68,14 +70,14 @@ class Covered(NamedTuple):
         valid: (K,) bool, there is such a cycle.
     """
 
-    velocity: Any
-    displacement: Any
-    start: Any
-    change: Any
-    kept: Any
-    updated: Any
-    length: Any
-    valid: Any
+    velocity: Values
+    displacement: Values
+    start: Values
+    change: Values
+    kept: Values
+    updated: Values
+    length: Values
+    valid: Flags
 
 
 class _Sampled(NamedTuple):
@@ -95,17 +97,17 @@ class _Sampled(NamedTuple):
         begin: (K,) known there [m/s].
     """
 
-    acc: Any
-    steps: Any
+    acc: Values
+    steps: Values
     cycles: Cycles
     at: Placed
-    given: Any
-    restart: Any
-    change: Any
-    start: Any
-    behind: Any
-    anew: Any
-    begin: Any
+    given: Values
+    restart: Flags
+    change: Values
+    start: Values
+    behind: Values
+    anew: Values
+    begin: PyTree
 
 
 def updated(
@@ -141,7 +143,7 @@ def updated(
     number = jnp.arange(there.shape[0])
     first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < initial - 1
 
-    def one(v: Any, cycle: Any) -> Any:
+    def one(v: Values, cycle: Values) -> PyTree:
         anew, begin, gap, gain, gated = cycle
         off = p.threshold - jnp.abs(gain)
         gate = jax.nn.sigmoid(off / p.width) if soft else (off > 0.0).astype(gain.dtype)
@@ -184,7 +186,13 @@ def integrated(
 
 
 def _sampled(
-    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike, mask: Any, known: Any
+    p: VelocityUpdateParams,
+    acc: ArrayLike,
+    cycles: Cycles,
+    dt: ArrayLike,
+    start: ArrayLike,
+    mask: Values,
+    known: Values,
 ) -> _Sampled:
     values, steps = _checked(acc, dt, mask)
     at = placed(cycles, values.shape[0])

@@ -17,9 +17,10 @@ noted.
 
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
 from jgait.io.files import check_file, library, plain, three_columns
@@ -144,7 +145,7 @@ def _sensor(
     return part, stamps if stamps is not None and len(stamps) else None, _rate(rate)
 
 
-def _rate(value: Any) -> float | None:
+def _rate(value: PyTree) -> float | None:
     """The attribute as a number; None where it is absent or none."""
     try:
         rate = float(np.asarray(value, np.float64).ravel()[0])

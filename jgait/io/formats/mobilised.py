@@ -15,9 +15,9 @@ Read by SciPy, which knows MATLAB's files up to version 7; version 7.3 is refuse
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
 from jgait.io.files import Tree, check_file, library, three_columns
@@ -263,7 +263,7 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
     return part, float(stamps[0])
 
 
-def _rate(value: Any, where: str) -> float:
+def _rate(value: PyTree, where: str) -> float:
     try:
         rate = float(value)
     except (TypeError, ValueError) as error:
