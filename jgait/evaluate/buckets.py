@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import numpy.typing as npt
 from jax.sharding import Mesh
 from jaxtyping import PyTree
 
@@ -19,7 +20,7 @@ from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.notes import Note, to_json
 from jgait.params import check_params
-from jgait.types import AnyArray, Estimate, Flags, RecordingError, Values, Walk, reason_of
+from jgait.types import Estimate, Flags, RecordingError, Values, Walk, reason_of
 
 SHORTEST = 512
 """Samples that the shortest bucket holds."""
@@ -251,8 +252,9 @@ def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
     """The estimate at the recording's own samples; time as it was recorded, not rounded to the computation's."""
     samples, padded = ready.time.size, padded_length(ready.time.size)
 
-    def cut(leaf: AnyArray) -> AnyArray:
-        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
+    def cut(leaf: npt.ArrayLike) -> np.ndarray:
+        array = np.asarray(leaf)
+        return array[:samples] if array.ndim and array.shape[0] == padded else array
 
     whole = jax.tree.map(cut, estimate._replace(strides=None, strides_stddev=None))
     return whole._replace(time=ready.time, strides=estimate.strides, strides_stddev=estimate.strides_stddev)
