@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 from rich.markup import escape
 from rich.table import Table
 
@@ -123,7 +124,7 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     return rows
 
 
-def _name(path: jax.tree_util.KeyPath) -> str:
+def _name(path: tuple[PyTree, ...]) -> str:
     return jax.tree_util.keystr(path).lstrip(".")
 
 

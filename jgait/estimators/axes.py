@@ -6,11 +6,13 @@ begin: Annotated[Any, Axis("zero", capacity)]      one entry a stride, with room
 
 import functools
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
+from typing import Annotated, Literal, NamedTuple, get_type_hints
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
+
+from jgait.types import Values
 
 
 def one_each(samples: int) -> int:
@@ -43,13 +45,13 @@ class Axis(NamedTuple):
         return np.pad(values, width, constant_values=int(self.fill == "one"))
 
 
-type Sampled = Annotated[Any, Axis()]
+type Sampled = Annotated[Values, Axis()]
 """(T, …), one entry a sample; 0 or False in padding."""
 
-type Held = Annotated[Any, Axis("hold")]
+type Held = Annotated[Values, Axis("hold")]
 """(T, …), one entry a sample; the last one goes on in padding."""
 
-type Times = Annotated[Any, Axis("onwards")]
+type Times = Annotated[Values, Axis("onwards")]
 """(T,) [s]; goes on in even steps in padding."""
 
 

@@ -89,7 +89,7 @@ def stick_figure(
 
 def _stage(
     axes: np.ndarray, lines: dict[str, np.ndarray], ground: np.ndarray, title: str
-) -> tuple[dict[str, PyTree], PyTree]:
+) -> tuple[dict[tuple[int, str], PyTree], PyTree]:
     """Both views with a line for each part of the body, to be filled in; and where the time stands."""
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12

@@ -1,6 +1,6 @@
 """What the ankle's estimator takes: signals and decisions of one or two legs, as arrays that pad, stack and map."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
@@ -16,7 +16,7 @@ def capacity(samples: int) -> int:
     return samples // SHORTEST_STRIDE + 2
 
 
-type PerStride = Annotated[Any, Axis("zero", capacity)]
+type PerStride = Annotated[Values, Axis("zero", capacity)]
 """(K,), one entry a stride; 0 or False behind the last."""
 
 

@@ -1,6 +1,6 @@
 """What the foot estimator takes: signals and decisions of one or two feet, as arrays that pad, stack and map."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
@@ -16,7 +16,7 @@ def capacity(samples: int) -> int:
     return samples // SHORTEST_STANCE_TO_STANCE + 2
 
 
-type PerFoothold = Annotated[Any, Axis("hold", capacity)]
+type PerFoothold = Annotated[Values, Axis("hold", capacity)]
 """(K,), one entry a foothold; the last one goes on behind it."""
 
 

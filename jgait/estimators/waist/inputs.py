@@ -1,6 +1,6 @@
 """What the waist's estimator takes: a sensor's signals and decisions, as arrays that pad, stack and map."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
@@ -16,10 +16,10 @@ def capacity(samples: int) -> int:
     return samples // SHORTEST_STEP + 4
 
 
-type PerNode = Annotated[Any, Axis("zero", capacity)]
+type PerNode = Annotated[Values, Axis("zero", capacity)]
 """(K,), one entry a node; 0 or False behind the last."""
 
-type HeldNode = Annotated[Any, Axis("hold", capacity)]
+type HeldNode = Annotated[Values, Axis("hold", capacity)]
 """(K,), one entry a node; the last one goes on behind it."""
 
 
