@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Float, PyTree
+from jaxtyping import Bool, Float, PyTree
 
 from jgait.filtering.compile import wide_vectors
 from jgait.tune import checkpoint
@@ -60,7 +60,7 @@ def descend(
     settings: Settings,
     context: Context,
     free: PyTree,
-    weights: Float[AnyArray, "lane item"],
+    weights: Float[AnyArray, "lane item"] | Bool[AnyArray, "lane item"],
     dtype: PyTree,
     *,
     chunk: int | None,
@@ -121,7 +121,7 @@ AT_ONCE = 128
 """Items times fits that one program works on: as many numbers as the processor's nearest memory takes."""
 
 
-def _group(settings: Settings, weights: Float[AnyArray, "lane item"]) -> int:
+def _group(settings: Settings, weights: Float[AnyArray, "lane item"] | Bool[AnyArray, "lane item"]) -> int:
     """How many fits run side by side in one program."""
     return max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
 
