@@ -51,7 +51,7 @@ def names(name: str) -> tuple[str, ...]:
     """
     found = tuple(loader(name).names())
     if not found:
-        raise DatasetUnavailable(unavailable_reason(name))
+        raise DatasetUnavailable(unavailable_reason(name), name)
     return found
 
 

@@ -98,7 +98,7 @@ def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: lis
     try:
         path, known = registry.file("footprints", f"{RULER}/{name}.mat")
     except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(reason=error))
+        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
         return None
     flags.append(known)
     found = read_mat(path, ("GCP_exist_and_correct",))

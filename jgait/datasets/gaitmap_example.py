@@ -138,7 +138,7 @@ def _add_reference(
         details["strides"] = _strides(details["events"], details["mocap"], mocap_time, rate_hz)
         known.append(verified)
     except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(reason=error))
+        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
     walked = _path({side: markers["heel"] for side, markers in details["mocap"].items()})
     estimate = Estimate(
         time=time,
@@ -157,7 +157,7 @@ def _add_borders(details: dict[str, Any], file: str, notes: list[Note]) -> bool:
     try:
         path, known = registry.file("gaitmap_example", f"{ROOT}/{file}")
     except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(reason=error))
+        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
         return True
     borders = _read_by_foot(path, ("start", "end"))
     details["stride_borders"] = {

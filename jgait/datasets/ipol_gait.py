@@ -111,7 +111,7 @@ def load_one(name: str) -> Walk:
         try:
             path, known = registry.file("ipol_gait", f"{ROOT}/{name}_{code}.txt")
         except registry.DatasetUnavailable as error:
-            notes.append(FILE_ABSENT(reason=error))
+            notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
             continue
         tables[placement] = _read_sensor(path)
         flags.append(known)
@@ -126,7 +126,7 @@ def load_one(name: str) -> Walk:
         flags.append(known)
     except registry.DatasetUnavailable as error:
         why = str(error)
-        notes.append(FILE_ABSENT(reason=why))
+        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
     swings = {
         side: _swings(f"{name}.json: {key}", about.get(key, []), first, len(time), notes)
         for side, key in EVENTS.items()

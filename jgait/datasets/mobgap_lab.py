@@ -84,6 +84,7 @@ CONTACTS_LEFT_OUT = Kind(
     "{bout}: {left_out} of {contacts} {kind} contacts left out: no time, twice the same, or outside",
     LEFT_OUT,
 )
+PERSON_UNKNOWN = Kind("person_unknown", "info", "measures of the person are not known: {reason}", LEFT_OUT)
 STRIDES_LEFT_OUT = Kind(
     "strides_left_out", "info", "{bout}: strides left out, as they do not begin with the contacts", LEFT_OUT
 )
@@ -301,7 +302,9 @@ def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str
     try:
         path, known = registry.file("mobgap_lab", f"{ROOT}/{participant}/infoForAlgo.mat")
         about = _descend(_read(path), f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
-    except (registry.DatasetUnavailable, RecordingError) as error:
-        notes.append(FILE_ABSENT(reason=error))
+    except registry.DatasetUnavailable as error:
+        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
+    except RecordingError as error:
+        notes.append(PERSON_UNKNOWN(reason=error))
     found = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}
     return {ours: value if np.isfinite(value) else None for ours, value in found.items()}, known

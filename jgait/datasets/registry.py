@@ -60,7 +60,16 @@ class DatasetInfo(NamedTuple):
 
 
 class DatasetUnavailable(LookupError):
-    """A data set, or a file of it, is neither in the data folder nor in the download cache."""
+    """A data set, or a file of it, is neither in the data folder nor in the download cache.
+
+    Attributes:
+        dataset: name of the set.
+        file: path of the file in the set; empty: the whole set is absent.
+    """
+
+    def __init__(self, message: str, dataset: str = "", file: str = "") -> None:
+        super().__init__(message)
+        self.dataset, self.file = dataset, file
 
 
 class ChecksumError(ValueError):
@@ -222,7 +231,7 @@ def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, b
     local = _locate(name, upstream_path)
     if local is None:
         raise DatasetUnavailable(
-            f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it"
+            f"{name} lacks {upstream_path} in {path(name)}; jgait.datasets.fetch({name!r}) gets it", name, upstream_path
         )
     expected = info(name).files.get(upstream_path)
     if expected is None:
