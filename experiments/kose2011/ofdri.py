@@ -11,6 +11,7 @@ import pywt
 from experiments.common.row import Row
 from jgait.estimators.waist import ofdri as direct_reverse
 from jgait.estimators.waist.ofdri import Cycles
+from jgait.estimators.waist.optimum import optimum_cutoffs
 from jgait.signal import wavelet
 
 WAVELETS = ("db1", "db2", "db5", "db10", "sym4", "coif2", "bior2.4", "rbio3.1")
@@ -77,7 +78,7 @@ def gradient(quick: bool) -> list[Row]:
         return dt * jnp.sum(velocity)
 
     def optimum(scale: Any) -> Any:
-        return way(direct_reverse.optimum_cutoffs(scale * acc, cycles, 0.0, dt), scale)
+        return way(optimum_cutoffs(scale * acc, cycles, 0.0, dt), scale)
 
     plain, ruled = jax.jit(jax.value_and_grad(way)), jax.jit(jax.value_and_grad(optimum))
     at, step = jnp.asarray(0.05), 1e-5

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jgait.geometry.vectors import GRAVITY
+from jgait.geometry.vectors import GRAVITY, root
 from jgait.signal.windows import moving_mean, window_size
 
 WINDOW_S = 0.1
@@ -101,7 +101,7 @@ def magnitude(
     Source: as `ared`.
     """
     window = _Window.of(_vectors("acc", acc), sampling_rate_hz, window_s, mask)
-    off = _root(_squared(window.values)) - gravity
+    off = root(_squared(window.values)) - gravity
     return window.root(window.mean(off * off))
 
 
@@ -136,7 +136,7 @@ def shoe(
     rate, force = _both(gyr, acc)
     window = _Window.of(force, sampling_rate_hz, window_s, mask)
     spread, mean = _spread(window)
-    off = _root(_squared(mean)) - gravity
+    off = root(_squared(mean)) - gravity
     turning = window.mean(_squared(rate))
     return window.root(turning + (gyr_scale / acc_scale) ** 2 * (spread + off * off))
 
@@ -222,7 +222,7 @@ class _Window(NamedTuple):
 
     def root(self, square: Array) -> Array:
         """The root of a mean; infinite where a window had no sample."""
-        return jnp.where(self.weight > 0.0, _root(square), jnp.inf)
+        return jnp.where(self.weight > 0.0, root(square), jnp.inf)
 
 
 def _spread(window: _Window) -> tuple[Array, Array]:
@@ -255,9 +255,3 @@ def _vectors(name: str, values: ArrayLike) -> Array:
 
 def _squared(vectors: Array) -> Array:
     return (vectors * vectors).sum(axis=-1)
-
-
-def _root(square: Array) -> Array:
-    """Square root, with no gradient at zero where it has none."""
-    some = square > 0.0
-    return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)

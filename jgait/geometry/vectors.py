@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Float
 
@@ -52,3 +53,14 @@ def dot(a: Vector, b: Vector) -> Values:
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product a × b, right-handed."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+def root(square: Values) -> Values:
+    """The square root; 0, with gradient 0, of what is not positive."""
+    positive = square > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)
+
+
+def wrapped(angle: Values) -> Values:
+    """An angle from −π to π [rad]."""
+    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))

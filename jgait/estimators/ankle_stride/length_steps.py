@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jgait.geometry.rotation import Quaternion, exponential, product, rotated
-from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
+from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract
 from jgait.signal.marks import Marks
 from jgait.types import Flags, Values
 
@@ -83,12 +83,6 @@ def swing_begin(gyr: Vector) -> SwingState:
     return SwingState(nothing, nothing, nothing)
 
 
-def _root(square: Values) -> Values:
-    """A square root whose gradient at zero is zero."""
-    there = square > 0.0
-    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
-
-
 def swing_step(
     p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Values, *, all_axes: bool = False
 ) -> tuple[SwingState, Swung]:
@@ -106,7 +100,7 @@ def swing_step(
         The state to carry on, and the swing if one ended.
     """
     w = subtract(gyr, p.gyr_bias)
-    rate = _root(w.x * w.x + w.y * w.y + w.z * w.z) if all_axes else -w.y
+    rate = root(w.x * w.x + w.y * w.y + w.z * w.z) if all_axes else -w.y
     angle, duration = s.angle + 0.5 * dt * (rate + s.rate), s.duration + dt
     long = jnp.where(mark.end, duration, 1.0)
     found = Swung(
@@ -209,10 +203,10 @@ def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelle
     # The lever's other end is what walked.
     moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
     up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
-    norm = _root(dot(up, up))
+    norm = root(dot(up, up))
     up = scale(1.0 / jnp.where(norm > 0.0, norm, 1.0), up)
     rise = dot(moved, up)
     flat = subtract(moved, scale(rise, up))
     about = s.attitude.x * up.x + s.attitude.y * up.y + s.attitude.z * up.z
     turn = 2.0 * jnp.arctan2(about, s.attitude.w)
-    return Travelled(_root(dot(moved, moved)), _root(dot(flat, flat)), rise, turn, s.duration)
+    return Travelled(root(dot(moved, moved)), root(dot(flat, flat)), rise, turn, s.duration)

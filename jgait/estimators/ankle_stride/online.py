@@ -45,13 +45,12 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
-from jgait.estimators.foot_ins.readout import wrapped
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
 from jgait.filtering import Belief
 from jgait.filtering.compile import compiled
-from jgait.geometry.vectors import Vector, vector
+from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
 from jgait.types import Flags, Strides, Values
 

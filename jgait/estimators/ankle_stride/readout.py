@@ -9,10 +9,9 @@ from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
-from jgait.estimators.foot_ins.readout import root, wrapped
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
-from jgait.geometry.vectors import Vector
+from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.signal import marks
 from jgait.types import Strides, Values
 

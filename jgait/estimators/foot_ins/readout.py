@@ -10,7 +10,7 @@ from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
 from jgait.filtering import Covariance
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
-from jgait.geometry.vectors import Vector
+from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST = 0.1
@@ -233,14 +233,3 @@ def _spread(v: Vector, like: Values) -> Vector:
 def _first(values: Values, valid: Flags) -> Values:
     """The value of the first valid row; of the first row if there is none."""
     return values[jnp.argmax(valid)]
-
-
-def wrapped(angle: Values) -> Values:
-    """An angle from −π to π [rad]."""
-    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))
-
-
-def root(square: Values) -> Values:
-    """The root, 0 with gradient 0 where there is none."""
-    positive = square > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)

@@ -10,6 +10,7 @@ from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
 from jgait.filtering import Covariance
+from jgait.geometry.vectors import root
 from jgait.types import Strides, Values
 
 SHORTEST_LINE = 0.15
@@ -30,8 +31,7 @@ def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: C
     value, slope = jax.vmap(jax.value_and_grad(read))(states)
     g = jnp.stack(jax.tree.leaves(slope), axis=-1)
     variance = jnp.sum(g[:, :, None] * cov.dense() * g[:, None, :], axis=(1, 2))
-    positive = variance > 0.0
-    return value, jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
+    return value, root(variance)
 
 
 def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:

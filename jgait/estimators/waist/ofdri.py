@@ -15,22 +15,16 @@ Reverse minus direct is one number for the whole cycle, and w is as far above ½
 the displacement over a cycle of even samples does not depend on β, and a constant error of the acceleration leaves it
 as it is.
 
-Optimum rule (`optimum_cutoff`): the cut-off in [0, f_max] that minimises |g|, g = v_i + J(T) − v_f; the least, where
-several make it zero. Its gradient is that of the implicit function: −g_θ / g_f where g = 0, −g_fθ / g_ff where g only
-comes near zero in between; at 0 it is zero, and at f_max that of f_max. First derivatives only.
-
 Every integral is a `lax.scan` that starts anew at marks, differentiable in signal, cut-off, β and the velocities; marks
 carry no gradient.
 
 Source: M. Zok, C. Mazzà, U. Della Croce, Med. Eng. Phys. 26 (2004) 791; A. Köse, A. Cereatti, U. Della Croce,
 "Estimation of traversed distance in level walking using a single inertial measurement unit attached to the waist",
-2011, section 2.1c. Neither filter nor rule is printed there; both are readings.
+2011, section 2.1c. The filter is not printed there; it is a reading.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike, DTypeLike
@@ -39,12 +33,6 @@ from jaxtyping import PyTree
 from jgait.signal.butterworth import UNROLL
 from jgait.signal.marks import marks
 from jgait.types import Counts, Flags, Values
-
-HIGHEST = 1.0
-"""[Hz] Where the search for a cut-off ends: steps, one to two a second, are to pass."""
-
-GRID, REFINED = 16, 6
-"""Intervals in which the search looks for a change of sign; safeguarded Newton steps in the one found."""
 
 
 class Cycles(NamedTuple):
@@ -150,33 +138,6 @@ def direct_reverse(
     return start + found.change - weight(_part(found.time, found.time[-1]), beta) * (start + found.change[-1] - end)
 
 
-def optimum_cutoff(
-    acc: ArrayLike, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST, mask: ArrayLike | None = None
-) -> Array:
-    """The cut-off by the optimum rule, of one cycle.
-
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        change: v_f − v_i, by how much the velocity is known to change over the cycle [m/s].
-        dt: sample time [s], or (T,) that from the sample before.
-        highest_hz: f_max [Hz].
-        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
-
-    Returns:
-        f_c [Hz], from 0 to f_max.
-
-    Raises:
-        ValueError: as `direct`.
-    """
-    values, steps = signal_and_steps(acc, dt, mask)
-    data = (values, steps, jnp.asarray(change, values.dtype))
-
-    def residual(cutoff: Values, given: Values) -> Values:
-        return _scanned(given[0], given[1], cutoff)[0] - given[2]
-
-    return _least(residual, data, (), highest_hz)
-
-
 def direct_reverse_cycles(
     acc: ArrayLike, cycles: Cycles, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
     beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
@@ -208,37 +169,6 @@ def direct_reverse_cycles(
     return jnp.where(at.inside, going - reverse_share(found, cycles, at, beta) * missed[at.number], 0.0)
 
 
-def optimum_cutoffs(
-    acc: ArrayLike, cycles: Cycles, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST,
-    mask: ArrayLike | None = None,
-) -> Array:  # fmt: skip
-    """The cut-off by the optimum rule, of every cycle of a recording.
-
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        cycles: where they are.
-        change: v_f − v_i, one or (K,) [m/s].
-        dt: as of `optimum_cutoff`.
-        highest_hz: as of `optimum_cutoff`.
-        mask: as of `optimum_cutoff`.
-
-    Returns:
-        f_c (K,) [Hz]; 0 where there is no cycle.
-
-    Raises:
-        ValueError: as `direct_reverse_cycles`.
-    """
-    values, steps = signal_and_steps(acc, dt, mask)
-    at = placed(cycles, values.shape[0])
-    wanted = jnp.where(at.valid, jnp.asarray(change, values.dtype), 0.0)
-
-    def residual(cutoff: Values, given: Values) -> Values:
-        ends = since(given[0], given[1], per_sample(cutoff, at, values.dtype), at.restart).change[cycles.end]
-        return jnp.where(at.valid, ends - given[2], 0.0)
-
-    return _least(residual, (values, steps, wanted), at.valid.shape, highest_hz)
-
-
 def placed(cycles: Cycles, samples: int) -> Placed:
     """Which cycle each sample is in.
 
@@ -268,11 +198,11 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
         cutoff_hz: f_c [Hz], one, or (T,) that for the interval up to each sample.
         restart: (T,) bool, marks; None: only the first sample.
     """
-    return _scanned(acc, steps, cutoff_hz, restart)[1]
+    return scanned(acc, steps, cutoff_hz, restart)[1]
 
 
-def _scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> tuple[Array, Since]:
-    """What `since` says, and J behind the last sample for those who need no more: nothing is then stored."""
+def scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> tuple[Array, Since]:
+    """As `since`, and J behind the last sample for those who need no more: nothing is then stored."""
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
     shares = _share(cutoff_hz, steps)
 
@@ -327,61 +257,3 @@ def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None) -> t
             raise ValueError(f"the mask must be {values.shape} as the signal; got shape {real.shape}")
         values, there = jnp.where(real, values, 0.0), there & real
     return values, jnp.where(there, steps, 0.0)
-
-
-def _least(
-    residual: Callable[[Values, Values], Values], data: Values, shape: tuple[int, ...], highest_hz: ArrayLike
-) -> Array:
-    """Where |residual(f, data)| is least over [0, f_max], each entry of f by itself, with the implicit gradient.
-
-    A grid finds the first change of sign, or else the lowest point; Newton's steps, halving where they leave the
-    bracket, do the rest. A bracket of a lowest point in which the sign turns out to change is narrowed to that change.
-    """
-    still = jax.tree.map(lax.stop_gradient, data)
-    most = jnp.broadcast_to(jnp.asarray(highest_hz, data[0].dtype), shape)
-    top = lax.stop_gradient(most)
-
-    def slopes(f: Values, given: Values = still) -> Values:
-        """Residual and its slope along f."""
-        return jax.jvp(lambda x: residual(x, given), (f,), (jnp.ones_like(f),))
-
-    def curved(f: Values) -> Values:
-        (value, slope), (_, bend) = jax.jvp(slopes, (f,), (jnp.ones_like(f),))
-        return value, slope, bend
-
-    parts = jnp.arange(GRID + 1, dtype=top.dtype) / GRID
-    values = jax.vmap(lambda part: residual(part * top, still))(parts)
-    crosses = jnp.sign(values[:-1]) != jnp.sign(values[1:])
-    root, lowest = jnp.any(crosses, axis=0), jnp.argmin(jnp.abs(values), axis=0)
-    first = jnp.argmax(crosses, axis=0)
-    low = parts[jnp.where(root, first, jnp.maximum(lowest - 1, 0))] * top
-    high = parts[jnp.where(root, first + 1, jnp.minimum(lowest + 1, GRID))] * top
-    sign = jnp.sign(values[0])
-    # Without a change of sign the end of the range may be the lowest point.
-    edges = jax.vmap(slopes)(jnp.stack([0.0 * top, top]))[1]
-    bottom = (sign == 0.0) | (~root & (lowest == 0) & (sign * edges[0] >= 0.0))
-    ceiling = ~root & (lowest == GRID) & (sign * edges[1] <= 0.0)
-
-    def narrow(_: Values, state: PyTree) -> Values:
-        f, low, high, root = state
-        value, slope, bend = curved(f)
-        beyond = sign * value <= 0.0
-        root = root | beyond
-        right = jnp.where(root, beyond, sign * slope > 0.0)
-        low, high = jnp.where(right, low, f), jnp.where(right, f, high)
-        off, rise = jnp.where(root, value, slope), jnp.where(root, slope, bend)
-        newton = f - off / jnp.where(rise == 0.0, 1.0, rise)
-        good = (rise != 0.0) & (newton >= low) & (newton <= high)
-        return jnp.where(good, newton, 0.5 * (low + high)), low, high, root
-
-    # A chord across the change of sign is nearer than the middle.
-    ends = [jnp.take_along_axis(values, (first + i)[None], axis=0)[0] for i in (0, 1)]
-    across = jnp.where(root, ends[0] - ends[1], 2.0)
-    share = jnp.where(root, ends[0], 1.0) / jnp.where(across == 0.0, 1.0, across)
-    f, _, _, root = lax.fori_loop(0, REFINED, narrow, (low + share * (high - low), low, high, root))
-    _, slope, bend = curved(f)
-    rise = jnp.where(root, slope, bend)
-    value, slope = slopes(f, data)
-    off = jnp.where(root, value, slope)
-    moved = (off - lax.stop_gradient(off)) / jnp.where(rise == 0.0, jnp.inf, rise)
-    return jnp.where(bottom, 0.0, jnp.where(ceiling, most, f - moved))

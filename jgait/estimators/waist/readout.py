@@ -12,7 +12,6 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators.foot_ins.readout import root
 from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.inputs import WaistInputs
@@ -21,6 +20,7 @@ from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.steps import Intervals
+from jgait.geometry.vectors import root
 from jgait.types import Flags, Values
 
 TURNED = 1.0

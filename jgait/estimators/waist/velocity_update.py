@@ -37,8 +37,9 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.estimators.waist.ofdri import HIGHEST, Cycles, Placed, direct_reverse_cycles, optimum_cutoffs, placed, since
+from jgait.estimators.waist.ofdri import Cycles, Placed, direct_reverse_cycles, placed, since
 from jgait.estimators.waist.ofdri import signal_and_steps as _checked
+from jgait.estimators.waist.optimum import HIGHEST, optimum_cutoffs
 from jgait.params import Param, Parameter, documented, fixed, positive
 from jgait.types import Flags, Values
 

@@ -11,12 +11,11 @@ from jgait.estimators.waist.ofdri import (
     direct,
     direct_reverse,
     direct_reverse_cycles,
-    optimum_cutoff,
-    optimum_cutoffs,
     placed,
     since,
     weight,
 )
+from jgait.estimators.waist.optimum import optimum_cutoff, optimum_cutoffs
 
 DT, SAMPLES = 0.01, 111
 TIME = np.arange(SAMPLES) * DT

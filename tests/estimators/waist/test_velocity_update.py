@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.estimators.waist.ofdri import Cycles, optimum_cutoffs
+from jgait.estimators.waist.ofdri import Cycles
+from jgait.estimators.waist.optimum import optimum_cutoffs
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams, frozen, integrated, updated
 
 DT, SAMPLES, PERIOD, FIRST = 0.01, 1100, 105, 180
