@@ -49,10 +49,10 @@ def names(name: str) -> tuple[str, ...]:
     Raises:
         DatasetUnavailable: if none is there; the message says how to get the set.
     """
-    found = tuple(loader(name).names())
-    if not found:
+    there = tuple(loader(name).names())
+    if not there:
         raise DatasetUnavailable(unavailable_reason(name), name)
-    return found
+    return there
 
 
 def available(name: str) -> bool:
@@ -78,10 +78,10 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         ValueError: if the data set, or a recording asked for, is not known.
         DatasetUnavailable: if nothing of the set is there; the message says how to get it.
     """
-    found = names(name)
+    there = names(name)
     if only is not None:
-        lacking = [one for one in only if one not in found]
+        lacking = [wanted for wanted in only if wanted not in there]
         if lacking:
-            raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(found)}")
-        found = tuple(one for one in found if one in only)
-    return load_each(found, loader(name).load_one)
+            raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(there)}")
+        there = tuple(wanted for wanted in there if wanted in only)
+    return load_each(there, loader(name).load_one)

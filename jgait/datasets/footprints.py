@@ -54,8 +54,8 @@ AXES_FROM_BELOW = Kind(
 
 def names() -> list[str]:
     """Recordings that are there: `SensorConnectData_*` without the ending."""
-    found = registry.listing("footprints", ROOT, f"SensorConnectData_*{ENDING}")
-    return [Path(file).name.removesuffix(ENDING) for file in found]
+    files = registry.listing("footprints", ROOT, f"SensorConnectData_*{ENDING}")
+    return [Path(file).name.removesuffix(ENDING) for file in files]
 
 
 def load_one(name: str) -> Walk:
@@ -87,10 +87,10 @@ def load_one(name: str) -> Walk:
 
 def _trajectory(path: Path) -> np.ndarray | None:
     try:
-        found = read_mat(path, ("pyshoeTrajectory",))["pyshoeTrajectory"]
+        trajectory = read_mat(path, ("pyshoeTrajectory",))["pyshoeTrajectory"]
     except RecordingError:
         return None
-    return np.asarray(found, np.float64)[:, :2] * ABOVE
+    return np.asarray(trajectory, np.float64)[:, :2] * ABOVE
 
 
 def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: list[bool]) -> str | None:
@@ -101,12 +101,12 @@ def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: lis
         notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
         return None
     flags.append(known)
-    found = read_mat(path, ("GCP_exist_and_correct",))
-    if not found["GCP_exist_and_correct"]:
+    content = read_mat(path, ("GCP_exist_and_correct",))
+    if not content["GCP_exist_and_correct"]:
         return f"{path.name} says that the footprints were not measured, or not correctly"
-    found = read_mat(path, ("GCP_meters", "tile_edge_length"))
-    position = np.asarray(found["GCP_meters"], np.float64)
-    details["ruler"] = {"position": position, "tile": float(found["tile_edge_length"])}
+    content = read_mat(path, ("GCP_meters", "tile_edge_length"))
+    position = np.asarray(content["GCP_meters"], np.float64)
+    details["ruler"] = {"position": position, "tile": float(content["tile_edge_length"])}
     return None
 
 

@@ -241,13 +241,13 @@ def _strides(
 
 
 def _across(
-    first: np.ndarray, last: np.ndarray, stands: np.ndarray, own: np.ndarray, other: np.ndarray, mocap_time: np.ndarray
+    first: np.ndarray, last: np.ndarray, stands: np.ndarray, this: np.ndarray, other: np.ndarray, mocap_time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far the other foot's marker stands from the line of each stride, and along it from its start [m].
 
     NaN where the other foot does not stand in between.
     """
-    start, end = _at(own, mocap_time, first), _at(own, mocap_time, last)
+    start, end = _at(this, mocap_time, first), _at(this, mocap_time, last)
     width, step = np.full(len(start), np.nan), np.full(len(start), np.nan)
     for k, (begins, ends) in enumerate(zip(first, last, strict=True)):
         between = stands[(stands > begins) & (stands < ends)]

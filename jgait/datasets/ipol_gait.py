@@ -96,10 +96,10 @@ INTERVAL_OUTSIDE = Kind(
 
 def names() -> list[str]:
     """Recordings of which a sensor on the back or the table of events is there, for example '17-5'."""
-    found = [Path(file).name.removesuffix("_lb.txt") for file in registry.listing("ipol_gait", ROOT, "*_lb.txt")]
-    found += [Path(file).stem for file in registry.listing("ipol_gait", ROOT, "*.json")]
+    trials = [Path(file).name.removesuffix("_lb.txt") for file in registry.listing("ipol_gait", ROOT, "*_lb.txt")]
+    trials += [Path(file).stem for file in registry.listing("ipol_gait", ROOT, "*.json")]
     return sorted(
-        set(found), key=lambda name: [int(part) if part.isdigit() else 0 for part in name.split("-")] + [name]
+        set(trials), key=lambda name: [int(part) if part.isdigit() else 0 for part in name.split("-")] + [name]
     )
 
 
@@ -224,15 +224,17 @@ def _read_about(path: Path) -> dict[str, Any]:
 def _swings(what: str, events: PyTree, first: int, length: int, notes: list[Note]) -> np.ndarray:
     """(n, 3) int: samples of foot off and foot strike, and which of upstream's events it is; bad ones are left out."""
     try:
-        found = np.asarray(events, np.float64).reshape(len(events), 2) - first
+        swings = np.asarray(events, np.float64).reshape(len(events), 2) - first
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{what} must be pairs of foot off and foot strike: {error}") from error
-    keep = np.isfinite(found).all(axis=1) & (found[:, 0] >= 0) & (found[:, 1] < length) & (found[:, 0] < found[:, 1])
-    latest = np.maximum.accumulate(np.where(keep, found[:, 1], -1.0))
-    keep[1:] &= found[1:, 0] > latest[:-1]
+    keep = (
+        np.isfinite(swings).all(axis=1) & (swings[:, 0] >= 0) & (swings[:, 1] < length) & (swings[:, 0] < swings[:, 1])
+    )
+    latest = np.maximum.accumulate(np.where(keep, swings[:, 1], -1.0))
+    keep[1:] &= swings[1:, 0] > latest[:-1]
     if not keep.all():
         notes.append(SWINGS_LEFT_OUT(events=what, left_out=(~keep).sum(), swings=len(keep)))
-    return np.concatenate([found[keep], np.flatnonzero(keep)[:, None]], axis=1).astype(np.int64)
+    return np.concatenate([swings[keep], np.flatnonzero(keep)[:, None]], axis=1).astype(np.int64)
 
 
 def _feet_exchanged(sensors: dict[str, Imu], swings: dict[str, np.ndarray]) -> bool:
@@ -256,12 +258,12 @@ def _feet_exchanged(sensors: dict[str, Imu], swings: dict[str, np.ndarray]) -> b
 def _contacts(swings: dict[str, np.ndarray]) -> dict[str, Any]:
     """Initial and final contacts of both feet, in order of time."""
     side = np.concatenate([np.full(len(swings[side]), SIDES.index(side)) for side in SIDES])
-    found: dict[str, Any] = {}
+    contacts: dict[str, Any] = {}
     for name, column in (("initial_contact", 1), ("final_contact", 0)):
         when = np.concatenate([swings[side][:, column] for side in SIDES]) / RATE_HZ
         order = np.argsort(when, kind="stable")
-        found |= {f"{name}s": when[order], f"{name}_sides": side[order]}
-    return found
+        contacts |= {f"{name}s": when[order], f"{name}_sides": side[order]}
+    return contacts
 
 
 def _strides(swings: dict[str, np.ndarray]) -> Strides:

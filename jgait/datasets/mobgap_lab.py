@@ -92,12 +92,12 @@ STRIDES_LEFT_OUT = Kind(
 
 def names() -> list[str]:
     """Trials that are there, for example 'HA/001/Test5/Trial1'; a participant whose trials cannot be told is one."""
-    found = []
+    walks = []
     for file in registry.listing("mobgap_lab", ROOT, "data.mat"):
         participant = Path(file).parent.relative_to(ROOT).as_posix()
         if participant.count("/") == 1:
-            found += [f"{participant}/{trial}" for trial in _trials(participant)] or [participant]
-    return found
+            walks += [f"{participant}/{trial}" for trial in _trials(participant)] or [participant]
+    return walks
 
 
 def load_one(name: str) -> Walk:
@@ -109,11 +109,11 @@ def load_one(name: str) -> Walk:
     if len(key) not in (2, 3):
         raise RecordingError(f"{participant}/data.mat holds no trial")
     measure, test, trial = key if len(key) == 3 else (USUAL, *key)
-    found = _descend(tree, f"{participant}/data.mat", "data", measure, test, trial)
-    imu, rate = _sensor(found, name, notes)
+    sensor = _descend(tree, f"{participant}/data.mat", "data", measure, test, trial)
+    imu, rate = _sensor(sensor, name, notes)
     systems, why = {}, []
     for system in SYSTEMS:
-        bouts = _as_list(found.get("Standards", {}).get(system, {}).get(LEVEL, []))
+        bouts = _as_list(sensor.get("Standards", {}).get(system, {}).get(LEVEL, []))
         if bouts:
             systems[system] = _system(bouts, system, rate, float(imu.time[-1]), notes)
         else:
@@ -121,15 +121,15 @@ def load_one(name: str) -> Walk:
     chosen = next(iter(systems), None)
     person, known = _person(participant, measure, notes)
     flags.append(known)
-    seen = systems[chosen] if chosen else _system([], "", rate, float(imu.time[-1]), notes)
-    details = {key: value for key, value in seen.items() if key != "strides"} | person
+    reference = systems[chosen] if chosen else _system([], "", rate, float(imu.time[-1]), notes)
+    details = {key: value for key, value in reference.items() if key != "strides"} | person
     details |= {
         "trial": (float(imu.time[0]), float(imu.time[-1])), "test": test, "trial_name": trial,
         "straight": test in STRAIGHT_TESTS, "reference_system": chosen, "systems": systems,
         "no_reference": None if chosen else "; ".join(why), "verified": all(flags),
     }  # fmt: skip
     recording = Recording({"lower_back": imu}, rate, name, participant, tuple(notes))
-    return Walk(recording, _reference(imu.time, seen, chosen) if chosen else None, details)
+    return Walk(recording, _reference(imu.time, reference, chosen) if chosen else None, details)
 
 
 def _trials(participant: str) -> list[str]:
@@ -170,8 +170,8 @@ def _as_list(bouts: PyTree) -> list[dict[str, PyTree]]:
     return [bouts] if isinstance(bouts, dict) else [bout for bout in bouts if isinstance(bout, dict)]
 
 
-def _sensor(found: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu, float]:
-    sensor = _descend(found, name, "SU", "LowerBack")
+def _sensor(content: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu, float]:
+    sensor = _descend(content, name, "SU", "LowerBack")
     rates = _descend(sensor, name, "Fs")
     acc, gyr = (np.asarray(_descend(sensor, name, signal), np.float64) for signal in ("Acc", "Gyr"))
     rate = float(_descend(rates, name, "Acc"))
@@ -236,8 +236,8 @@ def _system(bouts: list[dict[str, PyTree]], system: str, rate: float, last: floa
 
 def _number(bout: dict[str, Any], key: str) -> float:
     """One number; NaN where upstream has an empty array, or nothing."""
-    found = np.asarray(bout.get(key, []), np.float64).ravel()
-    return float(found[0]) if found.size else np.nan
+    values = np.asarray(bout.get(key, []), np.float64).ravel()
+    return float(values[0]) if values.size else np.nan
 
 
 def _numbers(bout: dict[str, Any], key: str, where: str) -> np.ndarray:
@@ -278,13 +278,13 @@ def _strides(
         next_one = len(after) > 0 and abs(after[0, 0] - end) < 0.5 / rate
         toes = final[k, 0] if len(final) == count else np.nan
         rows.append([side, start, toes, end, length[k] if len(length) == count else np.nan, step[k], next_one])
-    found = np.array(rows).reshape(-1, 7)
-    return found[np.isfinite(found[:, [1, 3]]).all(axis=1)]
+    table = np.array(rows).reshape(-1, 7)
+    return table[np.isfinite(table[:, [1, 3]]).all(axis=1)]
 
 
-def _reference(time: AnyArray, seen: dict[str, Any], system: str) -> Estimate:
+def _reference(time: AnyArray, details: dict[str, Any], system: str) -> Estimate:
     """Distance along the bouts, even in time through each; valid inside those whose length is known."""
-    bouts = seen["bouts"]
+    bouts = details["bouts"]
     known = np.isfinite(bouts["distance"])
     start, end = bouts["start"][known], bouts["end"][known]
     walked = np.concatenate([[0.0], np.cumsum(bouts["distance"][known])])
@@ -292,7 +292,7 @@ def _reference(time: AnyArray, seen: dict[str, Any], system: str) -> Estimate:
     distance = np.interp(time, corners, np.concatenate([[0.0], np.repeat(walked, 2)[1:-1]]))
     valid = np.any((time[:, None] >= start) & (time[:, None] <= end), axis=1)
     source = {"source": f"{system}: length of each bout"}
-    return Estimate(time, Legs(None, None), None, distance, valid, source, seen["strides"])
+    return Estimate(time, Legs(None, None), None, distance, valid, source, details["strides"])
 
 
 def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str, float | None], bool]:
@@ -306,5 +306,5 @@ def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str
         notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
     except RecordingError as error:
         notes.append(PERSON_UNKNOWN(reason=error))
-    found = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}
-    return {ours: value if np.isfinite(value) else None for ours, value in found.items()}, known
+    measures = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}
+    return {ours: value if np.isfinite(value) else None for ours, value in measures.items()}, known

@@ -78,11 +78,11 @@ def load_one(name: str) -> Walk:
     """One trial: nine sensors, and Vicon as an `Estimate`."""
     trials, list_known = _trials()
     frames = trials[name]
-    found = {placement: registry.file("neura_sparse", path) for placement, path in _sensor_paths(name).items()}
-    if not found:
+    files = {placement: registry.file("neura_sparse", path) for placement, path in _sensor_paths(name).items()}
+    if not files:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
     vicon_path, vicon_known = registry.file("neura_sparse", f"{ROOT}/vicon/{name}.mat")
-    tables = {placement: _read_sensor(path) for placement, (path, _) in found.items()}
+    tables = {placement: _read_sensor(path) for placement, (path, _) in files.items()}
     vicon = _read_vicon(vicon_path)
     contact, contact_known = _read_contact(name)
 
@@ -104,7 +104,7 @@ def load_one(name: str) -> Walk:
         notes.append(SENSOR_FILE_ABSENT(placements=lacking))
     recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(notes))
     reference, details = _reference(name, frames, sensors, vicon, contact)
-    verified = all([list_known, vicon_known, contact_known, *(known for _, known in found.values())])
+    verified = all([list_known, vicon_known, contact_known, *(known for _, known in files.values())])
     return Walk(recording, reference, {**details, "verified": verified})
 
 
@@ -121,8 +121,8 @@ def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
 
 
 def _sensor_paths(name: str) -> dict[str, str]:
-    found = {placement: _listed(f"{name}-*_{serial}.txt") for placement, serial in SERIALS.items()}
-    return {placement: paths[0] for placement, paths in found.items() if paths}
+    listed = {placement: _listed(f"{name}-*_{serial}.txt") for placement, serial in SERIALS.items()}
+    return {placement: paths[0] for placement, paths in listed.items() if paths}
 
 
 def _listed(pattern: str) -> list[str]:

@@ -23,11 +23,11 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """
     from scipy.io import loadmat
 
-    found = loadmat(path, squeeze_me=True, variable_names=list(names))
-    lacking = [name for name in names if name not in found]
+    content = loadmat(path, squeeze_me=True, variable_names=list(names))
+    lacking = [name for name in names if name not in content]
     if lacking:
         raise RecordingError(f"{path.name} has no variable {lacking[0]}; needed are {', '.join(names)}")
-    return {name: found[name] for name in names}
+    return {name: content[name] for name in names}
 
 
 def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:

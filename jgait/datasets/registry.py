@@ -131,8 +131,8 @@ def _folders(name: str) -> tuple[Path, ...]:
     """Where files are looked for, in this order: the user's own folder, then what was fetched."""
     info(name)
     root = os.environ.get(DATA_DIR_VARIABLE)
-    own = (Path(root) / name,) if root and (Path(root) / name).is_dir() else ()
-    return (*own, _cache(name))
+    users = (Path(root) / name,) if root and (Path(root) / name).is_dir() else ()
+    return (*users, _cache(name))
 
 
 def _locate(name: str, upstream_path: str) -> Path | None:
@@ -150,10 +150,10 @@ def listing(name: str, under: str, pattern: str) -> list[str]:
     Returns:
         The paths, sorted.
     """
-    found = set()
+    paths = set()
     for folder in _folders(name):
-        found |= {entry.relative_to(folder).as_posix() for entry in (folder / under).rglob(pattern) if entry.is_file()}
-    return sorted(found)
+        paths |= {entry.relative_to(folder).as_posix() for entry in (folder / under).rglob(pattern) if entry.is_file()}
+    return sorted(paths)
 
 
 def missing(name: str) -> tuple[str, ...]:
@@ -237,12 +237,12 @@ def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, b
     if expected is None:
         return local, False
     stat = local.stat()
-    found = _sha256(local, stat.st_size, stat.st_mtime_ns)
-    if found != expected and not strict:
+    digest = _sha256(local, stat.st_size, stat.st_mtime_ns)
+    if digest != expected and not strict:
         return local, False
-    if found != expected:
+    if digest != expected:
         raise ChecksumError(
-            f"{local} is not upstream's file: sha256 {found[:12]}… found, {expected[:12]}… expected "
+            f"{local} is not upstream's file: sha256 {digest[:12]}… found, {expected[:12]}… expected "
             f"(commit {info(name).commit[:7]} of {info(name).repository}); delete it and fetch it again"
         )
     return local, True

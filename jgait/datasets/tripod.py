@@ -120,12 +120,12 @@ def load_one(name: str) -> Walk:
 
 def _folders() -> dict[str, str]:
     """Name → upstream folder of each trial that has a sensor file; the first root wins."""
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     for file in registry.listing("tripod", "", "*.csv"):
         folder, parent, stem = Path(file).parent.parent, Path(file).parent.name, Path(file).stem
         if parent == "IMU" and stem in SENSORS and folder.parent.name.startswith("Sub_"):
-            found.setdefault(f"{folder.parent.name}/{folder.name}", folder.as_posix())
-    return found
+            folders.setdefault(f"{folder.parent.name}/{folder.name}", folder.as_posix())
+    return folders
 
 
 def _optional(path: str, read: PyTree, notes: list[Note]) -> tuple[dict[str, PyTree], bool]:
@@ -211,13 +211,13 @@ def _read_zebris(path: Path) -> dict[str, float]:
     """Names and units share the header's commas: type, name, unit, name, unit …; the values have one column each."""
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header, values = (line.split(",") for line in lines[:2])
-    found = {}
+    numbers = {}
     for name, value in zip(header[1::2], values[1:], strict=False):
         base, sd = name.removesuffix(" SD"), "_sd" if name.endswith(" SD") else ""
         if base in ZEBRIS and value:
             ours, factor = ZEBRIS[base]
-            found[ours + sd] = float(value) * factor
-    return found
+            numbers[ours + sd] = float(value) * factor
+    return numbers
 
 
 def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:

@@ -78,7 +78,7 @@ def load_one(name: str) -> Walk:
     # One file a person in the two groups; the additional walks of a folder are all of one person.
     subject = name if group in LENGTHS else f"Additional/{group}"
     swapped = _swapped(sensors)
-    notes += [SENSORS_SWAPPED(placement=one, other=other) for one, other in swapped]
+    notes += [SENSORS_SWAPPED(placement=placement, other=other) for placement, other in swapped]
     recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
     reference, feet, why = distance_reference(sensors)
     lengths = LENGTHS.get(group)
@@ -103,14 +103,14 @@ def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, in
 
 def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
     """Thigh and shank of a side, where the thigh turns faster; in walking the shank does, by half or more."""
-    found = []
+    pairs = []
     for side in SIDES:
         thigh, shank = f"thigh_{side}", f"shank_{side}"
         if thigh in sensors and shank in sensors:
             fast = [np.percentile(np.linalg.norm(sensors[p].gyr, axis=1), 99.0) for p in (thigh, shank)]
             if fast[0] > fast[1]:
-                found.append((thigh, shank))
-    return tuple(found)
+                pairs.append((thigh, shank))
+    return tuple(pairs)
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:

@@ -199,14 +199,14 @@ def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Fa
     """Buckets as they fill; at the end, or when too many wait, the rest as they are."""
     waiting: dict[PyTree, list[Ready]] = {}
     with closing(ahead((prepared(job, *item) for item in items), job.batch, job.x64)) as ready:
-        for one in ready:
-            if isinstance(one, Failed):
-                failures.append(one)
+        for recording in ready:
+            if isinstance(recording, Failed):
+                failures.append(recording)
                 continue
-            bucket = waiting.setdefault(one.bucket, [])
-            bucket.append(one)
+            bucket = waiting.setdefault(recording.bucket, [])
+            bucket.append(recording)
             if len(bucket) == job.batch:
-                yield waiting.pop(one.bucket)
+                yield waiting.pop(recording.bucket)
             elif sum(map(len, waiting.values())) >= WAITING * job.batch:
                 yield waiting.pop(max(waiting, key=lambda key: len(waiting[key])))
     yield from waiting.values()
@@ -231,8 +231,8 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
     result = jax.device_get(result)
     good: list[tuple[Ready, Estimate, Scores]] = []
     for number, ready in enumerate(bucket):
-        one = jax.tree.map(lambda leaf, number=number: leaf[number], result)
-        estimate = _unpadded(one, ready)
+        row = jax.tree.map(lambda leaf, number=number: leaf[number], result)
+        estimate = _unpadded(row, ready)
         bad = _unusable(estimate)
         if bad is None:
             try:
@@ -291,9 +291,13 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
     lists: dict[str, list[PyTree]] = {name: [] for name in COLUMNS["strides"] if "error" not in name}
     for ready, _, scores in good:
         count = len(scores.strides["s_id"]) if scores.strides else 0
-        own = {"recording": [ready.name] * count, "subject": [ready.walk.recording.subject] * count, **scores.strides}
+        named = {
+            "recording": [ready.name] * count,
+            "subject": [ready.walk.recording.subject] * count,
+            **scores.strides,
+        }
         for name, values in lists.items():
-            values.extend(own[name] if count else ())
+            values.extend(named[name] if count else ())
     columns = list(zip(*quantities, strict=True)) or [()] * 5
     first = dict(zip(COLUMNS["quantities"][:5], columns, strict=True))
     return Cohort(

@@ -136,14 +136,14 @@ def _named(
     items: Iterable[PyTree], can_read: bool, done: frozenset[str], rank: int, processes: int
 ) -> Iterator[tuple[str, PyTree]]:
     """This process's share of the items that are not done, each with its name."""
-    seen: set[str] = set()
+    names: set[str] = set()
     for number, item in enumerate(items):
         if not can_read and not isinstance(item, Walk):
             raise TypeError(f"items must be walks, or come with read=; item {number} is {type(item).__name__}")
         name = str(item.recording.name) if isinstance(item, Walk) else str(item)
-        if name in seen:
+        if name in names:
             raise ValueError(f"items must have names of their own; item {number} is a second {name!r}")
-        seen.add(name)
+        names.add(name)
         if number % processes == rank and name not in done:
             yield name, item
 

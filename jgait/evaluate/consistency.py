@@ -184,21 +184,21 @@ def whiteness(
 
     check_level(level)
     values = as_float(innovations)
-    seen = np.isfinite(values)
+    finite = np.isfinite(values)
     if mask is not None:
         rows = np.shape(mask) == values.shape[:1] and values.ndim == 2
         given = _mask(mask, values.shape[:1] if rows else values.shape)
-        seen &= given[:, None] if rows else given
+        finite &= given[:, None] if rows else given
     if values.ndim not in (1, 2) or not 0 < lags < len(values):
         raise ValueError(f"innovations must be (T, m) or (T,) with T > lags > 0; got {values.shape} and {lags} lags")
-    values, seen = values.reshape(len(values), -1), seen.reshape(len(values), -1)
-    values = np.where(seen, values, 0.0)
-    count, power = seen.sum(axis=0), np.sum(values**2, axis=0)
+    values, finite = values.reshape(len(values), -1), finite.reshape(len(values), -1)
+    values = np.where(finite, values, 0.0)
+    count, power = finite.sum(axis=0), np.sum(values**2, axis=0)
     if not (power > 0.0).all():
         raise ValueError(
             f"every component needs samples other than 0; {np.flatnonzero(power <= 0.0).tolist()} has none"
         )
-    pairs = np.stack([np.sum(seen[k:] & seen[:-k], axis=0) for k in range(1, lags + 1)])
+    pairs = np.stack([np.sum(finite[k:] & finite[:-k], axis=0) for k in range(1, lags + 1)])
     sums = np.stack([np.sum(values[k:] * values[:-k], axis=0) for k in range(1, lags + 1)])
     there = pairs > 0
     if not there.any():

@@ -19,10 +19,10 @@ def checked_mesh(mesh: Mesh | None) -> Mesh | None:
         return None
     if not isinstance(mesh, Mesh) or len(mesh.axis_names) != 1:
         raise ValueError(f"mesh must be a jax.sharding.Mesh of one axis; got {mesh!r}")
-    own = mesh.local_mesh if mesh.is_multi_process else mesh
-    if not own.size:
+    local = mesh.local_mesh if mesh.is_multi_process else mesh
+    if not local.size:
         raise ValueError("mesh has no device of this process")
-    return own
+    return local
 
 
 def sharded(mapped: Callable[..., PyTree], mesh: Mesh) -> Callable[..., PyTree]:

@@ -156,8 +156,8 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
     Raises:
         ValueError: if either has no distance, they share no time, or the reference did not move.
     """
-    for name, one in (("estimate", estimate), ("reference", reference)):
-        if one.distance is None:
+    for name, estimated in (("estimate", estimate), ("reference", reference)):
+        if estimated.distance is None:
             raise ValueError(f"the {name} has no distance to compare")
     common = common_samples(estimate, reference) & _samples(reference, window, "window")
     if not common.any():
@@ -197,7 +197,7 @@ def foot_position_error(
     ways = [getattr(feet, side) for feet in (estimate.feet, reference.feet)]
     if any(way is None for way in ways):
         return None
-    times = [as_float(one.time) for one in (estimate, reference)]
+    times = [as_float(estimated.time) for estimated in (estimate, reference)]
     ours_every, theirs_every = ((time[-1] - time[0]) / max(time.size - 1, 1) for time in times)
     coarser = 0 if ours_every > 1.5 * theirs_every else 1
     pair = (reference, estimate) if coarser == 0 else (estimate, reference)

@@ -112,7 +112,7 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
-    found = {}
+    quantities = {}
     for side in SIDES:
         ours, theirs = getattr(estimate.legs, side), getattr(reference.legs, side)
         if ours is None or theirs is None:
@@ -121,18 +121,18 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
             difference = (_on(reference, estimate, getattr(ours, field)) - as_float(getattr(theirs, field)))[common]
             part, suffix = column.split("_")
             rms = float(np.sqrt(np.mean(difference * difference))) * unit
-            found[f"{part}_rmse_{suffix}_{side}"] = (rms, 0.0)
-    return found
+            quantities[f"{part}_rmse_{suffix}_{side}"] = (rms, 0.0)
+    return quantities
 
 
 def _places(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, float]]:
-    found = {}
+    quantities = {}
     for side in SIDES:
         error = foot_position_error(estimate, reference, side)
         if error is not None:
-            found[f"foot_rmse_cm_{side}"] = (100.0 * error.plan, 0.0)
-            found[f"foot_height_rmse_cm_{side}"] = (100.0 * error.height, 0.0)
-    return found
+            quantities[f"foot_rmse_cm_{side}"] = (100.0 * error.plan, 0.0)
+            quantities[f"foot_height_rmse_cm_{side}"] = (100.0 * error.height, 0.0)
+    return quantities
 
 
 def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
         return {}
     theirs = _ordered(strides)
     known: dict[str, np.ndarray] = {}
-    own: dict[str, np.ndarray] = {}
+    rows: dict[str, np.ndarray] = {}
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
         match = matched(ours, theirs)
@@ -164,18 +164,18 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
                 continue
             values = np.append(values, NAN)[match]
             if name == "stride_length_m" or (np.isfinite(values).any() and np.isfinite(truth).any()):
-                own[name], known[name] = values, truth
+                rows[name], known[name] = values, truth
     elif estimate.distance is not None:
-        own["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
+        rows["stride_length_m"] = np.where(_as_far(reference, theirs), _gained(estimate, theirs), NAN)
         known["stride_length_m"] = as_float(theirs.length)
-    if not own:
+    if not rows:
         return {}
     count = len(theirs.length)
     start, end = _span(theirs, standing=theirs.start is None)
     fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
-    return {name: np.concatenate([values] * len(own)) for name, values in fixed.items()} | {
-        "quantity": np.repeat(list(own), count),
-        "estimate": np.concatenate(list(own.values())),
+    return {name: np.concatenate([values] * len(rows)) for name, values in fixed.items()} | {
+        "quantity": np.repeat(list(rows), count),
+        "estimate": np.concatenate(list(rows.values())),
         "reference": np.concatenate(list(known.values())),
     }
 
@@ -187,7 +187,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
     ours, theirs = _ordered(estimate.strides), _ordered(reference.strides)
     stated = _ordered(estimate.strides_stddev._replace(valid=estimate.strides.valid), like=estimate.strides)
     match = matched(ours, theirs)
-    found = {}
+    quantities = {}
     for name, (field, _) in STRIDE_QUANTITIES.items():
         values, truth = values_of(ours, name), values_of(theirs, name)
         spread = values_of(stated, name) if field else None
@@ -195,11 +195,11 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
             continue
         error = np.append(values, NAN)[match] - truth
         allowed = 2.0 * np.append(spread, NAN)[match]
-        told = np.isfinite(error) & (allowed > 0.0)
-        if told.any():
-            share = 100.0 * float(np.mean(np.abs(error[told]) <= allowed[told]))
-            found[f"{name.rpartition('_')[0]}_within_2sd_percent"] = (share, WITHIN)
-    return found
+        usable = np.isfinite(error) & (allowed > 0.0)
+        if usable.any():
+            share = 100.0 * float(np.mean(np.abs(error[usable]) <= allowed[usable]))
+            quantities[f"{name.rpartition('_')[0]}_within_2sd_percent"] = (share, WITHIN)
+    return quantities
 
 
 def values_of(strides: Strides, quantity: str) -> np.ndarray | None:

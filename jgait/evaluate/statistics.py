@@ -169,7 +169,7 @@ def cluster_bootstrap(
     numbers = np.arange(count)
     values = []
     for draw in _draws(count, seed, level, resamples):
-        drawn = table.take(np.concatenate([groups[one] for one in draw]))
+        drawn = table.take(np.concatenate([groups[cluster] for cluster in draw]))
         values.append(float(statistic(drawn.assign(**{by: np.repeat(numbers, sizes[draw])}))))
     if not np.isfinite(values).all():
         bad = int(np.sum(~np.isfinite(values)))
@@ -278,10 +278,10 @@ def agreement(
         chosen = table[table["quantity"] == name]
         pairs = chosen[["estimate", "reference"]].to_numpy(dtype=float)
         finite = np.isfinite(pairs).all(axis=1)
-        one = _agreement(
+        row = _agreement(
             pairs[finite], *number_subjects(chosen[by][finite]), seed=seed, level=level, resamples=resamples
         )
-        rows[name] = one | {"n_dropped": int(np.sum(~finite))}
+        rows[name] = row | {"n_dropped": int(np.sum(~finite))}
     whole = {"n": int, "n_subjects": int, "n_dropped": int}
     made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # of no rows, too
     return made.rename_axis("quantity").astype(whole)

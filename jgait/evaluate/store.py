@@ -154,14 +154,16 @@ class Folder:
         before = json.loads(known.read_text(encoding="utf-8"))
         differ = [name for name in sorted({*before, *description}) if before.get(name) != description.get(name)]
         if differ:
-            told = "; ".join(f"{k}: {before.get(k, 'none')} there, {description.get(k, 'none')} here" for k in differ)
+            differences = "; ".join(
+                f"{k}: {before.get(k, 'none')} there, {description.get(k, 'none')} here" for k in differ
+            )
             raise OtherEvaluationError(
-                f"{self._path} holds results of another evaluation ({told}); give another folder as out"
+                f"{self._path} holds results of another evaluation ({differences}); give another folder as out"
             )
         for left in self._path.glob(f".{rank}-part-*"):
             shutil.rmtree(left)
-        own = [int(p.name.rsplit("-", 1)[1]) for p in self._parts() if p.name.startswith(f"part-{rank}-")]
-        self._next = max(own, default=-1) + 1
+        numbers = [int(p.name.rsplit("-", 1)[1]) for p in self._parts() if p.name.startswith(f"part-{rank}-")]
+        self._next = max(numbers, default=-1) + 1
 
     def _parts(self) -> list[Path]:
         return sorted(self._path.glob("part-*-*"))
@@ -211,9 +213,9 @@ def described(value: object) -> str:
     if inspect.isfunction(value):
         held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
         inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
-        own = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
+        text = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
         # Two lambdas have one name.
-        return f"{own} {_digest(_code(value))}" if "<" in value.__qualname__ else own
+        return f"{text} {_digest(_code(value))}" if "<" in value.__qualname__ else text
     if callable(value) and not isinstance(value, type) and not hasattr(value, "_fields"):
         return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
     if isinstance(value, jax.Array | np.ndarray) and np.ndim(value):

@@ -101,8 +101,8 @@ def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, na
     distance = as_float(values)
     if distance.shape != (samples,):
         raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")
-    heard = (clock.rows >= 0) & np.isfinite(distance)[clock.rows]
-    return RangeReadings(clock.time, np.where(heard, scale * distance[clock.rows], 0.0), heard)
+    measured = (clock.rows >= 0) & np.isfinite(distance)[clock.rows]
+    return RangeReadings(clock.time, np.where(measured, scale * distance[clock.rows], 0.0), measured)
 
 
 def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
@@ -135,8 +135,8 @@ def _imu(signals: Mapping[str, ArrayLike], scales: Mapping[str, float], clock: S
     if force is None:
         return Imu(clock.time, gyr, None, mask)
     # A gyroscope that sleeps takes nothing from the accelerometer beside it.
-    felt = (clock.rows >= 0) & np.isfinite(force).all(axis=1)[clock.rows]
-    acc = _interpolated(clock.time, force[clock.rows], felt)
+    measured = (clock.rows >= 0) & np.isfinite(force).all(axis=1)[clock.rows]
+    acc = _interpolated(clock.time, force[clock.rows], measured)
     return Imu(clock.time, gyr, acc, mask)
 
 

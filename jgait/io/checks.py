@@ -127,7 +127,7 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
     if low <= middle <= high:
         return
     raw = middle / RANGE_UNITS[unit]
-    meant = min(RANGE_UNITS, key=lambda one: abs(np.log(raw * RANGE_UNITS[one] / np.sqrt(low * high))))
+    meant = min(RANGE_UNITS, key=lambda u: abs(np.log(raw * RANGE_UNITS[u] / np.sqrt(low * high))))
     fits = low <= raw * RANGE_UNITS[meant] <= high
     hint = f"it seems to be in {meant}; pass {{argument}}" if fits else "check the unit"
     raise RecordingError(

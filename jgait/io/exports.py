@@ -90,12 +90,12 @@ def to_gaitmap_parameters(
         given["max_sensor_lift"] = table["lift_m"] + table["stride_height_m"].clip(lower=0.0)
     columns = {name: given[name] for name in GAITMAP_PARAMETERS if given.get(name) is not None}
     whole = pd.DataFrame(columns, index=table.index)
-    found = {sensor: whole.loc[own.index] for sensor, own in lists.items()}
+    tables = {sensor: whole.loc[rows.index] for sensor, rows in lists.items()}
     if with_units:
-        found = {
-            sensor: own.rename(columns=GAITMAP_PARAMETERS).rename_axis("stride id") for sensor, own in found.items()
+        tables = {
+            sensor: rows.rename(columns=GAITMAP_PARAMETERS).rename_axis("stride id") for sensor, rows in tables.items()
         }
-    return found
+    return tables
 
 
 def to_mobgap(
@@ -146,16 +146,16 @@ def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float, first: flo
     """Contacts that the estimator lists, or else those at the ends of its strides."""
     import pandas as pd
 
-    told = estimate.diagnostics
-    if "initial_contact" in told and "initial_contact_side" in told:
-        ic = _samples(as_float(told["initial_contact"]), rate, first)
-        side = np.asarray(SIDES, dtype=object)[np.asarray(told["initial_contact_side"]).astype(int)]
+    diagnostics = estimate.diagnostics
+    if "initial_contact" in diagnostics and "initial_contact_side" in diagnostics:
+        ic = _samples(as_float(diagnostics["initial_contact"]), rate, first)
+        side = np.asarray(SIDES, dtype=object)[np.asarray(diagnostics["initial_contact_side"]).astype(int)]
     else:
         ic = np.concatenate([_samples(table[name].to_numpy(), rate, first) for name in ("start_s", "end_s")])
         side = np.concatenate([table["side"].to_numpy(dtype=object)] * 2)
-    found = pd.DataFrame({"ic": ic, "lr_label": side}).drop_duplicates().sort_values("ic", kind="stable")
-    found = found.reset_index(drop=True).rename_axis(index="step_id")
-    return found.assign(lr_label=_sides(found["lr_label"].to_numpy(dtype=object)))
+    contacts = pd.DataFrame({"ic": ic, "lr_label": side}).drop_duplicates().sort_values("ic", kind="stable")
+    contacts = contacts.reset_index(drop=True).rename_axis(index="step_id")
+    return contacts.assign(lr_label=_sides(contacts["lr_label"].to_numpy(dtype=object)))
 
 
 def _strides(table: "pd.DataFrame", rate: float, first: float, max_break_s: float) -> "pd.DataFrame":
@@ -166,23 +166,23 @@ def _strides(table: "pd.DataFrame", rate: float, first: float, max_break_s: floa
     begin, end, table = begin[order], end[order], table.iloc[order]
     fresh = np.concatenate([[True], begin[1:] - np.maximum.accumulate(end)[:-1] > max_break_s])[: len(begin)]
     bouts = np.cumsum(fresh)
-    found = pd.DataFrame({
+    columns = pd.DataFrame({
         "wb_id": bouts - 1, "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate, first),
         "end": _samples(end, rate, first), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
         "stride_duration_s": end - begin, "cadence_spm": 120.0 / (end - begin),
     })  # fmt: skip
     for name in ("stride_length_m", "walking_speed_mps"):
         if name in table:
-            found[name] = table[name].to_numpy()
-    return found.set_index(["wb_id", "s_id"])
+            columns[name] = table[name].to_numpy()
+    return columns.set_index(["wb_id", "s_id"])
 
 
 def _bouts(strides: "pd.DataFrame", contacts: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     by_bout = strides.groupby(level="wb_id")
-    found = by_bout.agg(start=("start", "min"), end=("end", "max"), n_strides=("start", "size"))
-    found["duration_s"] = (found["end"] - found["start"]) / rate
-    found["n_raw_initial_contacts"] = [
-        int(contacts["ic"].between(start, end).sum()) for start, end in zip(found["start"], found["end"], strict=True)
+    bouts = by_bout.agg(start=("start", "min"), end=("end", "max"), n_strides=("start", "size"))
+    bouts["duration_s"] = (bouts["end"] - bouts["start"]) / rate
+    bouts["n_raw_initial_contacts"] = [
+        int(contacts["ic"].between(start, end).sum()) for start, end in zip(bouts["start"], bouts["end"], strict=True)
     ]
     measures = [name for name in strides.columns if name not in ("start", "end", "lr_label")]
-    return found.join(by_bout[measures].mean())
+    return bouts.join(by_bout[measures].mean())

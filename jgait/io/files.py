@@ -65,10 +65,10 @@ def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.n
         RecordingError: for anything else.
     """
     try:
-        found = np.asarray(values, np.float64)
+        columns = np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{what} must be numbers: {error}") from error
-    if found.ndim != 2 or found.shape[1] != 3 or (rows is not None and len(found) != rows):
+    if columns.ndim != 2 or columns.shape[1] != 3 or (rows is not None and len(columns) != rows):
         expected = f"({'samples' if rows is None else rows}, 3)"
-        raise RecordingError(f"{what} must have shape {expected}; it has {found.shape}")
-    return found
+        raise RecordingError(f"{what} must have shape {expected}; it has {columns.shape}")
+    return columns

@@ -89,13 +89,13 @@ def column_of(name: str) -> str | None:
         for synonym in synonyms:
             if synonym not in joined:
                 continue
-            last = not axis and joined.endswith(tuple(f"{synonym}{one}" for one in "xyz"))
-            found = joined[-1] if last else axis
-            rest = _without(words, synonym + (found if last else ""))
-            if not found or rest is None:
+            last = not axis and joined.endswith(tuple(f"{synonym}{letter}" for letter in "xyz"))
+            axis_found = joined[-1] if last else axis
+            rest = _without(words, synonym + (axis_found if last else ""))
+            if not axis_found or rest is None:
                 return None
             where = placement_of("_".join(rest)) if rest else None
-            return f"{where}_{kind}_{found}" if where else None if rest else f"{kind}_{found}"
+            return f"{where}_{kind}_{axis_found}" if where else None if rest else f"{kind}_{axis_found}"
     return None
 
 

@@ -37,10 +37,10 @@ def write_params(
         The path.
     """
     rows: dict[str, dict[str, PyTree]] = {}
-    told = units(params)
+    unit_of = units(params)
     for where, value in jax.tree_util.tree_flatten_with_path(params)[0]:
         name = jax.tree_util.keystr(where).lstrip(".")
-        rows[name] = {"value": float(value), "unit": told[name]}
+        rows[name] = {"value": float(value), "unit": unit_of[name]}
         spread = (stderr or {}).get(name)
         if spread is not None and math.isfinite(spread):
             rows[name]["stderr"] = float(spread)

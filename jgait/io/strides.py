@@ -141,10 +141,10 @@ def to_gaitmap(
     }  # fmt: skip
     ordered = np.logical_and.reduce([events[a] < events[b] for a, b in itertools.pairwise(GAITMAP_ORDER)])
     side = np.asarray(strides.side)[rows]
-    found = {}
+    tables = {}
     for number, sensor in enumerate(sensors):
-        own = np.flatnonzero(ordered & (side == number))
-        table = pd.DataFrame({name: events[name][own].astype(np.int64) for name in GAITMAP_COLUMNS})
-        table.index = pd.Index(own, name="s_id", dtype=np.int64)
-        found[sensor] = table
-    return found
+        of_side = np.flatnonzero(ordered & (side == number))
+        table = pd.DataFrame({name: events[name][of_side].astype(np.int64) for name in GAITMAP_COLUMNS})
+        table.index = pd.Index(of_side, name="s_id", dtype=np.int64)
+        tables[sensor] = table
+    return tables

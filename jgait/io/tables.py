@@ -93,11 +93,11 @@ def recording_from_dataframe(
         RecordingError: if columns are missing (the message lists what was expected and found, and what was perhaps
             meant), hold no numbers, or the data make no usable recording.
     """
-    found = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
+    content = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
     recording = recording_from_arrays(
-        found.sensors,
-        time=found.time,
-        feet_range=found.feet_range,
+        content.sensors,
+        time=content.time,
+        feet_range=content.feet_range,
         sampling_rate_hz=sampling_rate_hz,
         time_unit=time_unit,
         gyr_unit=gyr_unit,
@@ -107,7 +107,7 @@ def recording_from_dataframe(
         subject=subject,
         check_sizes=check_sizes,
     )
-    return recording._replace(notes=(*recording.notes, *about(found)))
+    return recording._replace(notes=(*recording.notes, *about(content)))
 
 
 def columns_of(
@@ -138,10 +138,10 @@ def columns_of(
     told_at = _told(given, renamed, placement)
     renamed = [told_at.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
-    found = _placements(position, given, tuple(needs), name)
+    placements_found = _placements(position, given, tuple(needs), name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
     used = {position["time"]} if "time" in position else set()
-    for where, kinds in found.items():
+    for where, kinds in placements_found.items():
         sensors[where] = {}
         for kind in kinds:
             indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
@@ -154,31 +154,31 @@ def columns_of(
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
-    told = tuple((given[index], renamed[index]) for index in sorted(used & set(told_at)))
-    return Columns(sensors, time, apart, others, told, odd)
+    matched = tuple((given[index], renamed[index]) for index in sorted(used & set(told_at)))
+    return Columns(sensors, time, apart, others, matched, odd)
 
 
-def about(found: Columns) -> tuple[Note, ...]:
+def about(content: Columns) -> tuple[Note, ...]:
     """Notes about columns whose names were told, and about those that say nothing here."""
-    notes = [*found.odd]
-    if found.told:
-        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in found.told]))
-    if found.others:
-        notes.append(COLUMNS_LEFT_OUT(columns=found.others))
+    notes = [*content.odd]
+    if content.told:
+        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in content.told]))
+    if content.others:
+        notes.append(COLUMNS_LEFT_OUT(columns=content.others))
     return tuple(notes)
 
 
 def _told(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
     """Column → its name here, of columns in a lab's own words; none where two say the same."""
     expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for index, name in enumerate(given):
         known = None if renamed[index] in expected else column_of(name)
         if known in CHANNELS:
             known = None if placement is None else f"{placement}_{known}"
         if known is not None and known not in renamed:
-            found[index] = known
-    return {index: name for index, name in found.items() if list(found.values()).count(name) == 1}
+            names[index] = known
+    return {index: name for index, name in names.items() if list(names.values()).count(name) == 1}
 
 
 def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:
@@ -198,7 +198,7 @@ def _placements(
     position: Mapping[str, int], given: list[str], needs: tuple[str, ...], name: str
 ) -> dict[str, list[str]]:
     """Placement → kinds of signal that are there in full."""
-    found: dict[str, list[str]] = {}
+    placements: dict[str, list[str]] = {}
     for placement in PLACEMENTS:
         for kind in ("gyr", "acc"):
             expected = [f"{placement}_{kind}_{axis}" for axis in "xyz"]
@@ -207,16 +207,16 @@ def _placements(
                 continue
             if lacking:
                 raise _lacking(lacking, expected, given, name)
-            if kind == "acc" and placement not in found:
+            if kind == "acc" and placement not in placements:
                 raise RecordingError(
                     f"{name} has {placement}_acc_x, _y, _z but no {placement}_gyr_x, _y, _z; "
                     "a sensor needs its gyroscope"
                 )
-            found.setdefault(placement, []).append(kind)
-    if not found:
+            placements.setdefault(placement, []).append(kind)
+    if not placements:
         expected = [f"thigh_right_gyr_{axis}" for axis in "xyz"]
         raise _lacking(expected, expected, given, name, "such as ")
-    return found
+    return placements
 
 
 def _lacking(lacking: list[str], expected: list[str], given: list[str], name: str, such_as: str = "") -> RecordingError:

@@ -120,15 +120,15 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
 
 def _ranges(read: RangeReadings, time: np.ndarray, name: str) -> np.ndarray:
     """Ranges at the samples of the sensors [m], NaN where nothing was heard."""
-    heard = np.asarray(read.mask, bool)
-    at = np.asarray(read.time)[heard]
+    measured = np.asarray(read.mask, bool)
+    at = np.asarray(read.time)[measured]
     sample = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     sample = np.where(at - time[sample - 1] < time[sample] - at, sample - 1, sample)
     step = float(np.median(np.diff(time)))
     if np.unique(sample).size < sample.size or np.any(np.abs(time[sample] - at) > 0.5 * step + 1e-9):
         raise ValueError(f"a table has room for one range a sample; those of {name} come oftener, or at other times")
     column = np.full(time.size, np.nan)
-    column[sample] = np.asarray(read.distance)[heard]
+    column[sample] = np.asarray(read.distance)[measured]
     return column
 
 

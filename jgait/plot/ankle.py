@@ -190,8 +190,10 @@ def stride_integration(
     axes[1, 0].plot([], [], label="before the correction", color="black", **UNCORRECTED)
     axes[-1, 0].set_xlabel("time [s]")
     length, rise = float(np.hypot(*went["way"][-1, :2])), float(went["way"][-1, 2])
-    said = f"stride {number} of the {side} leg: {length:.2f} m, rise {100.0 * rise:.0f} cm, {when[-1] - when[0]:.2f} s"
-    legend(figure, f"{title}\n{said}" if title else said)
+    summary = (
+        f"stride {number} of the {side} leg: {length:.2f} m, rise {100.0 * rise:.0f} cm, {when[-1] - when[0]:.2f} s"
+    )
+    legend(figure, f"{title}\n{summary}" if title else summary)
     return figure
 
 
@@ -215,8 +217,8 @@ def _phases(
     filtered = butterworth.low_pass(values, d.cutoff_hz, rate_hz)
 
     def one(state: ShankState, sample: tuple[Array, Array]) -> tuple[ShankState, tuple[Array, ShankEvents]]:
-        state, found = shank_events.phase_step(d, state, *sample)
-        return state, (state.phase, found)
+        state, events = shank_events.phase_step(d, state, *sample)
+        return state, (state.phase, events)
 
     began = shank_events.begin(filtered[0], time[0])
     return filtered, butterworth.delay(d.cutoff_hz, rate_hz), lax.scan(one, began, (filtered, time))[1]
@@ -224,11 +226,11 @@ def _phases(
 
 def _machine(rate: np.ndarray, time: np.ndarray, rate_hz: float, d: Detector) -> Machine:
     """The machine over the whole recording; the states so late as the filter makes them, which is taken off."""
-    filtered, late, (state, found) = _phases(d, rate, time, float(rate_hz))
+    filtered, late, (state, events) = _phases(d, rate, time, float(rate_hz))
     late = float(late)
-    moved = {field: as_float(getattr(found, field)) - late for field in ("push_off", "start", "end")}
-    found = found._replace(stride=np.asarray(found.stride, bool), **moved)
-    return Machine(time - late, as_float(filtered), np.asarray(state), found)
+    moved = {field: as_float(getattr(events, field)) - late for field in ("push_off", "start", "end")}
+    events = events._replace(stride=np.asarray(events.stride, bool), **moved)
+    return Machine(time - late, as_float(filtered), np.asarray(state), events)
 
 
 def _grounds(axis: Axes, machine: Machine, span: tuple[float, float]) -> None:
@@ -281,7 +283,7 @@ def _integrated(
         return np.concatenate([start[None], np.stack([as_float(part) for part in parts], axis=1)])
 
     nothing, r = np.zeros(3), np.array([float(part) for part in lever])
-    felt, single, double = rows(state.force, acc[0]), rows(state.velocity, nothing), rows(state.way, nothing)
+    force, single, double = rows(state.force, acc[0]), rows(state.velocity, nothing), rows(state.way, nothing)
     turned, round_ankle = rows(arm, r), rows(about, np.cross(gyr[0], r))
     mean = (single[-1] - round_ankle[-1] + round_ankle[0]) / t[-1]
     way = double - 0.5 * mean * t**2 + round_ankle[0] * t - (turned - r)
@@ -290,11 +292,11 @@ def _integrated(
     forward = way[-1] - up * (way[-1] @ up)
     forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
     axes = np.stack([forward, np.cross(up, forward), up])
-    found = {
-        "acceleration": felt - mean - np.gradient(round_ankle, 1.0 / rate_hz, axis=0),
+    result = {
+        "acceleration": force - mean - np.gradient(round_ankle, 1.0 / rate_hz, axis=0),
         "velocity": velocity,
         "way": way,
         "plain_velocity": single - acc[0] * t,
         "plain_way": double - 0.5 * acc[0] * t**2,
     }
-    return {name: values @ axes.T for name, values in found.items()}
+    return {name: values @ axes.T for name, values in result.items()}

@@ -91,10 +91,10 @@ def bland_altman(
     if subjects and count <= FEW:
         names = rows[by].drop_duplicates()
         for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
-            own = codes == code
+            of_subject = codes == code
             axis.scatter(
-                mean[own],
-                difference[own],
+                mean[of_subject],
+                difference[of_subject],
                 s=size,
                 marker=marker,
                 color=color,
@@ -127,8 +127,8 @@ def _limits(axis: Axes, limits: Limits, level: float, unit: str) -> None:
     apart = APART * (top - bottom)
     places = (limits.bias, max(limits.upper, limits.bias + apart), min(limits.lower, limits.bias - apart))
     for (name, _, _, value, _, _), place in zip(lines, places, strict=True):
-        said = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
-        axis.text(1.05, place, said, transform=beside, fontsize=8, va="center")
+        text = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
+        axis.text(1.05, place, text, transform=beside, fontsize=8, va="center")
 
 
 def _number(value: float) -> str:
@@ -155,18 +155,18 @@ def per_subject(
     """
     rows = _rows(table, quantity, by)
     size = (rows["estimate"] - rows["reference"]).abs().astype(float)
-    own = {str(name): values.to_numpy() for name, values in size.groupby(rows[by].astype(str), sort=True)}
-    names = sorted(own, key=lambda name: (float(np.median(own[name])), own[name].max()))
+    sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows[by].astype(str), sort=True)}
+    names = sorted(sizes, key=lambda name: (float(np.median(sizes[name])), sizes[name].max()))
     figure, axes = blank(1, 1, 6.4, _height(len(names)))
     axis = axes[0, 0]
     for row, name in enumerate(names):
-        low, middle, high = np.quantile(own[name], [0.25, 0.5, 0.75])
+        low, middle, high = np.quantile(sizes[name], [0.25, 0.5, 0.75])
         label = {} if row else {"half": "middle half", "median": "median", "worst": "worst"}
-        axis.plot([own[name].min(), own[name].max()], [row, row], color="0.7", linewidth=1.0)
+        axis.plot([sizes[name].min(), sizes[name].max()], [row, row], color="0.7", linewidth=1.0)
         axis.plot([low, high], [row, row], linewidth=5.0, label=label.get("half"), **HALF)
         axis.plot(middle, row, label=label.get("median"), **MEDIAN)
-        axis.plot(own[name].max(), row, label=label.get("worst"), **WORST)
-    whole = float(np.median([np.median(values) for values in own.values()]))
+        axis.plot(sizes[name].max(), row, label=label.get("worst"), **WORST)
+    whole = float(np.median([np.median(values) for values in sizes.values()]))
     axis.axvline(whole, zorder=0, label="median of the subjects' medians", **REFERENCE)
     _named(axis, names)
     axis.set_xlim(left=0.0)
@@ -231,10 +231,10 @@ def before_after(
     axis.set_xlim(left=0.0)
     axis.set_xlabel(_unit(name, unit))
     numbers = f"{_number(change.low)} to {_number(change.high)}"
-    said = (
+    summary = (
         f"median change {_number(change.estimate)} ({numbers}){' ' + unit if unit else ''}; "
         f"{change.better} better, {change.worse} worse"
     )
-    axis.set_title(f"{title}\n{said}" if title else said, fontsize=10)
+    axis.set_title(f"{title}\n{summary}" if title else summary, fontsize=10)
     figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     return figure

@@ -66,16 +66,16 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
     time = as_float(estimate.time)
     part = windowed(time, seconds)
     for column, side in enumerate(sides):
-        own = [name for name in names if name.endswith(side)]
+        worn = [name for name in names if name.endswith(side)]
         axes[0, column].set_title(f"{side} leg", fontsize=10)
-        _angles(axes[0, column], estimate, side, own, part)
-        for axis, name in zip(axes[1:, column], own, strict=False):
+        _angles(axes[0, column], estimate, side, worn, part)
+        for axis, name in zip(axes[1:, column], worn, strict=False):
             _rates(axis, estimate, name, part)
             axis.set_ylabel(f"{name.split('_')[0]} rate [rad/s]")
-        for axis in axes[1 + len(own) :, column]:
+        for axis in axes[1 + len(worn) :, column]:
             axis.set_visible(False)
-        axes[len(own), column].set_xlabel("time [s]")
-        axes[len(own), column].tick_params(labelbottom=True)
+        axes[len(worn), column].set_xlabel("time [s]")
+        axes[len(worn), column].tick_params(labelbottom=True)
     legend(figure, title, columns=5)
     return figure
 
@@ -92,21 +92,24 @@ def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
     how = np.asarray(estimate.diagnostics[f"how_{name}"])[part]
     _shade(axis, time, how != MEASURED)
     for kind, word, style in RATES:
-        own = how == kind
-        if own.any():
-            kept = own | np.r_[own[1:], False] if kind != MEASURED else own
+        of_kind = how == kind
+        if of_kind.any():
+            kept = of_kind | np.r_[of_kind[1:], False] if kind != MEASURED else of_kind
             axis.plot(time, np.where(kept, rate, np.nan), label=word, **style)
     axis.grid(alpha=0.3)
 
 
-def _angles(axis: Axes, estimate: Estimate, side: str, own: list[str], part: np.ndarray) -> None:
+def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np.ndarray) -> None:
     """Hip and knee with bands of two standard deviations, or the angle of the one segment."""
-    time, told = as_float(estimate.time)[part], estimate.diagnostics
-    asleep = np.any([np.asarray(told[f"how_{name}"])[part] != MEASURED for name in own], axis=0)
+    time, diagnostics = as_float(estimate.time)[part], estimate.diagnostics
+    asleep = np.any([np.asarray(diagnostics[f"how_{name}"])[part] != MEASURED for name in worn], axis=0)
     _shade(axis, time, asleep)
     leg = getattr(estimate.legs, side)
     if leg is None:
-        lines = [(f"{name.split('_')[0]} angle", told[f"angle_{name}"], told[f"angle_stddev_{name}"]) for name in own]
+        lines = [
+            (f"{name.split('_')[0]} angle", diagnostics[f"angle_{name}"], diagnostics[f"angle_stddev_{name}"])
+            for name in worn
+        ]
         styles = [ANGLES[1][1]] * len(lines)
         axis.set_ylabel("angle [°]")
     else:

@@ -24,11 +24,11 @@ def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
     Raises:
         ValueError: if none was.
     """
-    found = {} if estimate.feet is None else {side: getattr(estimate.feet, side) for side in SIDES}
-    found = {side: foot for side, foot in found.items() if foot is not None}
-    if not found:
+    feet = {} if estimate.feet is None else {side: getattr(estimate.feet, side) for side in SIDES}
+    feet = {side: foot for side, foot in feet.items() if foot is not None}
+    if not feet:
         raise ValueError("the estimate says nothing of feet; foot_ins and stride_width_ekf do")
-    return found
+    return feet
 
 
 def rows_of(estimate: Estimate) -> np.ndarray:
@@ -60,8 +60,8 @@ def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np
 
 def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndarray:
     """Places (T, 3) with gaps where nothing is known, or outside the time asked for."""
-    seen = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
-    return np.where(seen[:, None], as_float(foot.position), np.nan)
+    visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
+    return np.where(visible[:, None], as_float(foot.position), np.nan)
 
 
 def foot_paths(
@@ -186,9 +186,9 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    told = [one for one in SERIES if has(estimate, one[0], rows)]
-    figure, axes = blank(len(told), 1, 8.6, 1.9 * len(told) + 1.0, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], told, strict=True)):
+    panels = [panel for panel in SERIES if has(estimate, panel[0], rows)]
+    figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.0, sharex=True)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
         series_of(axis, estimate, rows, field, scale, labelled=number == 0)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
@@ -222,10 +222,10 @@ def series_of(
     if field == "width" and flags is not None and np.shape(flags) == values.shape:
         trusted = np.asarray(flags, bool)
     for side in SIDES:
-        own = rows[np.asarray(strides.side)[rows] == SIDES.index(side)]
-        if not own.size:
+        of_side = rows[np.asarray(strides.side)[rows] == SIDES.index(side)]
+        if not of_side.size:
             continue
-        good, bad = own[trusted[own]], own[~trusted[own]]
+        good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side]]
         style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
                       label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
@@ -268,9 +268,9 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    told = [panel for panel in PANELS if has(estimate, panel[0], rows)]
-    figure, axes = blank(len(told), 1, 8.6, 1.9 * len(told) + 1.1, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], told, strict=True)):
+    panels = [panel for panel in PANELS if has(estimate, panel[0], rows)]
+    figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.1, sharex=True)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
         if field in ("height", "turn"):
             axis.axhline(0.0, color="0.6", linewidth=0.8)
         _joined(axis, estimate, rows, field, scale)
@@ -287,8 +287,8 @@ def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale:
     """A thin line through the strides of each leg."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for number, side in enumerate(SIDES):
-        own = rows[np.asarray(estimate.strides.side)[rows] == number]
-        axis.plot(when[own], scale * values[own], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
+        of_side = rows[np.asarray(estimate.strides.side)[rows] == number]
+        axis.plot(when[of_side], scale * values[of_side], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
 
 def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
@@ -298,7 +298,7 @@ def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: 
         flags = estimate.diagnostics.get(name)
         if flags is None or np.shape(flags) != when.shape:
             continue
-        own = rows[np.asarray(flags, bool)[rows]]
-        if own.size:
+        special = rows[np.asarray(flags, bool)[rows]]
+        if special.size:
             shown = style if labelled else {**style, "label": None}
-            axis.plot(when[own], scale * values[own], **RING, **shown)
+            axis.plot(when[special], scale * values[special], **RING, **shown)

@@ -205,8 +205,8 @@ def distance(
         what = _shown(what)
         part = windowed(what.time, seconds)
         values = np.asarray(what.distance)[part]
-        told = np.flatnonzero(np.isfinite(values))
-        from_start = values - values[told[0]] if told.size else values
+        finite = np.flatnonzero(np.isfinite(values))
+        from_start = values - values[finite[0]] if finite.size else values
         axis.plot(np.asarray(what.time)[part], from_start, label=name, **style)
 
     for number, (name, other) in enumerate((others or {}).items()):

@@ -59,9 +59,9 @@ def _drawn(axis: Axes, lines: Mapping[str, Series]) -> None:
     axis.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
     axis.set_yticks([], minor=True)
     every = np.concatenate([np.asarray(s.error, np.float64) for s in lines.values()])
-    seen = every[np.isfinite(every) & (every > 0.0)]
-    if len(seen):
-        axis.set_ylim(0.85 * seen.min(), 1.15 * seen.max())
+    positive = every[np.isfinite(every) & (every > 0.0)]
+    if len(positive):
+        axis.set_ylim(0.85 * positive.min(), 1.15 * positive.max())
     axis.grid(alpha=0.3)
 
 

@@ -104,9 +104,9 @@ def _integrate(
     p: VelocityUpdateParams, forward: Array, cycles: Cycles, dt: Array, start: Array, mask: Array, known: Array
 ) -> dict[str, tuple[Array, Array]]:
     """Velocity and way by each way of integrating."""
-    told = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
+    results = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
             for name in WAYS}  # fmt: skip
-    return {name: (one.velocity, one.displacement) for name, one in told.items()}
+    return {name: (result.velocity, result.displacement) for name, result in results.items()}
 
 
 def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -116,8 +116,8 @@ def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.n
     forward[:count] = trunk.forward
     known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    told = _integrate(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
-    return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in told.items()}
+    results = _integrate(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
+    return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in results.items()}
 
 
 def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,8 +133,8 @@ def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.nda
 def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Time and way from the start of the span on [s], [m]."""
     time, way = as_float(estimate.time), as_float(estimate.distance)
-    seen = np.asarray(estimate.valid, bool) & np.isfinite(way) & windowed(time, span)
-    return time[seen], way[seen] - (way[seen][0] if seen.any() else 0.0)
+    visible = np.asarray(estimate.valid, bool) & np.isfinite(way) & windowed(time, span)
+    return time[visible], way[visible] - (way[visible][0] if visible.any() else 0.0)
 
 
 def _ours(speed: Axes, way: Axes, estimate: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:

@@ -89,10 +89,10 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
     figure, axes = blank(1, 1, 6.0, 3.8)
     axis = axes[0, 0]
     need = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2 / 2.0
-    seen = np.isfinite(profile.rises)
-    rises = profile.rises[seen]
+    finite = np.isfinite(profile.rises)
+    rises = profile.rises[finite]
     axis.plot(*profile.curve(), **ESTIMATE)
-    axis.plot(profile.values[seen], rises, "o", color=RED, markersize=4.5)
+    axis.plot(profile.values[finite], rises, "o", color=RED, markersize=4.5)
     line = {**REFERENCE, "label": f"{100 * level:g} %: {need:.3g} nat"}
     axis.axhline(need, **line)
     low, high = profile.interval(level)

@@ -89,8 +89,8 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
     inputs = waist.prepared(recording, options).inputs
     count = np.size(inputs.time)
     padded = pad(inputs, bucket(count))
-    seen = _motion(p, padded, smooth=smooth, execution=options.execution)
-    forward, left, upward = (as_float(values)[:count] for values in (seen.forward, seen.left, seen.upward))
+    moved = _motion(p, padded, smooth=smooth, execution=options.execution)
+    forward, left, upward = (as_float(values)[:count] for values in (moved.forward, moved.left, moved.upward))
     return Trunk(as_float(inputs.time), forward, left, upward, padded)
 
 
@@ -159,11 +159,11 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     Raises:
         ValueError: if the estimate does not tell of them, or there is none.
     """
-    told = estimate.diagnostics
-    if "initial_contact" not in told or "initial_contact_side" not in told:
+    diagnostics = estimate.diagnostics
+    if "initial_contact" not in diagnostics or "initial_contact_side" not in diagnostics:
         raise ValueError("the estimate has no initial contacts at the trunk; it should be an estimate of `waist`")
-    when, side = as_float(told["initial_contact"]), np.asarray(told["initial_contact_side"])
-    there = np.asarray(told.get("initial_contact_valid", np.ones(when.shape, bool)), bool)
+    when, side = as_float(diagnostics["initial_contact"]), np.asarray(diagnostics["initial_contact_side"])
+    there = np.asarray(diagnostics.get("initial_contact_valid", np.ones(when.shape, bool)), bool)
     if not there.any():
         raise ValueError("there is no initial contact to draw")
     return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
@@ -191,8 +191,8 @@ def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, di
 def _times(forward: Array, upward: Array, rate: float, measured: Array) -> tuple[Array, Array]:
     """Where the low-passed forward acceleration peaks before each contact, and which of the entries are one."""
     # sides are not asked for: no yaw rate is needed
-    found = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
-    return found.time, found.valid
+    contacts = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
+    return contacts.time, contacts.valid
 
 
 def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
@@ -209,10 +209,10 @@ def _drawn(
 ) -> None:  # fmt: skip
     """Contacts of both feet, as upright lines and as marks on the acceleration; known ones dotted."""
     for number, (side, times) in enumerate(contacts.items()):
-        own = times[windowed(times, span)]
-        for when in own:
+        of_side = times[windowed(times, span)]
+        for when in of_side:
             axis.axvline(when, **CONTACT[side])
-        axis.plot(own, np.interp(own, time, raw), label=f"{side} contact", zorder=3.0,
+        axis.plot(of_side, np.interp(of_side, time, raw), label=f"{side} contact", zorder=3.0,
                   **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip
         if reference is None or reference.strides is None:
             continue

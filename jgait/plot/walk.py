@@ -197,7 +197,7 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
     if stride not in rows:
         raise ValueError(f"stride must be one of the valid rows of truth.strides, {rows.tolist()}; got {stride}")
     start, end = float(strides.start[stride]), float(strides.end[stride])
-    worn = sorted(recording.sensors.items(), key=lambda one: PLACEMENTS.index(one[0]))
+    worn = sorted(recording.sensors.items(), key=lambda placed: PLACEMENTS.index(placed[0]))
     figure, axes = blank(len(worn), 2, 8.6, 1.35 * len(worn) + 1.3)
     for row, (placement, imu) in enumerate(worn):
         time = np.asarray(imu.time)
@@ -231,10 +231,10 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
 
 def _contacts(axis: Axes, strides: Strides, stride: int, *, labelled: bool) -> None:
     """Upright lines where feet land and leave: dark for the foot whose stride it is, light for the other."""
-    start, end, own = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
+    start, end, leg = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
     rows = np.flatnonzero(np.asarray(strides.valid))
-    for side in (1 - own, own):
-        color = "0.25" if side == own else "0.7"
+    for side in (1 - leg, leg):
+        color = "0.25" if side == leg else "0.7"
         mine = rows[np.asarray(strides.side)[rows] == side]
         for (name, dashes), times in zip(CONTACTS, (strides.end, strides.final_contact), strict=True):
             label = f"{name}, {SIDES[side]}" if labelled else None

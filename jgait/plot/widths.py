@@ -153,10 +153,10 @@ def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]]
     ways = {side: shown(estimate, foot, part)[:, :2] for side, foot in feet.items()}
     origin, turn = np.zeros(2), np.eye(2)
     if part is not None:
-        seen = ways["right"][np.isfinite(ways["right"][:, 0])]
-        if not seen.size:
+        visible = ways["right"][np.isfinite(ways["right"][:, 0])]
+        if not visible.size:
             return
-        origin, way = 0.5 * (seen[0] + ways["left"][np.isfinite(ways["left"][:, 0])][0]), seen[-1] - seen[0]
+        origin, way = 0.5 * (visible[0] + ways["left"][np.isfinite(ways["left"][:, 0])][0]), visible[-1] - visible[0]
         c, s = way / max(float(np.hypot(*way)), 1e-9)
         turn = np.array([[c, s], [-s, c]])
     for side, way in ways.items():
@@ -177,7 +177,7 @@ def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
     there = np.isfinite(width)
     when, width = as_float(estimate.strides.end)[rows][there], width[there]
     last = [width[max(0, k + 1 - MOVING) : k + 1] for k in range(width.size)]
-    spread = [float(np.std(one, ddof=1)) if one.size == MOVING else np.nan for one in last]
+    spread = [float(np.std(widths, ddof=1)) if widths.size == MOVING else np.nan for widths in last]
     axis.plot(when, spread, color="0.3", linewidth=1.2)
     axis.set_ylabel(f"SD of {MOVING} [cm]")
     axis.set_ylim(bottom=0.0)
@@ -216,23 +216,23 @@ def feet_apart(
     feet = feet_of(estimate)
     if len(feet) < 2 or not {"z1", "z2"} <= estimate.diagnostics.keys():
         raise ValueError("the estimate says nothing of z1 and z2 between two feet; stride_width_ekf does")
-    time, seen, told = _moments(estimate, seconds)
-    if not seen.any():
+    time, visible, diagnostics = _moments(estimate, seconds)
+    if not visible.any():
         raise ValueError(f"there is no moment between the times asked for; got seconds = {seconds}")
     spread = estimate.feet_stddev
     stated = spread is not None and all(getattr(spread, side) is not None for side in SIDES)
     figure, axes = blank(2 + stated, 1, 8.8, 5.2 + 1.7 * stated, sharex=True)
     for axis, (name, unit) in zip(axes[:2, 0], (("z1", "across, z₁ [cm]"), ("z2", "along, z₂ [cm]")), strict=True):
-        _distance(axis, estimate, name, time, seen)
+        _distance(axis, estimate, name, time, visible)
         if reference is not None:
             known = _moments(reference, None)
-            when = time[seen & _flags(told, "double_support", time)]
+            when = time[visible & _flags(diagnostics, "double_support", time)]
             axis.plot(when, 100.0 * np.interp(when, known[0], as_float(known[2][name])), label="reference", **TRUE)
         axis.set_ylabel(unit)
     if recording is not None and recording.feet_range is not None:
         read = recording.feet_range
-        there = np.asarray(read.mask, bool) & (as_float(read.time) >= time[seen][0])
-        there &= as_float(read.time) <= time[seen][-1]
+        there = np.asarray(read.mask, bool) & (as_float(read.time) >= time[visible][0])
+        there &= as_float(read.time) <= time[visible][-1]
         values = 100.0 * (as_float(read.distance)[there] + range_offset)
         axes[0, 0].plot(as_float(read.time)[there], values, label="range read, with its offset", **READ)
     if stated:
@@ -244,27 +244,27 @@ def feet_apart(
 
 def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, PyTree]]:
     """Times at which z₁ and z₂ are told [s], which of them are to be seen, and what is told."""
-    told = estimate.diagnostics
-    own = "moment_time" not in told
-    time = as_float(estimate.time if own else told["moment_time"])
-    seen = np.asarray(estimate.valid, bool) if own else np.ones(time.size, bool)
-    seen = seen & np.isfinite(as_float(told["z1"])) & np.isfinite(as_float(told["z2"]))
-    return time, seen & windowed(time, seconds), told
+    diagnostics = estimate.diagnostics
+    at_samples = "moment_time" not in diagnostics
+    time = as_float(estimate.time if at_samples else diagnostics["moment_time"])
+    visible = np.asarray(estimate.valid, bool) if at_samples else np.ones(time.size, bool)
+    visible = visible & np.isfinite(as_float(diagnostics["z1"])) & np.isfinite(as_float(diagnostics["z2"]))
+    return time, visible & windowed(time, seconds), diagnostics
 
 
-def _flags(told: dict[str, Any], name: str, like: np.ndarray) -> np.ndarray:
-    return np.asarray(told.get(name, np.zeros(like.size, bool)), bool)
+def _flags(diagnostics: dict[str, Any], name: str, like: np.ndarray) -> np.ndarray:
+    return np.asarray(diagnostics.get(name, np.zeros(like.size, bool)), bool)
 
 
-def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, seen: np.ndarray) -> None:
+def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, visible: np.ndarray) -> None:
     """One of both distances: a line through every moment with a band, dots at double support, turns shaded."""
-    told = estimate.diagnostics
-    values, spread = 100.0 * as_float(told[name]), 100.0 * as_float(told[f"{name}_stddev"])
-    band(axis, time[seen], values[seen], spread[seen], color="0.87", zorder=0.5)
-    axis.plot(time[seen], values[seen], label="every moment", **THROUGH)
-    both = seen & _flags(told, "double_support", time)
+    diagnostics = estimate.diagnostics
+    values, spread = 100.0 * as_float(diagnostics[name]), 100.0 * as_float(diagnostics[f"{name}_stddev"])
+    band(axis, time[visible], values[visible], spread[visible], color="0.87", zorder=0.5)
+    axis.plot(time[visible], values[visible], label="every moment", **THROUGH)
+    both = visible & _flags(diagnostics, "double_support", time)
     axis.errorbar(time[both], values[both], yerr=2.0 * spread[both], label="double support, ±2σ", **TOGETHER)
-    turns = np.flatnonzero(seen & _flags(told, "turning", time))
+    turns = np.flatnonzero(visible & _flags(diagnostics, "turning", time))
     for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else ():
         axis.axvspan(
             time[run[0]], time[min(run[-1] + 1, time.size - 1)], label="a foot turns", color="#f3e3b5", **GROUND
@@ -273,10 +273,10 @@ def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, seen:
 
 def _places(axis: Axes, estimate: Estimate, seconds: Seconds) -> None:
     """The standard deviation of each foot's horizontal place."""
-    time, seen = as_float(estimate.time), np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
+    time, visible = as_float(estimate.time), np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     for side in SIDES:
         deviation = as_float(getattr(estimate.feet_stddev, side).position)[:, :2]
-        axis.plot(time[seen], 100.0 * np.hypot(*deviation[seen].T), label=f"{side} foot", **FOOT[side])
+        axis.plot(time[visible], 100.0 * np.hypot(*deviation[visible].T), label=f"{side} foot", **FOOT[side])
     since = "\nsince it last stood" if "moment_time" in estimate.diagnostics else ""
     axis.set_ylabel(f"σ of place{since} [cm]")
     axis.set_ylim(bottom=0.0)

@@ -68,11 +68,11 @@ def measured(path: Path) -> Measured:
     notes: list[Note] = []
     with file:
         try:
-            found = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
+            sensors = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
         except OSError as error:  # h5py's word for data that are not there in full
             raise RecordingError(f"{path.name} cannot be read in full: {error}") from error
-    first = min((int(stamps[0]) for _, stamps, _ in found if stamps is not None), default=0)
-    parts = [_on_clock(part, stamps, rate, first, path.name, notes) for part, stamps, rate in found]
+    first = min((int(stamps[0]) for _, stamps, _ in sensors if stamps is not None), default=0)
+    parts = [_on_clock(part, stamps, rate, first, path.name, notes) for part, stamps, rate in sensors]
     if any(part.time is None for part in parts):
         parts = [part._replace(time=None) for part in parts]
     return Measured(parts, path.stem, notes=tuple(notes))
@@ -84,7 +84,7 @@ Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 
 def _new(file: "h5py.File", h5py: ModuleType, name: str) -> list[Sensor]:
     """Version 5."""
-    found = []
+    result = []
     group = file["Sensors"]
     sensors = {key: group[key] for key in group if isinstance(group[key], h5py.Group)} if hasattr(group, "keys") else {}
     if not sensors:
@@ -93,8 +93,8 @@ def _new(file: "h5py.File", h5py: ModuleType, name: str) -> list[Sensor]:
         about = dict(sensor["Configuration"].attrs) if "Configuration" in sensor else {}
         label = plain(about.get("Label 0", "")) or key
         where = f"{name}: Sensors/{key}"
-        found.append(_sensor(sensor, ("Gyroscope", "Accelerometer"), label, about.get("Sample Rate"), sensor, where))
-    return found
+        result.append(_sensor(sensor, ("Gyroscope", "Accelerometer"), label, about.get("Sample Rate"), sensor, where))
+    return result
 
 
 def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> list[Sensor]:
@@ -107,19 +107,19 @@ def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> l
         )
     cases, labels = _strings(file, "CaseIdList"), _strings(file, "MonitorLabelList")
     if cases and len(cases) == len(labels):
-        said = dict(zip(cases, labels, strict=True))
+        label_of = dict(zip(cases, labels, strict=True))
     else:
-        said = {}
+        label_of = {}
         notes.append(NAMED_BY_CASE())
-    found = []
+    result = []
     for key, sensor in sensors.items():
         about = dict(sensor.attrs)
-        own = plain(about.get("MonitorLabel", ""))
-        label = said.get(key) or said.get(key.removeprefix("Opal_")) or own or key
+        stated = plain(about.get("MonitorLabel", ""))
+        label = label_of.get(key) or label_of.get(key.removeprefix("Opal_")) or stated or key
         where = f"{name}: {key}/Calibrated"
         signals = ("Gyroscopes", "Accelerometers")
-        found.append(_sensor(sensor["Calibrated"], signals, label, about.get("SampleRate"), sensor, where))
-    return found
+        result.append(_sensor(sensor["Calibrated"], signals, label, about.get("SampleRate"), sensor, where))
+    return result
 
 
 def _strings(file: "h5py.File", key: str) -> list[str]:

@@ -95,41 +95,41 @@ def measured(path: Path) -> Measured:
     if left_out:
         notes.append(NO_GYROSCOPE(sensors=left_out))
     notes.extend(_others(path, stem))
-    found = re.match(r"sub-([^_]+)", path.name)
-    subject = found.group(1) if found else "subject"
+    entity = re.match(r"sub-([^_]+)", path.name)
+    subject = entity.group(1) if entity else "subject"
     notes.extend(_participant(path, subject))
     return Measured(parts, stem, subject, tuple(notes))
 
 
 def _folders(path: Path) -> list[Path]:
     """The file's folder and those above it, up to the data set's root."""
-    found: list[Path] = []
+    folders: list[Path] = []
     for folder in list(path.absolute().parents)[:LEVELS]:
-        found.append(folder)
+        folders.append(folder)
         if (folder / "dataset_description.json").exists():
             break
-    return found
+    return folders
 
 
 def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
     """Files of a kind that hold for this one, the nearest first: their entities are among its own."""
-    own = set(stem.split("_"))
-    found = []
+    entities = set(stem.split("_"))
+    files = []
     for folder in _folders(path):
         here = [
             file
             for file in folder.glob(f"*{kind}")
-            if set(file.name.removesuffix(kind).rstrip("_").split("_")) <= own | {""}
+            if set(file.name.removesuffix(kind).rstrip("_").split("_")) <= entities | {""}
         ]
-        found += sorted(here, key=lambda file: -len(file.name))
-    return found
+        files += sorted(here, key=lambda file: -len(file.name))
+    return files
 
 
 def _nearest(path: Path, stem: str, kind: str) -> Path:
-    found = _inherited(path, stem, kind)
-    if not found:
+    files = _inherited(path, stem, kind)
+    if not files:
         raise RecordingError(f"{path.name} needs {stem}_{kind}, which says what its columns are; there is none")
-    return found[0]
+    return files[0]
 
 
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
@@ -162,23 +162,23 @@ def _channels(path: Path, file: Path) -> "pd.DataFrame":
 
 def _about(path: Path, stem: str) -> Tree:
     """`motion.json`, what is nearer overrules what is further up."""
-    found: Tree = {}
+    content: Tree = {}
     files = _inherited(path, stem, "motion.json")
     if not files:
         raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
     for file in reversed(files):
-        found |= _json(file)
-    return found
+        content |= _json(file)
+    return content
 
 
 def _json(file: Path) -> Tree:
     try:
-        found = json.loads(file.read_text(encoding="utf-8-sig"))
+        content = json.loads(file.read_text(encoding="utf-8-sig"))
     except ValueError as error:
         raise RecordingError(f"{file.name} is no JSON: {error}") from error
-    if not isinstance(found, dict):
-        raise RecordingError(f"{file.name} must be a JSON object; it is a {type(found).__name__}")
-    return found
+    if not isinstance(content, dict):
+        raise RecordingError(f"{file.name} must be a JSON object; it is a {type(content).__name__}")
+    return content
 
 
 def _positive(*candidates: ArrayLike | None) -> float | None:
@@ -226,20 +226,22 @@ def _latency(path: Path, channels: "pd.DataFrame", values: np.ndarray) -> np.nda
 
 def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
     """The one unit of some channels; None where they state none."""
-    said = dict.fromkeys(rows["units"])
-    if len(said) > 1:
-        raise RecordingError(f"{path.name}: {', '.join(rows['name'])} must share a unit; they have {', '.join(said)}")
-    unit = next(iter(said))
+    stated = dict.fromkeys(rows["units"])
+    if len(stated) > 1:
+        raise RecordingError(f"{path.name}: {', '.join(rows['name'])} must share a unit; they have {', '.join(stated)}")
+    unit = next(iter(stated))
     if not unit:
         return None
     known = UNITS[kind]
     plain = re.sub(r"[\s·.*]", "", unit)
-    found = known.get(unit) or known.get(plain) or known.get(plain.lower()) or known.get(plain.replace("^-", "-"))
-    if found is None:
+    unit_of_ours = (
+        known.get(unit) or known.get(plain) or known.get(plain.lower()) or known.get(plain.replace("^-", "-"))
+    )
+    if unit_of_ours is None:
         raise RecordingError(
             f"{path.name}: {rows['name'].iloc[0]} ({kind}) is in {unit!r}; expected one of {', '.join(known)}"
         )
-    return found
+    return unit_of_ours
 
 
 def _signal(
@@ -293,13 +295,13 @@ def _frames(path: Path, stem: str) -> dict[str, str]:
     """Reference frame → what `channels.json` says of its axes."""
     files = _inherited(path, stem, "channels.json")
     levels = _json(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
-    found = {}
+    frames = {}
     for name, about in levels.items():
-        said = [
+        axes = [
             f"{key} {about[key]}" for key in ("SpatialAxes", "RotationRule") if isinstance(about, dict) and key in about
         ]
-        found[name] = f" ({', '.join(said)})" if said else ""
-    return found
+        frames[name] = f" ({', '.join(axes)})" if axes else ""
+    return frames
 
 
 def _others(path: Path, stem: str) -> list[Note]:
@@ -320,7 +322,7 @@ def _participant(path: Path, subject: str) -> list[Note]:
     if "participant_id" not in table:
         return []
     row = table[table["participant_id"].isin([f"sub-{subject}", subject])].dropna(axis=1)
-    said = (
+    facts = (
         [f"{column} {row[column].iloc[0]}" for column in row.columns if column != "participant_id"] if len(row) else []
     )
-    return [PARTICIPANT(facts=said)] if said else []
+    return [PARTICIPANT(facts=facts)] if facts else []

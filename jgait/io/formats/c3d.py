@@ -101,7 +101,7 @@ def read_c3d(
     rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
     values = np.moveaxis(np.asarray(raw["data"]["points"], np.float64)[:3], 0, 2)  # (markers, T, 3)
     samples = values.shape[1]
-    labels, told = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
+    labels, subject_of_labels = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
     markers, outputs = _apart(parameters, labels, values)
     metres = UNITS[unit] if unit is not None else _metres(parameters, markers, file, notes)
     markers = {label: metres * place for label, place in markers.items()}
@@ -116,7 +116,7 @@ def read_c3d(
         (first + np.arange(samples)) / rate, rate, markers, axis, outputs,
         first / rate + np.arange(count) / (analog_rate or 1.0), analog_rate, analog, units, _events(parameters, file),
         {key: each["value"] for key, each in parameters.get("FORCE_PLATFORM", {}).items() if "value" in each},
-        file.stem if name is None else name, subject or told or "subject", tuple(notes),
+        file.stem if name is None else name, subject or subject_of_labels or "subject", tuple(notes),
     )  # fmt: skip
 
 
@@ -129,9 +129,9 @@ def _load(file: Path) -> Tree:
         raw = ezc3d.c3d(str(file))
     except Exception as error:  # ezc3d raises whatever its parser stumbles over
         raise RecordingError(f"{file.name} is no whole C3D file: {error}") from error
-    found = raw["data"]["points"].shape[2]
-    if stored is not None and found < stored and raw["data"]["points"].shape[1]:
-        raise RecordingError(f"{file.name} is truncated: its header says {stored} frames, {found} are there")
+    frames = raw["data"]["points"].shape[2]
+    if stored is not None and frames < stored and raw["data"]["points"].shape[1]:
+        raise RecordingError(f"{file.name} is truncated: its header says {stored} frames, {frames} are there")
     return raw
 
 
@@ -166,36 +166,36 @@ def _frames_in_header(file: Path) -> int | None:
 
 def _texts(parameters: Tree, group: str, key: str) -> list[str]:
     """A parameter of many strings, with its continuations: LABELS, LABELS2, … hold 255 each."""
-    found: list[str] = []
+    texts: list[str] = []
     for number in ("", *map(str, range(2, 100))):
         each = parameters.get(group, {}).get(f"{key}{number}")
         if each is None:
             break
-        found += [plain(value) for value in each["value"]]
-    return found
+        texts += [plain(value) for value in each["value"]]
+    return texts
 
 
 def _rate(raw: Tree, file: Path) -> float:
-    said = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
-    rate = float(said[0]) if len(said) and said[0] > 0 else float(raw["header"]["points"]["frame_rate"])
+    stated = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
+    rate = float(stated[0]) if len(stated) and stated[0] > 0 else float(raw["header"]["points"]["frame_rate"])
     if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordingError(f"{file.name} states no rate of its frames: POINT:RATE is {list(said)}")
+        raise RecordingError(f"{file.name} states no rate of its frames: POINT:RATE is {list(stated)}")
     return rate
 
 
-def _labels(said: list[str], count: int, notes: list[Note]) -> tuple[list[str], str | None]:
+def _labels(texts: list[str], count: int, notes: list[Note]) -> tuple[list[str], str | None]:
     """One name a point, none twice, and the subject whose name they all bear."""
-    labels = [said[i] if i < len(said) and said[i] else f"*{i + 1}" for i in range(count)]
+    labels = [texts[i] if i < len(texts) and texts[i] else f"*{i + 1}" for i in range(count)]
     before = {label.split(":", 1)[0] for label in labels if ":" in label}
     subject = next(iter(before)) if len(before) == 1 else None
     if subject is not None:
         labels = [label.split(":", 1)[-1] for label in labels]
-    seen: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for i, label in enumerate(labels):
-        seen[label] = seen.get(label, 0) + 1
-        if seen[label] > 1:
-            labels[i] = f"{label}#{seen[label]}"
-    twice = [label for label, times in seen.items() if times > 1]
+        counts[label] = counts.get(label, 0) + 1
+        if counts[label] > 1:
+            labels[i] = f"{label}#{counts[label]}"
+    twice = [label for label, times in counts.items() if times > 1]
     if twice:
         notes.append(POINTS_NUMBERED(names=twice))
     return labels, subject
@@ -217,35 +217,37 @@ def _apart(
 
 
 def _metres(parameters: Tree, markers: dict[str, np.ndarray], file: Path, notes: list[Note]) -> float:
-    said = next(iter(_texts(parameters, "POINT", "UNITS")), "")
-    if said.lower() in UNITS or not markers:
-        return UNITS.get(said.lower(), 1.0)
-    if said:
-        raise RecordingError(f"{file.name}: the markers are in {said!r}; expected one of {', '.join(UNITS)}; say unit")
-    told, apart = told_unit(markers)
-    if told is None:
+    stated = next(iter(_texts(parameters, "POINT", "UNITS")), "")
+    if stated.lower() in UNITS or not markers:
+        return UNITS.get(stated.lower(), 1.0)
+    if stated:
+        raise RecordingError(
+            f"{file.name}: the markers are in {stated!r}; expected one of {', '.join(UNITS)}; say unit"
+        )
+    deduced, apart = told_unit(markers)
+    if deduced is None:
         raise RecordingError(
             f"{file.name} states no unit of its markers, and that they are {apart:.4g} apart does not tell; say unit"
         )
-    notes.append(MARKER_UNIT_DEDUCED(unit=told, apart=apart))
-    return UNITS[told]
+    notes.append(MARKER_UNIT_DEDUCED(unit=deduced, apart=apart))
+    return UNITS[deduced]
 
 
 def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> str | None:
     """The file's axis that points up."""
-    said = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
-    said = said if said[:1] in ("+", "-") else f"+{said}"
-    told, why = told_up(markers)
-    if said in UPRIGHT:
-        notes.append(UP_STATED(axis=said))
-        if told is not None and told != said:
-            notes.append(UP_DOUBTED(axis=told, why=why))
-        return said
-    if told is None:
+    stated = next(iter(_texts(parameters, "POINT", "Y_SCREEN")), "").lower()
+    stated = stated if stated[:1] in ("+", "-") else f"+{stated}"
+    deduced, why = told_up(markers)
+    if stated in UPRIGHT:
+        notes.append(UP_STATED(axis=stated))
+        if deduced is not None and deduced != stated:
+            notes.append(UP_DOUBTED(axis=deduced, why=why))
+        return stated
+    if deduced is None:
         notes.append(UP_UNKNOWN())
         return None
-    notes.append(UP_DEDUCED(axis=told, why=why))
-    return told
+    notes.append(UP_DEDUCED(axis=deduced, why=why))
+    return deduced
 
 
 def _analog(raw: Tree, notes: list[Note]) -> tuple[dict[str, np.ndarray], dict[str, str], float]:
@@ -255,8 +257,8 @@ def _analog(raw: Tree, notes: list[Note]) -> tuple[dict[str, np.ndarray], dict[s
     parameters = raw["parameters"]
     labels, _ = _labels(_texts(parameters, "ANALOG", "LABELS"), len(values), notes)
     units = _texts(parameters, "ANALOG", "UNITS")
-    said = {label: units[i] if i < len(units) else "" for i, label in enumerate(labels)}
-    return dict(zip(labels, values, strict=True)), said, float(raw["header"]["analogs"]["frame_rate"])
+    unit_of = {label: units[i] if i < len(units) else "" for i, label in enumerate(labels)}
+    return dict(zip(labels, values, strict=True)), unit_of, float(raw["header"]["analogs"]["frame_rate"])
 
 
 def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
@@ -269,10 +271,10 @@ def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
     if minutes.ndim != 2 or minutes.shape[0] != 2:
         raise RecordingError(f"{file.name}: EVENT:TIMES must be minutes and seconds, (2, n); it has {minutes.shape}")
     labels, contexts = _texts(parameters, "EVENT", "LABELS"), _texts(parameters, "EVENT", "CONTEXTS")
-    found = []
+    events = []
     for i, (minute, second) in enumerate(minutes.T):
         label = labels[i] if i < len(labels) else ""
         side = contexts[i].lower() if i < len(contexts) else ""
         kind = EVENTS.get(label.lower(), label)
-        found.append(CaptureEvent(float(60.0 * minute + second), kind, side if side in ("right", "left") else None))
-    return tuple(sorted(found, key=lambda event: event.time))
+        events.append(CaptureEvent(float(60.0 * minute + second), kind, side if side in ("right", "left") else None))
+    return tuple(sorted(events, key=lambda event: event.time))

@@ -55,10 +55,10 @@ def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
         the box around all markers.
     """
     places = np.stack(list(markers.values()))
-    seen = np.isfinite(places).all(axis=(0, 2))
-    if not seen.any():
+    visible = np.isfinite(places).all(axis=(0, 2))
+    if not visible.any():
         return None, float("nan")
-    box = np.ptp(places[:, seen], axis=0).max(axis=1)
+    box = np.ptp(places[:, visible], axis=0).max(axis=1)
     apart = float(np.median(box))
     return next((unit for unit, (least, most) in APART.items() if least <= apart <= most), None), apart
 
@@ -94,8 +94,8 @@ def told_up(markers: Mapping[str, np.ndarray]) -> tuple[str | None, str]:
 
 
 def _middle(place: np.ndarray) -> np.ndarray:
-    seen = place[np.isfinite(place).all(axis=1)]
-    return np.median(seen, axis=0) if len(seen) else np.full(3, np.nan)
+    visible = place[np.isfinite(place).all(axis=1)]
+    return np.median(visible, axis=0) if len(visible) else np.full(3, np.nan)
 
 
 def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] | None = None) -> "JointCentres":
@@ -117,23 +117,23 @@ def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] |
 
     if capture.up is None:
         raise RecordingError(f"{capture.name}: which axis points up is not known; say up in read_c3d")
-    said = dict(names or {})
+    chosen = dict(names or {})
     points = {f"{point}_{side}" for point in NAMES for side in SIDES}
-    unknown = [point for point in said if point not in points]
+    unknown = [point for point in chosen if point not in points]
     if unknown:
         raise RecordingError(f"there is no point {unknown[0]!r}; expected some of {', '.join(sorted(points))}")
-    found = {point: _point(capture, point, said) for point in points}
+    places = {point: _point(capture, point, chosen) for point in points}
     legs: dict[str, LegCentres | None] = {}
     for side in SIDES:
-        joints = [found[f"{point}_{side}"] for point in MIDDLE]
-        foot = [found[f"{point}_{side}"] for point in ("heel", "toe")]
+        joints = [places[f"{point}_{side}"] for point in MIDDLE]
+        foot = [places[f"{point}_{side}"] for point in ("heel", "toe")]
         whole = all(joint is not None for joint in joints)
         legs[side] = LegCentres(*joints, *(foot if all(f is not None for f in foot) else ())) if whole else None
     if legs["right"] is None and legs["left"] is None:
         expected = ", ".join(_called(point) for point in MIDDLE)
         there = ", ".join(capture.markers) or "no marker"
         raise RecordingError(f"{capture.name} has no leg: expected markers {expected}, or names; it has {there}")
-    corners = [found[f"pelvis_{end}_{side}"] for end in ("front", "back") for side in SIDES]
+    corners = [places[f"pelvis_{end}_{side}"] for end in ("front", "back") for side in SIDES]
     pelvis = PelvisMarkers(*corners) if all(corner is not None for corner in corners) else None
     return JointCentres(capture.time, legs["right"], legs["left"], pelvis)
 
@@ -142,10 +142,10 @@ def _called(point: str) -> str:
     return " or ".join(" and ".join(each) for each in NAMES[point]).replace("{}", "R")
 
 
-def _point(capture: "Capture", point: str, said: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
+def _point(capture: "Capture", point: str, chosen: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
     """The mean of the markers that make a point; None where they are not there."""
-    if point in said:
-        wanted = [said[point]] if isinstance(said[point], str) else list(said[point])
+    if point in chosen:
+        wanted = [chosen[point]] if isinstance(chosen[point], str) else list(chosen[point])
         lacking = [str(marker) for marker in wanted if marker not in capture.markers]
         if lacking or not wanted:
             raise RecordingError(

@@ -69,36 +69,37 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     for where, part in tuple(placed.items()):
         if part.packets is None:
             raise RecordingError(f"{name}: {where} has no packet numbers, other sensors have; they cannot be joined")
-        own = np.asarray(part.packets, np.int64)
-        repeated = np.diff(own) == 0
-        again = own[1:][repeated]
-        wrong = np.flatnonzero(np.diff(own) < (0 if repeated.sum() <= REPEATED * len(own) else 1))
+        packets = np.asarray(part.packets, np.int64)
+        repeated = np.diff(packets) == 0
+        again = packets[1:][repeated]
+        wrong = np.flatnonzero(np.diff(packets) < (0 if repeated.sum() <= REPEATED * len(packets) else 1))
         if len(wrong):
             raise RecordingError(
-                f"{name}: packet numbers of {where} must increase; {own[wrong[0] + 1]} follows {own[wrong[0]]} in row "
+                f"{name}: packet numbers of {where} must increase; {packets[wrong[0] + 1]} follows "
+                f"{packets[wrong[0]]} in row "
                 f"{wrong[0] + 1} (the first row is 0)"
             )
         if repeated.any():
             # which row of a pair came at that time is not known: the packet is masked
             once = ~(np.append(repeated, False) | np.append(False, repeated))
             notes.append(PACKETS_REPEATED(placement=where, numbers=again.tolist()))
-            own = own[once]
+            packets = packets[once]
             placed[where] = part._replace(
                 gyr=np.asarray(part.gyr)[once], acc=None if part.acc is None else np.asarray(part.acc)[once]
             )
-        first = next(iter(numbers.values()), own)
+        first = next(iter(numbers.values()), packets)
         turn = part.packets_wrap
-        shift = 0 if turn is None else turn * round(float(first[0] - own[0]) / turn)
-        numbers[where], twice[where] = own + shift, again + shift
-    begin, end = max(own[0] for own in numbers.values()), min(own[-1] for own in numbers.values())
+        shift = 0 if turn is None else turn * round(float(first[0] - packets[0]) / turn)
+        numbers[where], twice[where] = packets + shift, again + shift
+    begin, end = max(packets[0] for packets in numbers.values()), min(packets[-1] for packets in numbers.values())
     if end <= begin:
-        spans = ", ".join(f"{where} {own[0]} to {own[-1]}" for where, own in numbers.items())
+        spans = ", ".join(f"{where} {packets[0]} to {packets[-1]}" for where, packets in numbers.items())
         raise RecordingError(f"{name}: the sensors' packet numbers do not overlap: {spans}")
-    found = {}
+    result = {}
     for where, part in placed.items():
-        own = numbers[where]
-        kept = (own >= begin) & (own <= end)
-        gap = int(np.diff(own).max()) - 1
+        packets = numbers[where]
+        kept = (packets >= begin) & (packets <= end)
+        gap = int(np.diff(packets).max()) - 1
         if gap > LONGEST_GAP_S * (part.sampling_rate_hz or USUAL_RATE):
             raise RecordingError(
                 f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
@@ -109,19 +110,19 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             notes.append(PACKETS_LOST(placement=where, lost=lost))
         if not kept.all():
             notes.append(PACKETS_AT_ENDS(placement=where, packets=(~kept).sum()))
-        rows = own[kept] - begin
-        found[where] = part._replace(
+        rows = packets[kept] - begin
+        result[where] = part._replace(
             gyr=_spread(part.gyr, kept, rows, end + 1 - begin),
             acc=None if part.acc is None else _spread(part.acc, kept, rows, end + 1 - begin),
             time=None, packets=None,
         )  # fmt: skip
-    return found
+    return result
 
 
 def _spread(values: ArrayLike, kept: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
-    found = np.full((length, 3), np.nan)
-    found[rows] = np.asarray(values, np.float64)[kept]
-    return found
+    result = np.full((length, 3), np.nan)
+    result[rows] = np.asarray(values, np.float64)[kept]
+    return result
 
 
 def one_clock(
@@ -173,16 +174,16 @@ def one_clock(
             f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
         )
     common = times[0][(times[0] >= begin) & (times[0] <= end)]
-    for where, own in zip(placed, times, strict=True):
-        sensors[where] = {kind: _resampled(common, own, values) for kind, values in sensors[where].items()}
+    for where, own_time in zip(placed, times, strict=True):
+        sensors[where] = {kind: _resampled(common, own_time, values) for kind, values in sensors[where].items()}
     notes.append(CLOCKS_JOINED(placement=next(iter(placed)), begin_s=begin, end_s=end))
     return common, None
 
 
-def _resampled(time: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _resampled(time: np.ndarray, own_time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values at other times, linear; NaN wherever a neighbour is lost or far."""
-    step = float(np.median(np.diff(own)))
-    found = np.stack([np.interp(time, own, column) for column in values.T], axis=1)
-    right = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
-    found[own[right] - own[right - 1] > 1.5 * step] = np.nan
-    return found
+    step = float(np.median(np.diff(own_time)))
+    result = np.stack([np.interp(time, own_time, column) for column in values.T], axis=1)
+    right = np.clip(np.searchsorted(own_time, time), 1, len(own_time) - 1)
+    result[own_time[right] - own_time[right - 1] > 1.5 * step] = np.nan
+    return result

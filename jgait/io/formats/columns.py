@@ -76,22 +76,22 @@ def measured(path: Path) -> Measured:
         return Measured([part], path.stem, notes=(DIALECT(names="mobgap's names of axes", library="mobgap"),))
     if set(CHANNELS[:3]) <= set(plain):
         # Where it sat is not for the table to say: any placement will do to have its columns.
-        found = columns_of(table, placement="waist", name=path.name)
-        parts = _parts(found, {"waist": path.stem})
+        columns = columns_of(table, placement="waist", name=path.name)
+        parts = _parts(columns, {"waist": path.stem})
     else:
-        found = columns_of(table, name=path.name)
-        parts = _parts(found, {})
-    notes = list(about(found))
-    if found.time is not None:
-        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=_time_unit(found.time)))
-    return Measured(parts, path.stem, notes=tuple(notes), feet_range=found.feet_range)
+        columns = columns_of(table, name=path.name)
+        parts = _parts(columns, {})
+    notes = list(about(columns))
+    if columns.time is not None:
+        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=_time_unit(columns.time)))
+    return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)
 
 
-def _parts(found: Columns, labels: dict[str, str]) -> list[Part]:
-    time = None if found.time is None else TIME_UNITS[_time_unit(found.time)] * found.time
+def _parts(columns: Columns, labels: dict[str, str]) -> list[Part]:
+    time = None if columns.time is None else TIME_UNITS[_time_unit(columns.time)] * columns.time
     return [
         Part(labels.get(where, where), signals["gyr"], signals.get("acc"), time)
-        for where, signals in found.sensors.items()
+        for where, signals in columns.sensors.items()
     ]
 
 

@@ -77,9 +77,9 @@ def recording_from_gaitmap(
             f"{list(dataset.columns)}; pass one sensor as {{'left_sensor': table}}"
         )
     parts = gaitmap_parts(tables, frame, name, placements)
-    said = {part.label: placements[part.label] for part in parts if part.label in placements}
+    chosen = {part.label: placements[part.label] for part in parts if part.label in placements}
     return settle(
-        Measured(parts, name, subject), placements=said, sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes
+        Measured(parts, name, subject), placements=chosen, sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes
     )
 
 

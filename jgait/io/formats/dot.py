@@ -48,23 +48,23 @@ def measured(path: Path) -> Measured:
     """
     if not path.is_dir():
         return _one(path)[0]
-    found = {file.name: _one(file) for file in files_in(path, ENDINGS, recognises)}
-    apart = [name for name, (_, state) in found.items() if UNSYNCED.match(state)]
-    if len(found) > 1 and apart:
+    files = {file.name: _one(file) for file in files_in(path, ENDINGS, recognises)}
+    apart = [name for name, (_, state) in files.items() if UNSYNCED.match(state)]
+    if len(files) > 1 and apart:
         raise RecordingError(
             f"{path.name}: the clock of {apart[0]} was not synchronised with the others' (SyncStatus "
-            f"{found[apart[0]][1]!r}); sensors of one recording need one clock"
+            f"{files[apart[0]][1]!r}); sensors of one recording need one clock"
         )
-    whole = joined([one for one, _ in found.values()], path.name)
-    if len(found) > 1 and not all(state for _, state in found.values()):
+    whole = joined([sensor for sensor, _ in files.values()], path.name)
+    if len(files) > 1 and not all(state for _, state in files.values()):
         whole = whole._replace(notes=(*whole.notes, ONE_CLOCK_ASSUMED()))
     return whole
 
 
 def _facts(rows: Rows) -> dict[str, str]:
     """What the lines above the header say: "devicetag" → "Right thigh"."""
-    found = (FACT.match(line) for line in rows.before)
-    return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in found if fact}
+    matches = (FACT.match(line) for line in rows.before)
+    return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in matches if fact}
 
 
 def _one(path: Path) -> tuple[Measured, str]:

@@ -103,8 +103,8 @@ def read_mobilised(
         ValueError: for an unknown device.
         RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.
     """
-    found = _measured(Path(path), trial, device)
-    return settle(found, name=name, subject=subject, check_sizes=check_sizes)
+    content = _measured(Path(path), trial, device)
+    return settle(content, name=name, subject=subject, check_sizes=check_sizes)
 
 
 def read_all_mobilised(
@@ -160,13 +160,13 @@ def _trials(path: Path) -> dict[str, Tree]:
             f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {_is(data)}"
         )
     every = dict(_descend(data, ()))
-    found = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
-    if not found:
+    trials = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
+    if not trials:
         there = (
             f"; its trials without are {', '.join(every)}" if every else f"; 'data' has {', '.join(data) or 'nothing'}"
         )
         raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}{there}")
-    return found
+    return trials
 
 
 def _load(path: Path) -> Tree:
@@ -180,15 +180,15 @@ def _load(path: Path) -> Tree:
         )
     scipy_io = library("scipy.io", EXPECTED)
     try:
-        found = dict(scipy_io.loadmat(path, simplify_cells=True))
+        content = dict(scipy_io.loadmat(path, simplify_cells=True))
     except Exception as error:  # a truncated file raises whatever its reader stumbles over
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
-    if "data" not in found:
-        there = [key for key in found if not key.startswith("__")]
+    if "data" not in content:
+        there = [key for key in content if not key.startswith("__")]
         raise RecordingError(
             f"{path.name} is not {EXPECTED}: it has no variable 'data', but {', '.join(there) or 'none'}"
         )
-    return found
+    return content
 
 
 def _is(value: ArrayLike | None) -> str:

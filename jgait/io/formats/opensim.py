@@ -102,9 +102,9 @@ def read_opensim(
         for column in columns
         if not NO_ANGLE.search(_base(column).partition("#")[0]) and "/forceset" not in column
     )
-    said = header.get("indegrees", "").lower()
-    if degrees is None and said in ("yes", "no"):
-        degrees = said == "yes"
+    stated = header.get("indegrees", "").lower()
+    if degrees is None and stated in ("yes", "no"):
+        degrees = stated == "yes"
     if degrees is None and angles:
         degrees = _told_degrees(file, columns, notes)
     if degrees:
@@ -144,24 +144,24 @@ def opensim_reference(
         raise ValueError(f"knee_flexion must be 1, -1 or None; got {knee_flexion!r}")
     if (thigh_length is None) != (shank_length is None):
         raise ValueError("thigh_length and shank_length must be given together, or neither")
-    found = {_base(column): values for column, values in motion.columns.items() if not column.endswith("/speed")}
-    there = [side for side in SIDES if {f"hip_flexion_{side[0]}", f"knee_angle_{side[0]}"} <= found.keys()]
+    angles = {_base(column): values for column, values in motion.columns.items() if not column.endswith("/speed")}
+    there = [side for side in SIDES if {f"hip_flexion_{side[0]}", f"knee_angle_{side[0]}"} <= angles.keys()]
     if not there:
         raise RecordingError(
-            f"{motion.name} has no leg: expected hip_flexion_r and knee_angle_r, or with _l; it has {', '.join(found)}"
+            f"{motion.name} has no leg: expected hip_flexion_r and knee_angle_r, or with _l; it has {', '.join(angles)}"
         )
-    if "pelvis_tilt" not in found and not upright_pelvis:
+    if "pelvis_tilt" not in angles and not upright_pelvis:
         raise RecordingError(
             f"{motion.name} has no pelvis_tilt, from which hip_flexion counts; jgait's hip angle counts from the "
             "vertical: say upright_pelvis=True to take the pelvis as upright"
         )
-    tilt = found.get("pelvis_tilt", np.zeros_like(motion.time))
-    sign = knee_flexion or _told_sign(motion.name, [found[f"knee_angle_{side[0]}"] for side in there])
+    tilt = angles.get("pelvis_tilt", np.zeros_like(motion.time))
+    sign = knee_flexion or _told_sign(motion.name, [angles[f"knee_angle_{side[0]}"] for side in there])
     a, b = (float("nan") if length is None else length for length in (thigh_length, shank_length))
     legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
     valid = np.ones(len(motion.time), bool)
     for side in there:
-        hip, knee = tilt + found[f"hip_flexion_{side[0]}"], sign * found[f"knee_angle_{side[0]}"]
+        hip, knee = tilt + angles[f"hip_flexion_{side[0]}"], sign * angles[f"knee_angle_{side[0]}"]
         x, y = a * np.sin(hip) + b * np.sin(hip - knee), -a * np.cos(hip) - b * np.cos(hip - knee)
         legs[side] = LegTrajectory(hip, knee, x, y)
         valid &= np.isfinite(hip) & np.isfinite(knee)
@@ -188,7 +188,7 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     if end is None:
         raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines says endheader")
     pairs = (line.partition("=") for line in lines[:end])
-    found = {key.strip().lower(): value.strip() for key, equal, value in pairs if equal}
+    header = {key.strip().lower(): value.strip() for key, equal, value in pairs if equal}
     at = next((number for number in range(end + 1, len(lines)) if lines[number].strip()), len(lines))
     names = lines[at].split("\t" if "\t" in lines[at] else None) if at < len(lines) else []
     names = [name.strip() for name in names if name.strip()]
@@ -196,16 +196,16 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
         raise RecordingError(
             f"{file.name}: the first column must be time; the columns are {', '.join(names) or 'none'}"
         )
-    return found, at + 1, names
+    return header, at + 1, names
 
 
 def _numbered(names: list[str], notes: list[Note]) -> list[str]:
     """Names of their own: old files call the forces of both feet the same."""
-    found = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
+    numbered = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         notes.append(COLUMNS_NUMBERED(names=twice))
-    return found
+    return numbered
 
 
 def _refusal(file: Path, kind: str) -> str:
@@ -234,9 +234,9 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
         wrong = table[first][pandas.to_numeric(table[first], errors="coerce").isna()]
         raise RecordingError(f"{file.name}: column {first} holds {wrong.iloc[0]!r} in row {wrong.index[0]}, no number")
     for key, there, what in (("nrows", len(table), "rows"), ("ncolumns", table.shape[1], "columns")):
-        said = header.get(key, header.get(key.replace("n", "data", 1), ""))
-        if said.isdigit() and int(said) != there:
-            raise RecordingError(f"{file.name} is truncated: its header says {said} {what}, {there} are there")
+        stated = header.get(key, header.get(key.replace("n", "data", 1), ""))
+        if stated.isdigit() and int(stated) != there:
+            raise RecordingError(f"{file.name} is truncated: its header says {stated} {what}, {there} are there")
     if table.shape[1] != len(names):
         raise RecordingError(f"{file.name} names {len(names)} columns, and its rows have {table.shape[1]}")
     values = np.asarray(table.to_numpy(np.float64), np.float64)

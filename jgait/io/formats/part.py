@@ -65,11 +65,11 @@ def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
         every: what each file says, at least one.
         name: of the recording; None: the first file's.
     """
-    notes = tuple(dict.fromkeys(note for one in every for note in one.notes))
-    labels = [part.label for one in every for part in one.parts]
+    notes = tuple(dict.fromkeys(note for measured in every for note in measured.notes))
+    labels = [part.label for measured in every for part in measured.parts]
     parts = [
-        part._replace(label=one.name) if len(one.parts) == 1 and labels.count(part.label) > 1 else part
-        for one in every
-        for part in one.parts
+        part._replace(label=measured.name) if len(measured.parts) == 1 and labels.count(part.label) > 1 else part
+        for measured in every
+        for part in measured.parts
     ]
     return Measured(parts, name or every[0].name, every[0].subject, notes)

@@ -135,12 +135,12 @@ def read(
             raise ValueError("files by placement need no placement or placements")
         if not path:
             raise ValueError("no file was given; expected placement → file")
-        found = joined([_one(file, format, where) for where, file in path.items()])
+        content = joined([_one(file, format, where) for where, file in path.items()])
         placements = None
     else:
-        found = _one(path, format, placement)
+        content = _one(path, format, placement)
     return settle(
-        found,
+        content,
         placements=placements,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
@@ -156,25 +156,25 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     file = Path(path)
     if format is not None and format not in FORMATS:
         raise RecordingError(f"{{argument}} must be one of {', '.join(FORMATS)}; got {format!r}", argument="format")
-    told = format_of(file) if format is None else format
+    format_name = format_of(file) if format is None else format
     if file.suffix.lower() in SHEETS:
         raise RecordingError(f"{file.name} is a spreadsheet; save it as CSV from the program that made it")
-    if told is None and file.suffix.lower() in OTHERS:
+    if format_name is None and file.suffix.lower() in OTHERS:
         raise RecordingError(
             f"{file.name} holds no inertial sensors that jgait reads; see {OTHERS[file.suffix.lower()]}"
         )
-    if told is None:
+    if format_name is None:
         raise RecordingError(
             f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which by {{argument}}",
             argument="format",
         )
-    found = _module(told)[1](file)
-    found = found._replace(notes=(*found.notes, READ_AS(format=FORMATS[told].title)))
+    content = _module(format_name)[1](file)
+    content = content._replace(notes=(*content.notes, READ_AS(format=FORMATS[format_name].title)))
     if placement is None:
-        return found
-    if len(found.parts) != 1:
-        labels = [part.label for part in found.parts]
+        return content
+    if len(content.parts) != 1:
+        labels = [part.label for part in content.parts]
         raise RecordingError(
             f"{file.name} has {len(labels)} sensors, {labels}; place them by {{argument}}", argument="placements"
         )
-    return found._replace(parts=(found.parts[0]._replace(placement=placement),))
+    return content._replace(parts=(content.parts[0]._replace(placement=placement),))

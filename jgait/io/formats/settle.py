@@ -112,12 +112,12 @@ def settle(
     return recording._replace(notes=(*notes, *recording.notes))
 
 
-def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
+def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
     """Placement → part; what is left out is noted."""
     labels = [part.label for part in parts]
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
-    unknown = [label for label in said if label not in labels]
+    unknown = [label for label in chosen if label not in labels]
     if unknown:
         raise RecordingError(
             f"{name} has no sensor {unknown[0]!r} (named by {{argument}}); it has {labels}", argument="placements"
@@ -125,9 +125,9 @@ def _placed(parts: Sequence[Part], said: Mapping[str, str], name: str, notes: li
     placed: dict[str, Part] = {}
     nowhere: list[str] = []
     for part in parts:
-        where = said.get(part.label) or part.placement or placement_of(part.label)
+        where = chosen.get(part.label) or part.placement or placement_of(part.label)
         if where is None or where not in PLACEMENTS:
-            if part.label in said:
+            if part.label in chosen:
                 raise RecordingError(f"{name}: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
             nowhere.append(part.label)
             continue
@@ -157,8 +157,8 @@ def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
     size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
     size = size[np.isfinite(size)]
     force = float(np.median(size)) if len(size) else float("nan")
-    for unit, one in ACC_UNITS.items():
-        gravity = ACC_UNITS["g"] / one
+    for unit, factor in ACC_UNITS.items():
+        gravity = ACC_UNITS["g"] / factor
         if GRAVITY_RANGE[0] * gravity <= force <= GRAVITY_RANGE[1] * gravity:
             notes.append(ACC_UNIT_DEDUCED(placement=where, unit=unit, median=force))
             return unit
@@ -169,12 +169,12 @@ def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
     )
 
 
-def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: list[Note]) -> dict[str, str]:
+def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
     """Placement → the gyroscope's unit: said, stated, or told by its size, which tells only when somebody walks.
 
     One system writes one unit: that of the sensor that turns fastest is that of all for which none is stated.
     """
-    units = {where: said or part.gyr_unit for where, part in placed.items()}
+    units = {where: chosen or part.gyr_unit for where, part in placed.items()}
     reached = {}
     for where, part in placed.items():
         if units[where] is None:
@@ -201,11 +201,11 @@ def _rate_units(placed: Mapping[str, Part], said: str | None, name: str, notes: 
 
 def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
     """The unit of a range between feet, told by how far apart feet are."""
-    heard = np.asarray([] if values is None else values, np.float64)
-    heard = heard[np.isfinite(heard)]
-    if not heard.size:
+    ranges = np.asarray([] if values is None else values, np.float64)
+    ranges = ranges[np.isfinite(ranges)]
+    if not ranges.size:
         return "m"
-    middle = float(np.median(heard))
+    middle = float(np.median(ranges))
     fits = [unit for unit, metres in RANGE_UNITS.items() if FEET_APART[0] <= middle * metres <= FEET_APART[1]]
     if len(fits) != 1:
         raise RecordingError(
@@ -238,7 +238,7 @@ def _in_si(part: Part, gyr_unit: str, acc_unit: str) -> dict[str, np.ndarray]:
             raise RecordingError(
                 f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=what
             )
-    found = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
+    signals = {"gyr": np.asarray(part.gyr, np.float64) * GYR_UNITS[gyr_unit]}
     if part.acc is not None:
-        found["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]
-    return found
+        signals["acc"] = np.asarray(part.acc, np.float64) * ACC_UNITS[acc_unit]
+    return signals

@@ -60,12 +60,12 @@ def measured(path: Path) -> Measured:
     if path.is_dir():
         return joined([measured(file) for file in files_in(path, ENDINGS, recognises)], path.name)
     rows = read_rows(path, EXPECTED, _is_header, units_below=True)
-    found: dict[str, dict[str, set[str]]] = {}
+    signals_of: dict[str, dict[str, set[str]]] = {}
     for cell in rows.header:
         if match := SIGNAL.match(cell):
-            found.setdefault(match["device"], {}).setdefault(match["signal"], set()).add(match["kind"])
+            signals_of.setdefault(match["device"], {}).setdefault(match["signal"], set()).add(match["kind"])
     notes: list[Note] = []
-    parts = [_part(rows, device, kinds, notes) for device, kinds in found.items() if "Gyro" in kinds]
+    parts = [_part(rows, device, kinds, notes) for device, kinds in signals_of.items() if "Gyro" in kinds]
     if not parts:
         raise RecordingError(
             f"{path.name} holds no gyroscope; expected {EXPECTED}; it has {', '.join(filter(None, rows.header))}"
@@ -75,21 +75,22 @@ def measured(path: Path) -> Measured:
 
 def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]) -> Part:
     stored = kinds["Gyro"], set[str]().union(*(kinds.get(name, ()) for name in ACCELEROMETERS))
-    for signal, found in zip(("gyroscope", "accelerometer"), stored, strict=True):
-        if found and "CAL" not in found:
+    for signal, variants in zip(("gyroscope", "accelerometer"), stored, strict=True):
+        if variants and "CAL" not in variants:
             raise RecordingError(
-                f"{rows.name}: the {signal} of {device} is not calibrated (found {', '.join(sorted(found))}, expected "
+                f"{rows.name}: the {signal} of {device} is not calibrated (found "
+                f"{', '.join(sorted(variants))}, expected "
                 "CAL): export calibrated data"
             )
     time = _time(rows, device)
-    told = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
+    timed = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
     gyr, gyr_unit = rows.in_units(_columns(device, "Gyro"))
     acc, acc_unit = None, None
     choice = [name for name in ACCELEROMETERS if "CAL" in kinds.get(name, ())]
     if choice:
         acc, acc_unit = rows.in_units(_columns(device, choice[0]))
         limit = FULL * STANDARD_GRAVITY[acc_unit or "m/s^2"]
-        share = float(np.mean(np.abs(acc[told]).max(axis=1, initial=0.0) > limit))
+        share = float(np.mean(np.abs(acc[timed]).max(axis=1, initial=0.0) > limit))
         taken = choice[0]
         if len(choice) == 2 and share > OFTEN:
             taken = choice[1]
@@ -98,8 +99,8 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]
         else:
             notes.append(SIGNAL_TAKEN(sensor=device, signal=taken))
     return Part(
-        device, gyr[told], None if acc is None else acc[told],
-        time=None if time is None else time[told], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
+        device, gyr[timed], None if acc is None else acc[timed],
+        time=None if time is None else time[timed], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
     )  # fmt: skip
 
 
@@ -112,21 +113,21 @@ def _time(rows: Rows, device: str) -> np.ndarray | None:
     import pandas as pd
 
     stamps = {cell: match for cell in rows.header if (match := STAMP.match(cell))}
-    own = {match["how"] or "": cell for cell, match in stamps.items() if match["device"] == device}
+    cells = {match["how"] or "": cell for cell, match in stamps.items() if match["device"] == device}
     for how in ("Unix", "FormattedUnix", "Shimmer", "RC", ""):
-        if how not in own:
+        if how not in cells:
             continue
-        column = rows.where(own[how]) or 0
+        column = rows.where(cells[how]) or 0
         if how == "FormattedUnix":
             times = pd.to_datetime(rows.cells[column], errors="coerce", format="mixed")
             wrong = times.isna() & rows.cells[column].notna()
             if wrong.any():
-                found = rows.cells[column][wrong].iloc[0]
-                raise RecordingError(f"{rows.name}: column {own[how]!r} must hold times of day; found {found!r}")
+                wrong_cell = rows.cells[column][wrong].iloc[0]
+                raise RecordingError(f"{rows.name}: column {cells[how]!r} must hold times of day; found {wrong_cell!r}")
             since = (times - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
             return since.to_numpy(np.float64, na_value=np.nan)
         unit = rows.unit(column)
         if unit not in (*SECONDS, ""):
-            raise RecordingError(f"{rows.name}: {own[how]} is in {unit}; expected one of {', '.join(SECONDS)}")
+            raise RecordingError(f"{rows.name}: {cells[how]} is in {unit}; expected one of {', '.join(SECONDS)}")
         return SECONDS[unit or "ms"] * rows.numbers(column)
     return None

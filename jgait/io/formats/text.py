@@ -81,11 +81,11 @@ class Rows(NamedTuple):
         Raises:
             RecordingError: if one is not there, naming it and those that are.
         """
-        found = [self.where(column) for column in columns]
-        for column, position in zip(columns, found, strict=True):
+        places = [self.where(column) for column in columns]
+        for column, position in zip(columns, places, strict=True):
             if position is None:
                 raise self.lacks(column)
-        return np.stack([self.numbers(position) for position in found if position is not None], axis=1)
+        return np.stack([self.numbers(position) for position in places if position is not None], axis=1)
 
     def in_units(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
         """(T, 3) of three columns, and the unit that the row of units states; None if it states none.
@@ -94,14 +94,14 @@ class Rows(NamedTuple):
             RecordingError: if a column is not there, or the unit is none that is known.
         """
         values = self.three(columns)
-        said = {self.unit(self.where(column) or 0) for column in columns}
-        if said <= {""}:
+        stated = {self.unit(self.where(column) or 0) for column in columns}
+        if stated <= {""}:
             return values, None
-        if len(said) > 1 or next(iter(said)) not in UNITS:
+        if len(stated) > 1 or next(iter(stated)) not in UNITS:
             raise RecordingError(
-                f"{self.name}: {columns[0]} … is in {', '.join(sorted(said))}; expected one of {', '.join(UNITS)}"
+                f"{self.name}: {columns[0]} … is in {', '.join(sorted(stated))}; expected one of {', '.join(UNITS)}"
             )
-        return values, UNITS[next(iter(said))]
+        return values, UNITS[next(iter(stated))]
 
     def lacks(self, column: str) -> RecordingError:
         """What to raise for a column that is not there."""
@@ -109,8 +109,8 @@ class Rows(NamedTuple):
 
     def unit(self, column: int) -> str:
         """What the row of units says of a column, plain; "" where it says nothing."""
-        said = self.units[column].strip() if column < len(self.units) else ""
-        return said[1:-1].strip() if said[:1] + said[-1:] in ("[]", "()") else said
+        stated = self.units[column].strip() if column < len(self.units) else ""
+        return stated[1:-1].strip() if stated[:1] + stated[-1:] in ("[]", "()") else stated
 
 
 def split(line: str, separator: str) -> tuple[str, ...]:
@@ -146,11 +146,11 @@ def read_rows(
 
     check_file(path, expected)
     lines = _lines(path, expected)
-    found = _header(lines, is_header)
-    if found is None:
+    header_at = _header(lines, is_header)
+    if header_at is None:
         begins = next((line for line in lines if line.strip()), "").strip()[:80]
         raise RecordingError(f"{path.name} has no such header: expected {expected}; it begins with {begins!r}")
-    row, separator = found
+    row, separator = header_at
     header = split(lines[row], separator)
     units: tuple[str, ...] = ()
     first = row + 1
@@ -234,11 +234,11 @@ def files_in(
         recognises: looks at a file's name and first bytes.
         below: whether to look in the folders of the folder too.
     """
-    found = []
+    files = []
     for pattern in ("*", "*/*") if below else ("*",):
         for file in sorted(path.glob(pattern)):
             if file.suffix.lower() in endings and not file.name.startswith(".") and file.is_file():
                 with file.open("rb") as stream:
                     if recognises(file, stream.read(HEAD)):
-                        found.append(file)
-    return found
+                        files.append(file)
+    return files

@@ -79,16 +79,16 @@ def _one(path: Path) -> Measured:
 
 def _signal(rows: Rows, what: str) -> tuple[np.ndarray, str]:
     """(T, 3) of one quantity, and its unit from the header."""
-    columns, said = [], set()
+    columns, units = [], set()
     for axis in "XYZ":
         named = re.compile(rf"^{what} {axis} \((.+)\)$", re.IGNORECASE)
-        found = next((match for column in rows.header if (match := named.match(column))), None)
-        if found is None:
+        match_of_axis = next((match for column in rows.header if (match := named.match(column))), None)
+        if match_of_axis is None:
             raise rows.lacks(f"{what} {axis} (…)")
-        columns.append(found.group())
-        said.add(found.group(1))
-    unit = said.pop()
-    if said or unit not in UNITS:
+        columns.append(match_of_axis.group())
+        units.add(match_of_axis.group(1))
+    unit = units.pop()
+    if units or unit not in UNITS:
         hint = ": raw numbers, for which the calibration is lacking; export calibrated data" if unit == "lsb" else ""
         raise RecordingError(f"{rows.name}: {what} is in {unit!r}; expected one of {', '.join(UNITS)}{hint}")
     return rows.three(columns), UNITS[unit]
