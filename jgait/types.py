@@ -33,7 +33,7 @@ else:
 """`Values`: numbers of any one shape, for elementwise functions; `Flags`: truth values; `Counts`: whole numbers."""
 
 type Maybe[T] = T | Any
-"""A field that can be None; its record says when. A reader of the field must know that it is there."""
+"""A field that can be None; its record says when. Code that reads the field must know that it is not None."""
 
 # Fields of the records below. Records of several recordings are stacked along leading axes, `*batch`.
 Series = Float[AnyArray, "*batch time"]

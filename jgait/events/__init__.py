@@ -1,1 +1,1 @@
-"""events."""
+"""Gait events: standing still, stances, initial and final contacts."""

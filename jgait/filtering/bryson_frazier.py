@@ -1,4 +1,4 @@
-r"""Smoothing without an inverse of P⁻: backwards over the samples goes what the later ones tell of each.
+r"""Smoothing without an inverse of P⁻: a backward scan carries the information of the later samples.
 
 With K = P⁻ Hᵀ S⁻¹, the filter's update m = m⁻ ⊕ K e, and λ⁺ = 0, Λ⁺ = 0 after the last sample,
 

@@ -1,4 +1,4 @@
-"""What a filter is given, checked at the boundary: structure and shapes while tracing, values before.
+"""Checks of the arguments of a filter: structure and shapes while tracing, values before.
 
 Nothing here raises inside compiled code: structures and shapes are known to a trace, and values are only looked at
 where they are concrete.

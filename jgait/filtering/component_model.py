@@ -1,7 +1,7 @@
-"""A model on named tuples seen as functions on lists of scalars; what its functions return is checked here.
+"""A model on named tuples as functions on lists of scalars; the results of the functions are checked here.
 
 Errors δ are taken about a reference state x: x ⊕ δ by `retract`, x' ⊖ x by `local`; plain sum and difference unless
-the model says otherwise. The checks run while tracing, once for each compilation.
+the model states another rule. The checks run while tracing, once for each compilation.
 """
 
 from collections.abc import Callable, Sequence

@@ -55,7 +55,7 @@ class Covariance:
             variances: tuple of the error's type.
 
         Returns:
-            A covariance whose other entries are Python zeros, so that a trace can tell they are structural.
+            A covariance whose other entries are Python zeros, so that a trace detects the structural zeros.
         """
         leaves, structure = jax.tree.flatten(variances)
         size = len(leaves)

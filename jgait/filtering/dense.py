@@ -46,7 +46,7 @@ class Prediction(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """What an update tells beside its result; see `jgait.filtering.Updated`."""
+    """Statistics of an update; see `jgait.filtering.Updated`."""
 
     innovation: PyTree
     stddev: PyTree
@@ -112,7 +112,7 @@ def predicted_moments(
 def corrected(
     vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Moments, Correction]:
-    """The belief after a measurement (m,) of which `seen` (m,) is there, and what the update tells.
+    """The belief after a measurement (m,) of which `seen` (m,) is measured, and the statistics of the update.
 
     Each iteration linearises at the result of the one before, but updates the same prior. Innovation, likelihood
     and NIS are those of the first, which is linearised at the prediction.
@@ -150,7 +150,7 @@ def _linear_update(
 
     affine = affine_observation(vm, x, control, expected, method, at, around)
     residual = vm.residual(jnp.where(seen, measured, expected), expected) - affine.value
-    # A masked component is one that the state does not show in and whose innovation is 0 ± 1: it tells nothing.
+    # A masked component does not depend on the state and has the innovation 0 ± 1: it carries no information.
     innovation = jnp.where(seen, residual, 0.0)
     matrix = jnp.where(seen[:, None], affine.matrix, 0.0)
     eye = jnp.eye(seen.shape[0], dtype=cov.dtype)
@@ -192,7 +192,7 @@ def affine_observation(
 def advanced(
     vm: VectorModel, before: Moments, measured: PyTree, control: PyTree, dt: Values, seen: PyTree, method: Method
 ) -> tuple[Moments, Moments, Correction]:
-    """Predict, then update, in vectors: prediction, result, and what the update tells."""
+    """Predict, then update, in vectors: prediction, result, and the statistics of the update."""
     predicted, prediction = predicted_moments(vm, before, control, dt, method)
     after, correction = corrected(vm, predicted, measured, control, seen, method)
     return predicted, after, correction._replace(valid=correction.valid & prediction.finite)

@@ -1,4 +1,4 @@
-"""Which of the ways to run a filter is taken: the same results, each where it pays.
+"""The choice of the computation of a filter: the results are the same, each way is used where it is fastest.
 
 fast         components, structure found while tracing (`structured`); KF, EKF, iterated EKF
 dense        vectors and matrices (`dense`): the readable reference, for every method and size
@@ -32,7 +32,7 @@ are worth. The smoother's covariances take about n times as many operations, so 
 
 
 def chosen(given: Inputs, method: Method, execution: Execution, about: PyTree, small: bool = True) -> Execution:
-    """The way that is taken; `small` says whether what is asked for is little enough for components.
+    """The way that is taken; `small`: whether the problem is small enough for components.
 
     Raises:
         ValueError: for a way that the method does not have, or a trajectory that no other way looks at.

@@ -1,4 +1,4 @@
-r"""Factors of covariances, P = L Lᵀ with L lower triangular, and how they change without being computed anew.
+r"""Factors of covariances, P = L Lᵀ with L lower triangular, and their updates without a new factorisation.
 
 Turning the columns of an array changes no product of two of its rows, so every factor of P leads to the triangular
 one. All of it is elementwise arithmetic that XLA fuses into a scan, and has a finite gradient where P is singular.
@@ -6,43 +6,46 @@ one. All of it is elementwise arithmetic that XLA fuses into a scan, and has a f
 
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Bool, Float
 
 from jgait.filtering.linear_algebra import product, scaled_cholesky
-from jgait.types import Values
+from jgait.types import AnyArray
 
 FLAT = 16.0
-"""Below this share of its row what is left of it is rounding and has no derivative [epsilons of the dtype]."""
+"""The rest of a row below this share of it is rounding error and has no derivative [epsilons of the dtype]."""
 
 
-def triangularised(a: Values, floor: float = 1.0) -> Values:
+def triangularised(a: Float[AnyArray, "n k"], floor: float = 1.0) -> Float[Array, "n n"]:
     """The lower triangle L with L Lᵀ = a aᵀ, with no negative entry on its diagonal.
 
     A row that adds nothing to those before it gives a column of zeros; the gradient is finite there too: 0 from what
     the row would have added.
 
     Args:
-        a: (n, k), finite.
+        a: finite.
         floor: what is left of a row below this share of it adds nothing [epsilons of the dtype].
 
     Returns:
-        L (n, n).
+        L.
     """
     return reduced(a, a.shape[0], floor)[0]
 
 
-def reduced(a: Values, count: int, floor: float = 1.0) -> tuple[Values, Values]:
+def reduced(
+    a: Float[AnyArray, "n k"], count: int, floor: float = 1.0
+) -> tuple[Float[Array, "n {count}"], Float[Array, "{count} k"]]:
     """The first columns of `triangularised`, and the orthonormal rows that the columns were projected on.
 
     Householder reflections of the array with zeros before it, which come down to the recurrences of Gram and Schmidt
     and are as accurate: no pivot to cancel against, no sign, and a row that adds nothing leaves the rest untouched.
 
     Args:
-        a: (n, k), finite.
+        a: finite.
         count: how many columns.
         floor: as of `triangularised`.
 
     Returns:
-        L (n, count) and U (count, k): a − L U is what the columns leave of a.
+        L and U: a − L U is what the columns leave of a.
 
     Source: Å. Björck, C. Paige, "Loss and recapture of orthogonality in the modified Gram–Schmidt algorithm",
     SIAM J. Matrix Anal. Appl. 13(1), 1992, section 2.
@@ -65,13 +68,18 @@ def reduced(a: Values, count: int, floor: float = 1.0) -> tuple[Values, Values]:
     return jnp.stack(columns, axis=1), jnp.stack(directions)
 
 
-def _rounding(a: Values) -> tuple[Values, float]:
-    """Squares of an epsilon of each row (n,), and the least square that can be divided by."""
+def _rounding(a: Float[AnyArray, "n k"]) -> tuple[Float[Array, "n"], float]:
+    """Squares of an epsilon of each row, and the least square that can be divided by."""
     kind = jnp.finfo(a.dtype)
     return lax.stop_gradient(squares(a)) * float(kind.eps) ** 2, float(kind.tiny) / float(kind.eps)
 
 
-def changed(factor: Values, rest: Values, change: Values, extra: Values) -> tuple[Values, Values]:
+def changed(
+    factor: Float[AnyArray, "n n"],
+    rest: Float[AnyArray, "n n"],
+    change: Float[AnyArray, "n n"],
+    extra: Float[AnyArray, "n k"],
+) -> tuple[Float[Array, "n n"], Float[Array, "n n"]]:
     """The factor L' with L' L'ᵀ = (L + change)(L + change)ᵀ + extra extraᵀ, and what it rounds off.
 
     Row by row, a rotation moves what lies right of the diagonal, n_i, into the diagonal; written as what it adds,
@@ -80,16 +88,16 @@ def changed(factor: Values, rest: Values, change: Values, extra: Values) -> tupl
         n_j ← n_j − (n_j·n_i / (ρ (ρ + l_ii)) + l_ji / ρ) n_i,  ρ − l_ii = n_i·n_i / (ρ + l_ii)
 
     Args:
-        factor: L (n, n), lower triangular.
-        rest: what it has rounded off (n, n).
-        change: (n, n), any.
-        extra: further columns (n, k).
+        factor: L, lower triangular.
+        rest: the rounding error of L.
+        change: any matrix.
+        extra: further columns.
     """
     factor, rest = added(factor, rest, jnp.tril(change))
     work, more = jnp.concatenate([factor + jnp.triu(change, 1), extra], axis=1), jnp.zeros_like(factor)
     whole, least = _rounding(work)
-    columns: list[Values] = []
-    signs: list[Values] = []
+    columns: list[Array] = []
+    signs: list[Array] = []
     for i in range(factor.shape[0]):
         sign = jnp.where(work[0, 0] < 0.0, -1.0, 1.0).astype(factor.dtype)
         pivot, below, row = sign * work[0, 0], sign * work[1:, 0], work[0, 1:]
@@ -110,26 +118,28 @@ def changed(factor: Values, rest: Values, change: Values, extra: Values) -> tupl
     return added(factor * sign, rest * sign, jnp.stack(columns, axis=1))
 
 
-def added(value: Values, rest: Values, more: Values) -> tuple[Values, Values]:
+def added(
+    value: Float[AnyArray, "*shape"], rest: Float[AnyArray, "*shape"], more: Float[AnyArray, "*shape"]
+) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
     """The unrounded sum value + rest + more as the nearest number and what is left of it."""
-    total = value + more
+    total = jnp.add(value, more)
     back = total - value
-    low = lax.stop_gradient(rest + ((value - (total - back)) + (more - back)))
+    low = lax.stop_gradient(jnp.asarray(rest) + ((value - (total - back)) + (more - back)))
     near = total + low
     return near, lax.stop_gradient(low - (near - total))
 
 
-def covariance(factor: Values) -> Values:
-    """The matrix L Lᵀ (n, n), symmetric to the last bit."""
+def covariance(factor: Float[AnyArray, "n k"]) -> Float[Array, "n n"]:
+    """The matrix L Lᵀ, symmetric to the last bit."""
     return product(factor, factor.T)
 
 
-def rooted(p: Values, beside: Values) -> tuple[Values, Values]:
-    """A factor of a perhaps singular covariance (n, n), and whether p is one up to rounding.
+def rooted(p: Float[AnyArray, "n n"], beside: Float[AnyArray, "n"]) -> tuple[Float[Array, "n n"], Bool[Array, ""]]:
+    """A factor of a perhaps singular covariance, and whether p is one up to rounding.
 
     Args:
-        p: covariance (n, n), finite.
-        beside: (n,) variances that p is added to, and whose rounding it may hold.
+        p: covariance, finite.
+        beside: variances that p is added to, and whose rounding it may hold.
     """
     size = p.shape[0]
     d, _, lower = scaled_cholesky(p, jitter=size)
@@ -139,6 +149,6 @@ def rooted(p: Values, beside: Values) -> tuple[Values, Values]:
     return factor, jnp.all(off <= 100.0 * size * float(jnp.finfo(p.dtype).eps) * (jnp.abs(variance) + beside))
 
 
-def squares(factor: Values) -> Values:
-    """The variances that a factor (n, k) stands for (n,)."""
+def squares(factor: Float[AnyArray, "n k"]) -> Float[Array, "n"]:
+    """The variances of a factored covariance, diag(L Lᵀ)."""
     return jnp.sum(factor * factor, axis=1)

@@ -95,7 +95,7 @@ FIELDS = Posterior._fields
 """What a filter can return, see `Posterior`."""
 
 KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
-"""What it returns unless told otherwise."""
+"""The fields of a posterior that a filter returns by default."""
 
 
 def predict(

@@ -1,4 +1,4 @@
-"""Filter or smooth, as an argument says, with one kind of result."""
+"""Filter or smooth, chosen by an argument, with one type of result."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from jgait.filtering.smoother import kalman_smoother
 from jgait.types import Values
 
 SUMMARY = ("log_likelihood", "nis", "count", "valid")
-"""Fields of the filter's posterior that tell how well the model fits."""
+"""Fields of the filter's posterior that measure how well the model fits."""
 
 
 class Inferred(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a filter works on: a model and a recording, checked, in one float type, as components or as vectors."""
+"""The inputs of a filter: a model and a recording, checked, in one float type, as components or as vectors."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ class Inputs(NamedTuple):
         measured: observation (m arrays (T,)).
         controls: control tuple of (T,) arrays, or None.
         dt: intervals, () or (T,).
-        seen: the mask (m arrays (T,) of bools, or True where it says nothing).
+        seen: the mask (m arrays (T,) of bools, or True where it masks nothing).
         dtype: of all floats.
         length: T.
     """

@@ -1,32 +1,33 @@
 """Small dense products and solves, written so that XLA fuses them into the scan instead of calling a library."""
 
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
-from jgait.types import Values
+from jgait.types import AnyArray
 
 
-def product(a: Values, b: Values) -> Values:
-    """Matrix product (i, k)(k, j), or matrix times vector (i, k)(k,)."""
+def product(a: Float[AnyArray, "row inner"], b: Float[AnyArray, "inner *column"]) -> Float[Array, "row *column"]:
+    """Matrix product, or matrix times vector."""
     if b.ndim == 1:
         return jnp.sum(a * b[None, :], axis=1)
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
-def congruence(a: Values, p: Values) -> Values:
+def congruence(a: Float[AnyArray, "row n"], p: Float[AnyArray, "n n"]) -> Float[Array, "row row"]:
     """The product a p aᵀ for symmetric p, symmetric to the last bit."""
     result = product(product(a, p), a.T)
     return 0.5 * (result + result.T)
 
 
-def cholesky(a: Values, floor: float = 0.0) -> tuple[Values, Values]:
-    """The lower triangle L with L Lᵀ = a (n, n), and whether every pivot was above the floor.
+def cholesky(a: Float[AnyArray, "n n"], floor: float = 0.0) -> tuple[Float[Array, "n n"], Bool[Array, ""]]:
+    """The lower triangle L with L Lᵀ = a, and whether every pivot was above the floor.
 
     A pivot that is not is replaced (by the floor, or by 1 where the floor is 0), so that neither the factor nor its
     gradient is ever NaN; what such a factor is good for is up to the caller.
     """
     size = a.shape[0]
     rows = jnp.arange(size)
-    columns: list[Values] = []
+    columns: list[Array] = []
     good = jnp.asarray(True)
     for j in range(size):
         column = a[:, j]
@@ -39,37 +40,39 @@ def cholesky(a: Values, floor: float = 0.0) -> tuple[Values, Values]:
     return jnp.stack(columns, axis=1), good
 
 
-def forward_substitution(lower: Values, b: Values) -> Values:
-    """Solve L x = b for b (n,) or (n, k)."""
-    rows: list[Values] = []
+def forward_substitution(lower: Float[AnyArray, "n n"], b: Float[AnyArray, "n *column"]) -> Float[Array, "n *column"]:
+    """Solve L x = b."""
+    rows: list[Array] = []
     for i in range(lower.shape[0]):
         value = b[i]
         for k in range(i):
             value = value - lower[i, k] * rows[k]
-        rows.append(value / lower[i, i])
+        rows.append(jnp.asarray(value / lower[i, i]))
     return jnp.stack(rows)
 
 
-def backward_substitution(lower: Values, b: Values) -> Values:
-    """Solve Lᵀ x = b for b (n,) or (n, k)."""
+def backward_substitution(lower: Float[AnyArray, "n n"], b: Float[AnyArray, "n *column"]) -> Float[Array, "n *column"]:
+    """Solve Lᵀ x = b."""
     size = lower.shape[0]
-    rows: list[Values] = [None] * size
+    rows: dict[int, Array] = {}
     for i in reversed(range(size)):
         value = b[i]
         for k in range(i + 1, size):
             value = value - lower[k, i] * rows[k]
-        rows[i] = value / lower[i, i]
-    return jnp.stack(rows)
+        rows[i] = jnp.asarray(value / lower[i, i])
+    return jnp.stack([rows[i] for i in range(size)])
 
 
-def scaled_cholesky(p: Values, jitter: float) -> tuple[Values, Values, Values]:
-    """Standard deviations d (n,), their inverse, and the factor L of the correlation matrix: p ≈ d (L Lᵀ) d.
+def scaled_cholesky(
+    p: Float[AnyArray, "n n"], jitter: float
+) -> tuple[Float[Array, "n"], Float[Array, "n"], Float[Array, "n n"]]:
+    """Standard deviations d, their inverse, and the factor L of the correlation matrix: p ≈ d (L Lᵀ) d.
 
     Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. Where components are
     perfectly correlated a pivot vanishes up to rounding; it is kept at `jitter` roundings.
 
     Args:
-        p: covariance (n, n), perhaps singular.
+        p: covariance, perhaps singular.
         jitter: least pivot of the correlation matrix, in units of the dtype's epsilon.
     """
     variance = jnp.diagonal(p)
@@ -82,7 +85,7 @@ def scaled_cholesky(p: Values, jitter: float) -> tuple[Values, Values, Values]:
     return jnp.where(known, 0.0, d), inverse, lower
 
 
-def solve_covariance(p: Values, b: Values) -> Values:
-    """Solve p x = b (n, k) for a covariance p that may hold exactly known components (their x is 0)."""
+def solve_covariance(p: Float[AnyArray, "n n"], b: Float[AnyArray, "n k"]) -> Float[Array, "n k"]:
+    """Solve p x = b for a covariance p that may hold exactly known components (their x is 0)."""
     _, inverse, lower = scaled_cholesky(p, jitter=p.shape[0])
     return inverse[:, None] * backward_substitution(lower, forward_substitution(lower, inverse[:, None] * b))

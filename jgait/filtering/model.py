@@ -1,4 +1,4 @@
-"""What a state-space model is: functions on tuples of named scalars, and beliefs about such tuples.
+"""A state-space model: functions on tuples of named scalars, and beliefs about such tuples.
 
 A state is a NamedTuple of scalars (nested NamedTuples are allowed), and so are observations and controls. A
 covariance is addressed by the same names. Vectors and matrices exist only inside the filters.
@@ -13,7 +13,7 @@ from jgait.filtering.covariance import Covariance
 
 
 class Belief(NamedTuple):
-    """What is believed of a state: its mean, and the covariance of the error about it."""
+    """A distribution of a state: its mean, and the covariance of the error about it."""
 
     mean: PyTree
     cov: Covariance
@@ -35,7 +35,7 @@ class Model(NamedTuple):
         residual: (measured, predicted) → their difference, for angles that wrap; None subtracts.
 
     A model with `retract` and `local` may state how errors move, so that their structure (what is zero, what is one)
-    can be seen; otherwise it is found through those two, at several times the cost. To first order in `error`:
+    is known; otherwise it is computed through those two, at several times the cost. To first order in `error`:
 
     Attributes:
         error_transition: (params, state, error, control, dt) → error after dt about the state after dt; or a tuple of

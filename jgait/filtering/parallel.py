@@ -1,8 +1,8 @@
 r"""Filter and smoother in parallel over time: log T passes over all samples instead of T steps, for accelerators.
 
-Both recursions are prefix sums of an associative operation. A sample's element says what its transition and its
-measurement do to whatever belief comes before: p(x_k | y_k, x_{k−1}) = N(A x_{k−1} + b, C), and what y_k tells of
-x_{k−1} in information form, η and J. Two neighbours i, j make one, with W = C_i (I + J_j C_i)⁻¹,
+Both recursions are prefix sums of an associative operation. The element of a sample describes the effect of its
+transition and its measurement on any belief before: p(x_k | y_k, x_{k−1}) = N(A x_{k−1} + b, C), and the information
+of y_k about x_{k−1}, η and J. Two neighbours i, j make one, with W = C_i (I + J_j C_i)⁻¹,
 
     A = A_j (I − W J_j) A_i,  b = A_j ((I − W J_j) b_i + W η_j) + b_j,  C = A_j W A_jᵀ + C_j
     η = A_iᵀ (I − J_j W) (η_j − J_j b_i) + η_i,  J = A_iᵀ (I − J_j W) J_j A_i + J_i

@@ -1,4 +1,4 @@
-"""Drawing from a model what it says could happen: states, and what the sensors would read."""
+"""Random states and observations of a model."""
 
 import jax
 import jax.numpy as jnp

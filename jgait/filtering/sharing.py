@@ -1,4 +1,4 @@
-"""What is used more than once is computed once.
+"""A value that is used more than once is computed once.
 
 XLA's fusion for CPUs writes one loop for each result that is stored, and repeats in each what they share: of a step
 of a filter with 15 states ten times as much was computed as written, and compiled. `shared` traces a function of

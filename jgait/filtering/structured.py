@@ -1,8 +1,8 @@
-r"""Predict and update over components: what `dense` does, without what structure makes superfluous.
+r"""Predict and update over components: the computation of `dense` without superfluous operations.
 
-Barriers stand where XLA would otherwise repeat work in each of the loops that use it. Whether numbers are sound is
-told by a float that is finite if they are: compared where it is used, it costs next to nothing, where stored bools
-would break up the vector loops.
+Barriers stand where XLA would otherwise repeat work in each of the loops that use it. A float that is
+finite if all numbers are stands for their soundness: a comparison where it is used costs next to nothing, where stored
+bools would break up the vector loops.
 """
 
 from collections.abc import Callable, Sequence
@@ -93,7 +93,7 @@ class Transition(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What an update tells beside its result; see `jgait.filtering.Updated`."""
+    """Statistics of an update; see `jgait.filtering.Updated`."""
 
     innovation: list[PyTree]
     stddev: list[PyTree]
@@ -290,7 +290,7 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree
 def _linearised(
     cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree]
 ) -> tuple[list[PyTree], Matrix, list[PyTree]]:
-    """What should be seen at error `at`, its Jacobian, and what was seen beside it."""
+    """The expected observation at error `at`, its Jacobian, and the measured observation."""
     control, x = sample.control, prior.mean
     trace = Expansion(dtype_of(prior))
     point = x if all(map(is_zero, at)) else trace.call(cm.retract, x, at)

@@ -1,4 +1,4 @@
-r"""Functions of scalars taken apart: which derivatives are constant, and the same function in faster primitives.
+r"""Analysis of functions of scalars: which derivatives are constant, and the same function in faster primitives.
 
 `Expansion` runs the trace of a function equation by equation. What is known (zeros and ones of a derivative's
 seed, constants) is folded away, so the Jacobian's structure comes out as Python floats among arrays; what is equal is
@@ -133,7 +133,7 @@ def _array(value: PyTree, aval: PyTree) -> PyTree:
 
 
 def _key(equation: PyTree, inputs: Sequence[PyTree]) -> PyTree:
-    """What makes two equations equal, or None where that cannot be told."""
+    """What makes two equations equal, or None where that is unknown."""
     if equation.effects:
         return None
     try:

@@ -1,4 +1,4 @@
-"""A model on lists of scalars seen as a model on vectors: the inside of the dense filters, and of nothing else."""
+"""A model on lists of scalars as a model on vectors, for the dense filters alone."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,1 +1,1 @@
-"""geometry."""
+"""Vectors, rotations and rigid segments; elementwise over time and people."""

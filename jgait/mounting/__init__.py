@@ -1,1 +1,1 @@
-"""mounting."""
+"""Orientation of a sensor on the body, from standing and walking."""

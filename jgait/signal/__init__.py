@@ -1,1 +1,1 @@
-"""signal."""
+"""Filters and moving statistics of sampled signals."""

@@ -1,4 +1,4 @@
-"""Marks: per sample, where intervals of a recording begin and end."""
+"""Flags at the samples where intervals of a recording begin and end."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Simulated walks: the whole lower body in motion, what worn sensors read, and the exact truth.
+"""Simulated walks: the motion of the whole lower body, the readings of worn sensors, and the exact reference.
 
 A `Person` (lengths of the body, parameters of the gait, each with its unit) walks along a `Route`. `recording` gives
 the library's own records; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.

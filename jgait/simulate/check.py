@@ -1,4 +1,4 @@
-"""What a person can be and do: refusals that name the limit."""
+"""Permitted ranges of a person and a gait: each error names the limit."""
 
 import math
 from collections.abc import Sequence

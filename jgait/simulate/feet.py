@@ -1,4 +1,4 @@
-"""One foot: how it stands on a foothold, rolls over heel, sole, ball and toes, and swings to the next.
+"""One foot: stance on a foothold, roll over heel, sole, ball and toes, and swing to the next foothold.
 
 Time is counted in steps since the foot landed: for one step it is the foot that landed last, for the next it pushes
 off and swings. Turns about heel, ball and toes move the ankle; the point of the foot about which it turns rests.

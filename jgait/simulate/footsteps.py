@@ -1,4 +1,4 @@
-"""The plan of a walk: where and when each foot lands, and what the body has to meet there.
+"""The plan of a walk: place and time of each foothold, and the path of the pelvis.
 
 Footholds are counted k = −1, 0, 1 … in the order in which they are taken. −1 and 0 are where the feet stand at the
 start; at the contact of foothold k the clock of the walk shows k, and the foot that takes it comes from foothold

@@ -1,4 +1,4 @@
-"""Who walks, and how: lengths of the body, parameters of the gait, each one scalar with its unit."""
+"""Body lengths and gait parameters of a person, each one scalar with its unit."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
-"""What the papers' subjects were asked to do, walked by simulated people: one call a paper.
+"""The walking protocols of the papers, performed by simulated people: one call for each paper.
 
 Every function draws people from `simulate.population`, changes them as its paper asks, and stretches their strides so
-that a whole number of steps covers the route exactly. What a paper does not state is said to be chosen.
+that a whole number of steps covers the route exactly. What a paper does not state is chosen here, and marked as chosen.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Where a walk leads: straight and curved pieces, their slope, and how the speed changes along them."""
+"""The route of a walk: straight and curved pieces, with their slope and speed."""
 
 import math
 from typing import NamedTuple

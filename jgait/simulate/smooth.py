@@ -1,4 +1,4 @@
-"""Smooth functions that walking is made of: steps that start and end at rest, and curves through given points.
+"""Smooth functions of the walking model: steps that start and end at rest, and curves through given points.
 
 Steps are constant outside [0, 1], so that a foot that stands, stands exactly, and six times continuously
 differentiable, so that sums over samples converge fast to integrals.

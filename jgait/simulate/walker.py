@@ -1,4 +1,4 @@
-"""The body at one time: feet that stand where they are planned, a pelvis carried over them, legs that close.
+"""The body at one time: feet on the planned footholds, the pelvis above them, and legs of constant lengths between.
 
 The feet and the pelvis are smooth functions of the walk's clock, which shows k when foothold k is taken. The pelvis is
 as high as both legs allow with their knees bent by at least `knee_stance`; what is left, knees, thighs and shanks,

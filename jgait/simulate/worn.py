@@ -1,4 +1,4 @@
-"""One walk: what worn sensors read, and the truth in the types of an estimate.
+"""One walk: the readings of worn sensors, and the reference in the types of an estimate.
 
 `walk` is pure JAX: it can be jitted, mapped over people and differentiated with respect to everything that is a
 number. `recording` wraps it in the library's own records.
@@ -134,7 +134,7 @@ def walk(
         capacity: the most steps that there is room for; at least `person.gait.steps`. Static.
         placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
         mounts: places on the segments that differ from `mount` [m].
-        clock_of: placement → a clock that is wrong; its sensor samples at other times than it says.
+        clock_of: placement → a wrong clock; the sensor samples at times that differ from its time stamps.
 
     Returns:
         What each sensor read, and the truth.

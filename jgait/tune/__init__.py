@@ -1,4 +1,4 @@
-"""Parameters from data, by gradient: fit them, cross-validate the fit, and say what the data can determine."""
+"""Parameters from data, by gradient: fit, cross-validation, and the parameters that the data determine."""
 
 from jgait.tune.cross_validate import CrossValidation, check_split, cross_validate
 from jgait.tune.fit import Fit, Starts, fit

@@ -1,4 +1,4 @@
-"""Where a fit stands, on disk: written whole or not at all, and read back only by the fit that wrote it."""
+"""The state of a fit on disk. The file is written whole or not at all; only the fit that wrote it continues from it."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""What a fit is given, checked at the boundary: parameters, transforms, priors, data, subjects, loss."""
+"""Checks of the arguments of a fit: parameters, transforms, priors, data, subjects, loss."""
 
 from collections.abc import Callable, Hashable, Sequence
 

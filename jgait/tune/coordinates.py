@@ -1,4 +1,4 @@
-"""Free coordinates as one vector whose every number has a name."""
+"""Free coordinates of the parameters as one vector, with a name for each number."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

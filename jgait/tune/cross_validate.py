@@ -1,4 +1,4 @@
-"""Does what was learned hold for people who were not learned from? Every fold's fit at once, and an honest table."""
+"""Cross-validation over subjects: the error of fitted parameters on people who were not in the fit."""
 
 import hashlib
 import warnings
@@ -149,7 +149,7 @@ def cross_validate[P](
         key: PRNG key of folds, starts and minibatches.
         checkpoint_file: see `tune.fit`.
         mesh: see `tune.fit`.
-        progress: told of the fit that stands best.
+        progress: called with the state of the best fit.
         chunk: see `tune.fit`.
 
     Returns:

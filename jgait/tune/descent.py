@@ -1,4 +1,4 @@
-"""Steps of an optimiser as one `lax.scan`, for several fits side by side; a step into the void is taken back."""
+"""Steps of an optimiser as one `lax.scan`, for several fits side by side; a step to a non-finite loss is undone."""
 
 from collections.abc import Callable
 from typing import NamedTuple

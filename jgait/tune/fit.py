@@ -39,7 +39,7 @@ class Fit[P](NamedTuple):
     """A finished fit.
 
     Attributes:
-        params: the best parameters seen, natural units; what was fixed is the very object given. Best is what has the
+        params: the best of all steps, natural units; what was fixed is the very object given. Best is what has the
             lowest loss: on the validation items where there are, else on the items.
         last: the parameters after the last step.
         free: the best in unconstrained coordinates; None where fixed.
@@ -93,7 +93,7 @@ def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float)
 
 
 def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyTree:
-    """What the optimiser makes of a gradient of ones: tells one from another, learning rates included."""
+    """The first update for a gradient of ones: it identifies an optimiser, learning rates included."""
     slope = jax.tree.map(jnp.ones_like, free)
 
     def bowl(at: PyTree) -> Float[Array, ""]:
@@ -222,7 +222,7 @@ def fit[P](
         chunk: steps between two calls of `progress` and two saves, 2 at least; None for a twentieth of all.
 
     Returns:
-        The best parameters seen and the history.
+        The best parameters of all steps, and the history.
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.

@@ -1,4 +1,4 @@
-"""How a loss is differentiated: forward or reverse, by what suits a filter."""
+"""Differentiation of a loss: forward mode or reverse mode, whichever is faster for a filter."""
 
 from collections.abc import Callable
 

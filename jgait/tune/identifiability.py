@@ -26,14 +26,14 @@ INFORMATION = ("hessian", "scores", "sandwich")
 """Ways to count information, see `identifiability`."""
 
 TOGETHER = 0.95
-"""Correlation from which on two parameters are said to move together."""
+"""Correlation from which on two parameters are reported as correlated."""
 
 ROUNDINGS = 1000.0
 """Errors of rounding, for each free number, that second derivatives are trusted to have at most."""
 
 
 class Identifiability(NamedTuple):
-    """What is known of p free numbers; `sentences` says it in words and `table()` in rows.
+    """How well the data determine p free numbers; `sentences` reports it in words, `table()` in rows.
 
     Attributes:
         names: of the numbers, such as "thigh_length.right" or "level[0]".

@@ -79,7 +79,7 @@ def descend(
         weights: (L, n) of the items for each.
         dtype: of the loss.
         chunk: steps a stretch; None for all at once, or a twentieth where there is something to report or to save.
-        report: told how far it is.
+        report: called with the progress.
         file: checkpoint, or None.
         mark: fingerprint of the fits.
 

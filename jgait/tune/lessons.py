@@ -1,4 +1,4 @@
-"""From walks to what `tune.fit` takes: prepared, with the reference at the same times, of one length, stacked."""
+"""Walks prepared for `tune.fit`: inputs and reference at the same times, padded to one length and stacked."""
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
@@ -295,7 +295,7 @@ def lessons(
         and of its diagnostics the single numbers that all have.
 
     Raises:
-        ValueError: if no walk can be used; the message says why.
+        ValueError: if no walk can be used; the message gives the reason.
     """
     items: list[_Item] = []
     failures: list[tuple[str, str]] = []

@@ -1,4 +1,4 @@
-"""What a tuner minimises: masked, pure JAX, with finite gradients wherever the inputs are finite."""
+"""Losses of an estimate against a reference: masked, pure JAX, with finite gradients wherever the inputs are finite."""
 
 from typing import NamedTuple
 
@@ -73,7 +73,7 @@ def mean_squared(
 
 
 def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None) -> Bool[Array, "time"]:
-    """Where both say something and the caller looks."""
+    """(T,) True where estimate and reference are valid, inside the window."""
     both = jnp.asarray(estimate.valid) & jnp.asarray(reference.valid)
     return both if window is None else both & jnp.asarray(window)
 
@@ -153,7 +153,7 @@ def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
         A scalar [1].
 
     Raises:
-        ValueError: if either says nothing of distance.
+        ValueError: if the estimate or the reference has no distance.
     """
     for name, one in (("estimate", estimate), ("reference", reference)):
         if one.distance is None:
@@ -176,7 +176,7 @@ def stride_length(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
         A scalar [m²]; 0 if no stride is valid.
 
     Raises:
-        ValueError: if the estimate says nothing of distance, or the reference nothing of strides.
+        ValueError: if the estimate has no distance, or the reference has no strides.
     """
     if estimate.distance is None or reference.strides is None:
         raise ValueError("stride_length needs an estimate with distance and a reference with strides")

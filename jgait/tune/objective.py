@@ -1,4 +1,4 @@
-"""What is minimised over lessons: terms of one estimate, weighted and summed."""
+"""The loss of one walk: a weighted sum of terms of its estimate."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass

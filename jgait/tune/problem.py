@@ -1,4 +1,4 @@
-"""What is minimised: a weighted mean of one loss over items, in coordinates where every value is allowed.
+"""The minimised function: a weighted mean of one loss over items, in coordinates where every value is allowed.
 
 Parameters are shared by all items, or belong to the item's subject (`params.per_subject`). Every item is
 differentiated with respect to the few numbers that concern it; the sums over items, and over the items of each

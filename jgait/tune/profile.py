@@ -1,4 +1,4 @@
-"""The profile of a loss: one parameter held at value after value, the others fitted again each time."""
+"""The profile of a loss: one parameter is held at a list of values, and the others are fitted for each value."""
 
 import math
 from collections.abc import Callable
@@ -62,7 +62,7 @@ class Profile(NamedTuple):
         return float(free[k]), float(losses[k])
 
     def curve(self, points: int = 200) -> tuple[np.ndarray, np.ndarray]:
-        """The profile between its finite values, as `interval` sees it: values (points,) and rises (points,) [nat]."""
+        """The profile between its finite values, as `interval` uses it: values (points,) and rises (points,) [nat]."""
         centre, lowest = self._minimum()
         seen = np.isfinite(self.losses)
         free = self.free[seen]
@@ -107,7 +107,7 @@ class Profile(NamedTuple):
         return end(order[self.free < centre][::-1]), end(order[self.free > centre])
 
     def sentence(self, level: float = 0.95) -> str:
-        """What the profile says, in plain words."""
+        """The profile in plain words."""
         low, high = self.interval(level)
         if low is not None and high is not None:
             return f"{self.name} lies between {low:.4g} and {high:.4g} ({100 * level:g} %)"
@@ -157,7 +157,7 @@ def _refit(
     steps: int,
     gradient: str,
 ) -> tuple[Float[Array, "others"], Float[Array, ""], Float[Array, ""]]:
-    """Lowest point seen in a scan of steps; one that leads to anything not finite is taken back and halved."""
+    """The lowest point of a scan of steps. A step to a non-finite value is undone, and the next one is half as long."""
     differentiate = value_and_grad(objective, gradient)
 
     def norm(vector: Float[Array, "others"]) -> Float[Array, ""]:

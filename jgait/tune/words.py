@@ -1,4 +1,4 @@
-"""How the findings about parameters read."""
+"""Sentences about the determination of parameters."""
 
 import math
 from typing import NamedTuple

@@ -17,6 +17,7 @@ Sensors 11(2), doi 10.3390/s110201489.
 from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
@@ -209,7 +210,7 @@ def prior(bias: Vector, start_variance: Values) -> Belief:
     return Belief(mean, Covariance.from_variances(InclinationState(spread, Vector(*(zero + 1e-5,) * 3))))
 
 
-def observe(gyr: Vector, acc: Vector, still: Flags, measured: Flags) -> tuple[InclinationObservation, Values]:
+def observe(gyr: Vector, acc: Vector, still: Flags | None, measured: Flags) -> tuple[InclinationObservation, PyTree]:
     """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing.
 
     Without knowledge of standing (`still` None) the bias is never observed.

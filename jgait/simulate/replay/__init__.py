@@ -1,10 +1,10 @@
-"""Motion capture played again: joint centres become what perfect or erring sensors on the body would have felt.
+"""Motion capture replayed: from joint centres to the readings of perfect or imperfect sensors on the body.
 
 A smoothing spline through each joint centre gives its place, velocity and acceleration at any time; the segments'
 axes are built from the points and differentiated exactly. So a real walk gives signals without noise, soft tissue or
 misplacement, at any rate, with known truth. World: z up, the other two axes are the laboratory's; metres, seconds.
 
-What the points cannot tell: the thigh's turn about its long axis is the pelvis' about the vertical, the shank's is the
+The points do not determine turns about long axes: the thigh's is the pelvis' about the vertical, the shank's is the
 foot's, less the toe-out; the pelvis is level unless its markers are given. Impacts faster than the splines' cut-off are
 lost. At both ends of a recording, and at the edges of long gaps, a spline knows one side only: within about 1 / cut-off
 of an end in full motion accelerations err by up to 2 m/s².

@@ -15,7 +15,7 @@ from jgait.types import SIDES, AnyArray, Maybe, Values, as_float
 
 
 class LegCentres(NamedTuple):
-    """Joint centres and foot markers of one leg, each (T, 3) [m], z up; NaN where not seen."""
+    """Joint centres and foot markers of one leg, each (T, 3) [m], z up; NaN where not measured."""
 
     hip: Values
     knee: Values
@@ -25,7 +25,7 @@ class LegCentres(NamedTuple):
 
 
 class PelvisMarkers(NamedTuple):
-    """Anterior and posterior iliac spines, each (T, 3) [m], z up; NaN where not seen."""
+    """Anterior and posterior iliac spines, each (T, 3) [m], z up; NaN where not measured."""
 
     front_right: Values
     front_left: Values
@@ -169,7 +169,7 @@ def body_motion(
     noise: float | None = None,
     max_gap: float = MAX_GAP,
 ) -> Replay:
-    """Smooth what was seen and build the moving body from it.
+    """Smooth the measured points and build the moving body from them.
 
     Args:
         points: what motion capture saw.
@@ -182,14 +182,14 @@ def body_motion(
         The body at those times.
 
     Raises:
-        ValueError: if shapes are wrong, no leg was seen, nothing says where forward is, or a time lies outside.
+        ValueError: if shapes are wrong, no leg was measured, the forward direction is unknown, or a time lies outside.
     """
     seen, time = _named(points), as_float(time)
     start, end = as_float(points.time)[[0, -1]]
     if time.ndim != 1 or not (start <= time.min() and time.max() <= end):
         raise ValueError(f"time must be (T,) within [{start:g}, {end:g}] s; got {time.shape}")
     splines = {
-        # A heading is no place: the noise of markers says nothing about it.
+        # A heading is no position: the noise of the markers does not apply to it.
         name: smooth(
             points.time, values, cutoff_hz=cutoff_hz, noise=None if name == "facing" else noise, max_gap=max_gap
         )
@@ -218,7 +218,7 @@ def body_motion(
 
 
 def _named(points: JointCentres) -> dict[str, np.ndarray]:
-    """Everything that was seen, by name; `facing` is the heading as a vector to the left."""
+    """All measured points by name; `facing` is the heading as a vector to the left."""
     shape = checked_time(points.time).shape
     parts = [(getattr(points, side), "", f"_{side}") for side in SIDES] + [(points.pelvis, "pelvis_", "")]
     if parts[0][0] is None and parts[1][0] is None:

@@ -12,7 +12,7 @@ from jgait.geometry.segments import Motion
 from jgait.types import AnyArray, Values, as_float
 
 CUTOFF_HZ = 10.0
-"""Where the splines halve the amplitude [Hz]; for filtered points. Raw markers want their `noise` said."""
+"""Where the splines halve the amplitude [Hz]; for filtered points. For raw markers, give their `noise`."""
 
 MAX_GAP = 0.1
 """Gaps up to this long are bridged by the spline [s]; longer ones are masked."""
@@ -51,7 +51,7 @@ def smooth(
 
     Args:
         time: (T,) [s], strictly increasing.
-        values: (T, 3) [m]; NaN where not seen.
+        values: (T, 3) [m]; NaN where not measured.
         cutoff_hz: f, where the amplitude is halved [Hz].
         noise: standard deviation of the measurement's noise [m]; if given, the least f whose residual is no larger.
         max_gap: longest gap that is bridged [s].
@@ -156,7 +156,7 @@ def _fitter(time: np.ndarray, values: np.ndarray, weights: np.ndarray) -> Callab
 
 
 def covered(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
-    """(T,) bool: whether the point was seen at a time (T,) [s], or in a gap short enough to be bridged."""
+    """(T,) bool: whether the point was measured at a time (T,) [s], or lies in a gap short enough to be bridged."""
     return ~_inside(time, trajectory.gaps)
 
 

@@ -45,7 +45,7 @@ def replay(
     Args:
         points: what motion capture saw.
         rate_hz: sampling rate of the sensors [Hz].
-        placements: where they sit; None for everywhere that was seen of pelvis, thigh, shank, ankle and foot.
+        placements: where they sit; None for all measured segments among pelvis, thigh, shank, ankle and foot.
         offsets: placement → (3,) [m] by which it sits away from `mount`, in the segment's axes.
         errors: how the sensors err; None for perfect ones.
         key: PRNG key of these errors.

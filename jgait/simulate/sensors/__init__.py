@@ -1,7 +1,7 @@
 """Virtual sensors: what worn sensors make of an exact motion.
 
 `measure` reads an inertial sensor with the errors of an `ImuErrors` (`presets` has those of published ones),
-`measure_range` the distance between the feet; a `Clock` says when a sensor really sampled. All are pure JAX: they can
+`measure_range` the distance between the feet; a `Clock` gives the true time of each sample. All are pure JAX: they can
 be jitted, mapped over people and differentiated.
 """
 

@@ -131,7 +131,7 @@ def _turned_back(values: Float[AnyArray, "time 3"], matrix: Float[Array, "*time 
 def _leaning(
     gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], errors: ImuErrors, dt: Values
 ) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:
-    """What the sensor feels on soft tissue: it leans towards where it is displaced, about y forward, about x left."""
+    """The readings of a sensor on soft tissue, which tilts towards its displacement: forward about y, left about x."""
     frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
     wobble = soft_tissue(acc, frequency, damping, dt)
 
@@ -151,7 +151,7 @@ def _kept(draws: Float[Array, "time 2"], errors: ImuErrors) -> Bool[Array, "time
     """Which samples arrive (T,), from two uniform draws each (T, 2).
 
     A burst is a chain of two states. One draw decides it: below `burst_loss` the state is lost whatever it was before,
-    above 1 − 1/`burst_length` it is kept, between it stays. So the later of the two events tells the state.
+    above 1 − 1/`burst_length` it is kept, between it stays. So the later of the two events gives the state.
     """
     index = jnp.arange(1, draws.shape[0] + 1)
     begins = draws[:, 1] < errors.burst_loss

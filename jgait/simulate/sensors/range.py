@@ -1,4 +1,4 @@
-"""Distance between the feet by ultrasound: seen only while one passes the other, now and then by a late echo."""
+"""Distance between the feet by ultrasound: measured while one foot passes the other, sometimes from a late echo."""
 
 import math
 from typing import NamedTuple
@@ -19,13 +19,13 @@ class Ranging(NamedTuple):
         phase: when the first ping comes after the start, in intervals between pings [1].
         noise: standard deviation of the distance [m].
         bias: what every distance is too long by, such as what lies between sensor and skin [m].
-        half_angle: how far from the sender's axis the other leg is still heard [rad].
+        half_angle: greatest angle from the sender's axis at which the echo is detected [rad].
         facing_half_angle: how far from the receiver's axis the sender may be [rad]; π: anywhere.
         min_distance: nearer than this there is no reading [m].
         max_distance: farther than this there is none [m].
         outlier: probability that a reading is a late echo [1].
         outlier_size: how much longer a late echo is on average, exponentially distributed [m].
-        dropout: probability that a ping that should be heard is not [1].
+        dropout: probability that a detectable ping is lost [1].
     """
 
     rate_hz: Values = 30.0
@@ -52,7 +52,7 @@ def measure_range(
 ) -> RangeReadings:
     """Read the distance between two feet wherever the one hears the other.
 
-    A ping is taken at the first sample at or after it. It is heard if the receiver lies within `half_angle` of the
+    A ping is taken at the first sample at or after it. It is detected if the receiver lies within `half_angle` of the
     sender's axis and the sender within `facing_half_angle` of the receiver's. For an echo off a leg, let the receiver
     be the nearest point of that leg (`nearest_point`) and leave its angle at π.
 
@@ -66,7 +66,7 @@ def measure_range(
         ranging: how the sensor errs.
 
     Returns:
-        The readings. Gradients flow to positions, noise, bias and size of outliers; not to what decides what is heard.
+        The readings. Gradients flow to positions, noise, bias and size of outliers; not to the decisions on detection.
 
     Source: the sensor is that of section III of Potter's stride width filter: 30 Hz, one foot passing the other.
     """
