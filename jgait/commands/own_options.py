@@ -58,7 +58,7 @@ def with_own_options(command: Callable[..., None]) -> Callable[..., None]:
     parameters = []
     for parameter in signature.parameters.values():
         if parameter.kind is inspect.Parameter.VAR_KEYWORD:
-            parameters += [_parameter(one) for one in own_options().values()]
+            parameters += [_parameter(option) for option in own_options().values()]
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
 
@@ -67,18 +67,18 @@ def with_own_options(command: Callable[..., None]) -> Callable[..., None]:
         command(**values)
 
     wrapped.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    wrapped.__annotations__ = {one.name: one.annotation for one in parameters}
+    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     lines = [_line(name) for name in estimators.names()]
     wrapped.__doc__ = inspect.cleandoc(command.__doc__ or "").replace("{estimators}", "\n\n".join(lines))
     return wrapped
 
 
-def _parameter(own: OwnOption) -> inspect.Parameter:
-    kind, low, high = own.option.kind, own.option.low, own.option.high
-    text = f"{', '.join(own.estimators)}: {own.option.help}"
-    declared = typer.Option(own.option.name, min=low, max=high, help=text)
+def _parameter(known: OwnOption) -> inspect.Parameter:
+    kind, low, high = known.option.kind, known.option.low, known.option.high
+    text = f"{', '.join(known.estimators)}: {known.option.help}"
+    declared = typer.Option(known.option.name, min=low, max=high, help=text)
     return inspect.Parameter(
-        own.variable, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, declared]
+        known.variable, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, declared]
     )
 
 
@@ -96,13 +96,13 @@ def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
     """
     given: dict[str, Any] = {}
     mine = options_of(estimators.about_of(name))
-    for own in own_options().values():
-        value = values.get(own.variable)
+    for known in own_options().values():
+        value = values.get(known.variable)
         if value is None:
             continue
-        if own.option.name not in mine:
-            refuse(own.option.name, own.estimators, name)
-        option = mine[own.option.name]
+        if known.option.name not in mine:
+            refuse(known.option.name, known.estimators, name)
+        option = mine[known.option.name]
         try:
             given[option.name] = value if option.parse is None else option.parse(value)
         except ValueError as error:
@@ -111,14 +111,14 @@ def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
 
 
 def refuse(option: str, known: tuple[str, ...], name: str) -> None:
-    """Leave with 2: the option is one of other estimators."""
+    """Leave with 2: the option belongs to other estimators."""
     stop(f"{option} is an option of {' and '.join(known)}; got --estimator {name}")
 
 
 def remarks(name: str, values: Mapping[str, Any]) -> list[str]:
     """What the estimator's options have to note before anything is computed."""
-    found = []
+    notes = []
     for option in options_of(estimators.about_of(name)).values():
         if option.remark is not None:
-            found.append(option.remark(values.get(own_options()[option.name].variable)))
-    return [text for text in found if text]
+            notes.append(option.remark(values.get(own_options()[option.name].variable)))
+    return [text for text in notes if text]

@@ -42,8 +42,8 @@ class Choice(NamedTuple):
             known: measures of the person that do not come from options.
         """
         about = self.estimator.about
-        own = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
-        body = {**known, **own}
+        measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
+        body = {**known, **measured}
         p = self.estimator.own(self.params, body)
         for option in about.options:
             if option.params is not None and option.name in self.given:

@@ -38,7 +38,7 @@ def _cell(value: PyTree, column: TotalColumn) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, tuple):
-        return " … ".join(_cell(one, column) for one in value)
+        return " … ".join(_cell(end, column) for end in value)
     return f"{column.scale * value:.{column.digits}f}"
 
 
@@ -83,10 +83,10 @@ def special(estimate: Estimate, about: About) -> list[list[str]]:
     """The flags of each stride in words, in the order of the table of strides."""
     from jgait import io
 
-    found = marks(estimate, about.flags)
+    flagged = marks(estimate, about.flags)
     words = {flag.name: flag.word for flag in about.flags}
     rows = range(len(io.strides_to_dataframe(estimate)))
-    return [[words[name] for name, values in found.items() if values[row]] for row in rows]
+    return [[words[name] for name, values in flagged.items() if values[row]] for row in rows]
 
 
 def numbers(estimate: Estimate, about: About, files: list[Path]) -> dict[str, Any]:

@@ -52,9 +52,9 @@ def _half(estimate: Estimate) -> Flags:
     if known is not None or strides.start is None or strides.end is None:
         return known
     order = in_order(estimate)
-    found = np.zeros(np.size(strides.side), bool)
-    found[order] = half_strides(strides, order)
-    return found
+    half = np.zeros(np.size(strides.side), bool)
+    half[order] = half_strides(strides, order)
+    return half
 
 
 def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:

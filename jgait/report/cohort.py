@@ -132,16 +132,16 @@ def _few(cohort: "Cohort", paired: "pd.DataFrame") -> list[Flag]:
 
 
 def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
-    """What readers and estimators noted, gathered by what it means: how many recordings, and one of the notes."""
-    seen: Counter[tuple[str, str]] = Counter()
+    """The notes of readers and estimators by meaning: the number of recordings, and one of the notes."""
+    counts: Counter[tuple[str, str]] = Counter()
     example: dict[tuple[str, str], str] = {}
     for text in cohort.recordings["notes"]:
-        own = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(str(text))}
-        seen.update(own.keys())
-        example = own | example
+        lines = {(flag.grade, flag.meaning): flag.text.splitlines()[0] for flag in _noted(str(text))}
+        counts.update(lines.keys())
+        example = lines | example
     gathered = [
         Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
-        for (grade, meaning), count in seen.most_common()
+        for (grade, meaning), count in counts.most_common()
     ]
     # what a single recording lacks does not stop the cohort
     gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]

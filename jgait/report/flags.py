@@ -1,4 +1,4 @@
-"""What notes, strides and samples mean for the numbers, in a sentence each; the gravest first."""
+"""Facts that a reader should know before using a number, with their meaning; the most serious first."""
 
 from collections.abc import Iterable
 
@@ -10,14 +10,14 @@ from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import Estimate
 
 FEW = 10
-"""Below so many strides means are said to be of few."""
+"""Smallest number of regular strides without a warning that means are uncertain."""
 
 MOSTLY = 0.95
-"""Below this share of samples at which something is known, it is said."""
+"""Smallest share of samples with a result without a warning."""
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
-    """Notes as flags: each once, those of one meaning together, the gravest first, without names of folders.
+    """Notes as flags: each note once, notes of the same meaning together, the most serious first, without folders.
 
     Args:
         notes: of readers, estimators and commands.
@@ -26,57 +26,59 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
     for note in notes:
         sentence = _sentence(without_folders(note.text))
         lines.setdefault((note.severity, note.meaning), {})[sentence] = None
-    return ordered(Flag(severity, "\n".join(own), meaning) for (severity, meaning), own in lines.items())
+    return ordered(Flag(severity, "\n".join(texts), meaning) for (severity, meaning), texts in lines.items())
 
 
 def _sentence(text: str) -> str:
-    """With a capital, unless it begins with the name of a column."""
+    """The text with a capital letter, unless it begins with the name of a column."""
     return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]
 
 
 def ordered(flags: Iterable[Flag]) -> list[Flag]:
-    """The gravest first."""
+    """The flags, the most serious first."""
     return sorted(flags, key=lambda flag: list(GRADES).index(flag.grade))
 
 
 def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int, flags: Iterable[StrideFlag]) -> list[Flag]:
-    """What is to be said of the strides: how many are special, and whether enough are left.
+    """Flags of the strides: how many are special, and whether enough regular strides are left.
 
     Args:
-        rows: how many strides there are.
+        rows: number of strides.
         marks: flag → (rows,) bool.
-        regular: how many of them the means are over.
+        regular: number of strides in the means.
         flags: what the flags mean.
     """
-    found = []
+    raised = []
     for flag in flags:
         many = int(marks[flag.name].sum()) if flag.name in marks else 0
         if many:
-            found.append(Flag(flag.grade, f"{many} of {rows} strides: {flag.label}", flag.meaning))
+            raised.append(Flag(flag.grade, f"{many} of {rows} strides: {flag.label}", flag.meaning))
     if 0 < regular < FEW:
         meaning = "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm."
-        found.append(Flag("check", f"Only {regular} regular strides", meaning))
-    return found
+        raised.append(Flag("check", f"Only {regular} regular strides", meaning))
+    return raised
 
 
 def of_samples(estimate: Estimate) -> list[Flag]:
-    """Whether much of the recording gave no result."""
+    """The flag of a recording that has no result for a large part."""
     share = float(np.mean(np.asarray(estimate.valid, bool))) if np.size(estimate.valid) else 0.0
     if share >= MOSTLY:
         return []
-    meaning = "In the rest nothing is known, and figures have gaps: before the first rest, or where data are lost."
+    meaning = (
+        "The other part has no results, and figures have gaps there: before the first rest, or where data are lost."
+    )
     return [Flag("check" if share > 0.5 else "stop", f"Results for {100.0 * share:.0f} % of the recording", meaning)]
 
 
 def verdict(flags: Iterable[Flag]) -> str:
-    """All flags in a sentence."""
+    """A sentence that sums up the flags."""
     grades = [flag.grade for flag in flags]
     stop, check = grades.count("stop"), grades.count("check")
     if stop:
-        return "At least one of the numbers must not be relied on; what is wrong stands first."
+        return "At least one number is not usable; the reason is listed first."
     if check:
         thing = "One thing needs" if check == 1 else f"{check} things need"
-        return f"{thing} a look before the numbers are relied on."
+        return f"{thing} to be checked before the numbers are used."
     if grades:
-        return "Nothing stands against the numbers; what was noticed and put right is listed."
-    return "Nothing was noticed that stands against the numbers."
+        return "The numbers can be used; corrections and remarks are listed."
+    return "No problems were detected."

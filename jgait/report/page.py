@@ -47,8 +47,8 @@ class Flag(NamedTuple):
     meaning: str
 
 
-GRADES = {"stop": "Do not rely on this", "check": "Check", "corrected": "Corrected", "info": "For information"}
-"""Grade of a flag, the gravest first → what the page calls it."""
+GRADES = {"stop": "Do not use", "check": "Check", "corrected": "Corrected", "info": "For information"}
+"""Grade of a flag, the most serious first → what the page calls it."""
 
 
 class Cell(NamedTuple):
@@ -101,7 +101,7 @@ class Content(NamedTuple):
         lead: a sentence that states what was done.
         facts: (name, value with its unit, what to know of it) of the most important numbers.
         verdict: the flags in a sentence.
-        flags: the gravest first.
+        flags: the most serious first.
         sections: the rest, in order.
         settings: how it was made: name → value.
         command: that makes it again, "" where it is not known.

@@ -24,13 +24,13 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     for number, name in enumerate(SIDES):
         if f"instants_{name}" not in estimate.diagnostics:
             continue
-        own = side == number
-        whole = own & ~half if np.any(own & ~half) else own
-        flags = {f.name: int(np.sum(np.asarray(estimate.diagnostics[f.name], bool) & own)) for f in FLAGS}
+        of_leg = side == number
+        whole = of_leg & ~half if np.any(of_leg & ~half) else of_leg
+        flags = {f.name: int(np.sum(np.asarray(estimate.diagnostics[f.name], bool) & of_leg)) for f in FLAGS}
         rows.append({
             "side": name,
-            "strides": int(own.sum()),
-            "distance_m": float(as_float(strides.length)[own].sum()),
+            "strides": int(of_leg.sum()),
+            "distance_m": float(as_float(strides.length)[of_leg].sum()),
             "stride_length_m": median(strides.length, whole),
             "stride_duration_s": median(lasts, whole),
             "walking_speed_mps": median(strides.speed, whole),
