@@ -20,7 +20,7 @@ from jgait.evaluate.store import COLUMNS, Cohort, frame
 from jgait.filtering.compile import compiled
 from jgait.notes import Note, to_json
 from jgait.params import check_params
-from jgait.types import Estimate, Flags, RecordingError, Values, Walk, reason_of
+from jgait.types import Estimate, RecordingError, Walk, reason_of
 
 SHORTEST = 512
 """Samples that the shortest bucket holds."""
@@ -120,7 +120,7 @@ def _params(job: CohortJob, walk: Walk) -> PyTree:
     return params
 
 
-def _lowered(leaf: Values | Flags) -> np.ndarray:
+def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
     """A leaf in the precision in which JAX computes; whole numbers of Python are floating-point parameters."""
     array = np.asarray(leaf)
     kind = array.dtype if array.dtype.kind == "b" or isinstance(leaf, np.ndarray | jax.Array) else np.float64
