@@ -43,6 +43,11 @@ class Way(NamedTuple):
     options: WaistOptions | str
     settings: dict[str, Any]
 
+    @property
+    def learns(self) -> bool:
+        """Whether the pendulum's constant enters the distance, so that it is learned on other people."""
+        return self.options in (DEFAULT, PENDULUM)
+
 
 WAYS = (
     Way("", "one model (default)", DEFAULT, {}),
@@ -65,7 +70,7 @@ WHERE = {
 
 def line_of(way: Way, name: str) -> str:
     """The line of a way of measuring in the table of all experiments."""
-    learned = ", constant learned on other people" if way.options in (DEFAULT, PENDULUM) else ""
+    learned = ", constant learned on other people" if way.learns else ""
     return f"distance, {way.title}{learned}, {WHERE[name]}: error"
 
 
@@ -147,7 +152,7 @@ def learned(constant: np.ndarray, items: Sequence[Item], among: np.ndarray) -> f
 def held_out(way: Way, items: Sequence[Item], same_set: bool) -> list[Measured] | None:
     """Each walk with K of the other people of its set, or of the other set; None if there are no other people."""
     p = WaistParams(**way.settings)
-    if way.options.distance not in ("fused", "pendulum"):
+    if not way.learns:
         return [measured(p, item, way.options) for item in items]
     constant = constants(p, items)
     sets, subjects = (np.array([getattr(item.walk, name) for item in items]) for name in ("set", "subject"))
@@ -188,7 +193,7 @@ def _rows(way: Way, found: Sequence[Measured], items: Sequence[Item], suffix: st
             words = {"mae": "mean", "median": "median", "worst": "worst"}
             some |= {k: some[k].on(line_of(way, name), part, "walks") for k, part in words.items()}
         rows += some.values()
-    if way.options.distance in ("fused", "pendulum"):
+    if way.learns:
         for name, good in within(found, items).items():
             share = 100.0 * float(np.mean(good))
             rows.append(
@@ -227,7 +232,7 @@ def of_sets(sets: dict[str, list[Walk]], quick: bool) -> list[Row]:
     items = ready([walk for walks in sets.values() for walk in walks])
     rows, lines = [], []
     for way in WAYS[:2] if quick else WAYS:
-        free = way.options.distance in ("fused", "pendulum")
+        free = way.learns
         for same in (True, False) if free else (True,):
             found = held_out(way, items, same)
             if found is None:

@@ -16,6 +16,7 @@ from experiments.common.row import Row, show
 from experiments.kose2011 import contacts, distances
 from experiments.kose2011.contacts import Found
 from experiments.kose2011.walks import Pieces, Walk, Windows
+from experiments.kose2011.ways import WAYS
 from jgait.estimators.waist import WaistParams, velocity_update
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
@@ -160,7 +161,8 @@ def true_error(one: Simulated, kind: str, threshold: float) -> float:
 def estimated_error(item: distances.Item, kind: str, threshold: float) -> float:
     """Error of the distance by the whole estimator with one of the paper's ways [%]."""
     p = WaistParams(update=VelocityUpdateParams(threshold=threshold))
-    return 100.0 * (distances.measured(p, item, distances.DEFAULT._replace(distance=kind)).whole - 1.0)
+    options = kind if kind in WAYS else distances.DEFAULT._replace(distance=kind)
+    return 100.0 * (distances.measured(p, item, options).whole - 1.0)
 
 
 def learned_threshold(errors: np.ndarray) -> np.ndarray:

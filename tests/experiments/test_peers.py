@@ -64,7 +64,7 @@ def test_what_went_wrong_in_there_is_said(peers, made_up):
 def test_a_peer_that_is_absent_or_half_made_is_named_with_what_makes_it(peers, made_up):
     assert peers.available("fake")
     assert not peers.available("other")
-    (made_up.parents[1] / ".venv-fake" / "ready").unlink()
+    (made_up.parents[2] / ".venv-fake" / "ready").unlink()
     assert not peers.available("fake")
     with pytest.raises(peers.PeerUnavailable, match="fake is absent: `make peers` installs it in .venv-fake"):
         peers.run("fake_product", {})

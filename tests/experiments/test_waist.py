@@ -70,7 +70,7 @@ def measured_as(parts, per_constant, integrated=0.9):
     """A stand-in for the estimator: distance in proportion to K, or a number of its own."""
 
     def measured(p, item, options):
-        free = options.distance in ("fused", "pendulum")
+        free = getattr(options, "distance", options) in ("fused", "pendulum")
         ratio = p.pendulum_constant * per_constant[item.walk.name] if free else integrated
         return parts.distances.Measured(ratio, np.zeros(2), 0.06, np.nan, np.nan)
 
