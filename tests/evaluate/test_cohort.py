@@ -14,7 +14,7 @@ from made.notes import note, texts
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import prepare as leg_calibration
-from jgait.evaluate import buckets, devices, scores
+from jgait.evaluate import buckets, devices, scores, store
 from jgait.evaluate.store import Folder, described
 from jgait.notes import from_json
 from jgait.signal import windows as signal
@@ -300,7 +300,7 @@ def test_a_killed_run_goes_on_and_ends_the_same(tmp_path, monkeypatch, where):
         burn("score")
         return scores.score(estimate, item)
 
-    write = buckets.frame.__globals__["_write"]
+    write = store._write
 
     def written(path, text):
         if path.suffix == ".csv":

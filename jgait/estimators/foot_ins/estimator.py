@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
+from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import (
@@ -21,7 +22,6 @@ from jgait.estimators.foot_ins.model import (
 from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path
-from jgait.estimators.foot_ins.windows import WINDOW, joined, windows
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
@@ -226,11 +226,11 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
     """A long recording window by window, see `foot_windows`; None where one run will do, or windows will not."""
     _check_options(options)
-    if inputs.time.size <= 1.5 * WINDOW or not options.smooth:
+    if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None
     found = []
     for side, foot in enumerate((inputs.right, inputs.left)):
-        parts = None if foot is None else windows(foot, inputs.time.size)
+        parts = None if foot is None else foot_windows.windows(foot, inputs.time.size)
         if foot is None:
             continue
         if parts is None:
@@ -240,7 +240,7 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
             path, told, valid = _one_foot_jit(p, window, time, options)
             return path, told["nis"], valid
 
-        whole = joined(foot, np.asarray(inputs.time), parts, level, one)
+        whole = foot_windows.joined(foot, np.asarray(inputs.time), parts, level, one)
         rows = whole.path.strides.length.shape[0]
         found.append(_Found(side, whole.path, {"nis": whole.nis}, whole.valid, rows))
     return _assembled(jnp.asarray(inputs.time), found)

@@ -298,8 +298,7 @@ def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
 def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
     made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
     whole = foot_ins.estimate(STILL, made.recording)
-    for module in (foot_ins, foot_windows):
-        monkeypatch.setattr(module, "WINDOW", 1024)
+    monkeypatch.setattr(foot_windows, "WINDOW", 1024)
     monkeypatch.setattr(foot_windows, "OVERLAP", 500)
     parts = foot_windows.windows(foot_ins.prepared(made.recording).inputs.right, len(whole.time))
     assert len(parts) > 3
