@@ -50,6 +50,8 @@ class Estimator[P, I](NamedTuple):
         finish: (estimate without padding, what was prepared) → the estimate of one recording; on the host.
         in_parts: (params, inputs, options) → the estimate of a recording so long that it is run in parts, or None of
             one that is not; on the host.
+        unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
+            that its gradient is zero by construction.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Estimator[P, I](NamedTuple):
     per_stride: tuple[str, ...] = ()
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
+    unused: tuple[str, ...] = ()
 
     def pad(self, inputs: I, samples: int) -> I:
         """The inputs with invalid samples behind them, the estimate before them unchanged; see `axes.pad`."""

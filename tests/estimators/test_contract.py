@@ -1,20 +1,300 @@
-"""What holds for every estimator of the registry."""
+"""Laws that every registered estimator keeps, on two short walks of its own (`made.estimators`).
+
+Most of the time goes into compiling, so the laws share programs: one of a single recording, one of a batch of longer
+inputs, and one of an estimate with its derivative along a direction of the parameters.
+"""
+
+import functools
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import CASES, Case
 
 from jgait import estimators, params
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
 from jgait.estimators.axes import axes_of, pad
 from jgait.estimators.leg_ekf.inputs import LegInputs
+from jgait.estimators.run import trimmed
+
+LONGER = 64
+"""[samples] More padding in the batch than in the single recordings."""
+
+every_estimator = pytest.mark.parametrize("name", estimators.names())
 
 
-def is_transform(node):
+# --- what the laws share ---
+
+
+@functools.cache
+def case_of(name: str) -> Case:
+    return CASES[name]()
+
+
+def run_of(name: str) -> Callable[..., Any]:
+    return estimators.get(name).run
+
+
+def doubles(tree: Any) -> Any:
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def singles(tree: Any) -> Any:
+    return jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, doubles(tree))
+
+
+@functools.cache
+def single_program(name: str) -> Callable[..., Any]:
+    case, run = case_of(name), run_of(name)
+    return jax.jit(lambda p, inputs: run(p, inputs, case.options))
+
+
+def estimated(name: str, inputs: Any) -> Any:
+    return single_program(name)(doubles(case_of(name).params), inputs)
+
+
+@functools.cache
+def estimates(name: str) -> tuple[Any, ...]:
+    return tuple(estimated(name, inputs) for inputs in case_of(name).inputs)
+
+
+@functools.cache
+def batch(name: str) -> Any:
+    """The estimates of both walks side by side, with more padding behind them."""
+    case, run = case_of(name), run_of(name)
+    longer = [pad(inputs, inputs.time.size + LONGER) for inputs in case.inputs]
+    stacked = jax.tree.map(lambda *v: np.stack(v), *longer)
+    return jax.jit(jax.vmap(lambda inputs: run(case.params, inputs, case.options)))(stacked)
+
+
+def bare(name: str, number: int, result: Any) -> dict[str, np.ndarray]:
+    """Path → array of an estimate of the walk with this number, without padding."""
+    record, case = estimators.get(name), case_of(name)
+    result = trimmed(result, case.samples[number], record.per_stride)
+    if record.finish is not None and case.prepared is not None:
+        notes = {"notes": (), "standing": None}
+        result = record.finish(result._replace(diagnostics={**result.diagnostics, **notes}), case.prepared[number])
+        result = result._replace(diagnostics={k: v for k, v in result.diagnostics.items() if k not in notes})
+    leaves, _ = jax.tree_util.tree_flatten_with_path(result)
+    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def assert_close(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray], share: float) -> None:
+    """Equal but for rounding: a share of the largest value of each array; flags and counts are equal."""
+    assert ours.keys() == theirs.keys()
+    for path, value in ours.items():
+        size = np.max(np.abs(value), initial=1.0, where=np.isfinite(value)) if value.dtype.kind == "f" else 0.0
+        np.testing.assert_allclose(value, theirs[path], rtol=0.0, atol=share * size, err_msg=path)
+
+
+def assert_equal(ours: Any, theirs: Any) -> None:
+    jax.tree.map(np.testing.assert_array_equal, ours, theirs)
+
+
+# --- compiled, mapped, padded, masked ---
+
+
+@every_estimator
+def test_vmap_equals_a_loop_and_more_padding_changes_nothing(name):
+    for number, alone in enumerate(estimates(name)):
+        row = jax.tree.map(lambda v, number=number: v[number], batch(name))
+        assert_close(bare(name, number, row), bare(name, number, alone), 1e-8)
+
+
+@every_estimator
+def test_padding_is_not_valid_and_its_values_are_inert(name):
+    case = case_of(name)
+    for number, inputs in enumerate(case.inputs):
+        assert not np.any(estimates(name)[number].valid[case.samples[number] :])
+        spoilt = with_values(inputs, behind(case.samples[number], inputs.time.size), 7.0)
+        assert_equal(bare(name, number, estimated(name, spoilt)), bare(name, number, estimates(name)[number]))
+
+
+def behind(samples: int, size: int) -> np.ndarray:
+    return np.arange(size) >= samples
+
+
+HIDDEN = {"measured": ("gyr", "acc"), "seen": ("distance",), "on": ("gyr",)}
+"""Field of the inputs that is a mask → fields that have no value where the mask is False."""
+
+
+def with_values(record: Any, where: np.ndarray | None, value: float) -> Any:
+    """Inputs with another value of every signal where a flag is True; None: where its own mask hides it."""
+    changed = {}
+    for mask, hidden in HIDDEN.items():
+        if mask in record._fields:
+            there = where if where is not None else ~np.asarray(getattr(record, mask))
+            for field in hidden:
+                values = np.asarray(getattr(record, field))
+                changed[field] = np.where(there.reshape(-1, *(1,) * (values.ndim - 1)), value, values)
+    if not changed and where is not None and "gyr" in record._fields:
+        changed = {
+            field: np.where(where[:, None], value, np.asarray(getattr(record, field))) for field in ("gyr", "acc")
+        }
+    inner = {field: value_ for field, value_ in record._asdict().items() if hasattr(value_, "_fields")}
+    return record._replace(**changed, **{field: with_values(part, where, value) for field, part in inner.items()})
+
+
+@every_estimator
+def test_masked_samples_of_the_inputs_are_inert(name):
+    inputs = case_of(name).inputs[0]
+    one, other = (estimated(name, with_values(inputs, None, value)) for value in (0.0, 30.0))
+    assert_equal(one, other)
+
+
+@every_estimator
+def test_lost_samples_of_a_recording_are_inert(name):
+    case, record = case_of(name), estimators.get(name)
+    if case.recording is None:
+        pytest.skip("its inputs are not made of a recording")
+    made = [case.prepare(lossy(case.recording, value)) for value in (0.0, 30.0)]
+    assert made[0].options == made[1].options == case.options
+    one, other = (estimated(name, record.pad(ready.inputs, case.inputs[0].time.size)) for ready in made)
+    assert_equal(one, other)
+
+
+def lossy(recording: Any, value: float) -> Any:
+    """The recording without 4 samples in the middle of each sensor's signals, with some value in their place."""
+    sensors = {}
+    for placement, imu in recording.sensors.items():
+        mask = np.ones(len(imu.time), bool)
+        mask[len(mask) // 2 : len(mask) // 2 + 4] = False
+        gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
+        sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
+    return recording._replace(sensors=sensors)
+
+
+@every_estimator
+def test_a_compiled_program_does_not_depend_on_the_values_that_were_there_when_it_was_traced(name):
+    """So that an estimate with jit is the one without: known values and unknown ones make the same operations."""
+    case, run = case_of(name), run_of(name)
+    p, inputs = doubles(case.params), doubles(case.inputs[0])
+    known = jax.make_jaxpr(lambda: run(p, inputs, case.options))()
+    unknown = jax.make_jaxpr(lambda p, inputs: run(p, inputs, case.options))(p, inputs)
+    assert operations(known.jaxpr) == operations(unknown.jaxpr)
+
+
+def operations(jaxpr: Any) -> list[str]:
+    """Names of the primitives of a program in order, those of inner programs among them."""
+    out = []
+    for equation in jaxpr.eqns:
+        out.append(equation.primitive.name)
+        for inner in jax.tree.leaves(list(equation.params.values()), is_leaf=lambda node: hasattr(node, "eqns")):
+            if hasattr(inner, "eqns"):
+                out += operations(inner)
+    return out
+
+
+# --- precision and derivatives ---
+
+
+@every_estimator
+def test_single_precision_stays_single_and_is_near_to_double(name):
+    case = case_of(name)
+    single = single_program(name)(singles(case.params), singles(case.inputs[0]))
+    ours, theirs = (bare(name, 0, result) for result in (single, estimates(name)[0]))
+    for path, value in ours.items():
+        if theirs[path].dtype == np.float64:
+            assert value.dtype == np.float32, path
+            assert np.array_equal(np.isfinite(value), np.isfinite(theirs[path])), path
+        if path.startswith((".legs", ".distance", ".strides.length", ".strides.width", ".strides_stddev", ".feet.")):
+            np.testing.assert_allclose(value, theirs[path], rtol=0.0, atol=case.rounding, err_msg=path)
+
+
+@functools.cache
+def derivative_program(name: str) -> Callable[..., Any]:
+    case, run = case_of(name), run_of(name)
+    tree = jax.tree.structure(case.params)
+
+    def f(v: Any, i: Any) -> dict[str, Any]:
+        return numbers(run(jax.tree.unflatten(tree, list(v)), i, case.light))
+
+    return jax.jit(lambda v, w, i: jax.jvp(lambda x: f(x, i), (v,), (w,)))
+
+
+def numbers(result: Any) -> dict[str, Any]:
+    """Path → floating-point array of an estimate, 0 where it is not finite, or belongs to padding among strides."""
+    strides = result.strides
+    if strides is not None:
+
+        def there(table: Any) -> Any:
+            return jax.tree.map(lambda v: jnp.where(strides.valid, v, 0.0) if v.dtype.kind == "f" else v, table)
+
+        result = result._replace(strides=there(strides), strides_stddev=there(result.strides_stddev))
+    leaves, _ = jax.tree_util.tree_flatten_with_path(result)
+    floats = {jax.tree_util.keystr(path): jnp.asarray(leaf) for path, leaf in leaves}
+    return {path: jnp.where(jnp.isfinite(v), v, 0.0) for path, v in floats.items() if v.dtype.kind == "f"}
+
+
+def parameters(name: str) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names and values of the parameters, and the size of a change of each."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(case_of(name).params)
+    values = np.array([leaf for _, leaf in leaves], float)
+    names = [jax.tree_util.keystr(path).lstrip(".") for path, _ in leaves]
+    return names, values, np.where(values != 0.0, values, 0.01)
+
+
+def along(name: str, values: np.ndarray, way: np.ndarray, number: int = 0) -> tuple[dict[str, Any], dict[str, Any]]:
+    return derivative_program(name)(values, way, case_of(name).inputs[number])
+
+
+@functools.cache
+def slopes(name: str, number: int) -> tuple[dict[str, np.ndarray], ...]:
+    """The derivative of the estimate along each parameter, for a change of its own size."""
+    names, values, size = parameters(name)
+    return tuple(along(name, values, size * (np.arange(len(names)) == k), number)[1] for k in range(len(names)))
+
+
+def without_effect(name: str) -> set[str]:
+    """Parameters whose gradient is zero by construction, by the estimator's own list."""
+    record = estimators.get(name)
+    names = parameters(name)[0]
+    return {n for n in names if any(n == group or n.startswith(f"{group}.") for group in record.unused)}
+
+
+def moves(slope: dict[str, Any]) -> bool:
+    return any(np.any(np.asarray(value) != 0.0) for value in slope.values())
+
+
+@every_estimator
+def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
+    names = parameters(name)[0]
+    moving = {n for k, n in enumerate(names) if any(moves(slopes(name, number)[k]) for number in (0, 1))}
+    idle = {n for n in names if n.startswith(case_of(name).idle)} if case_of(name).idle else set()
+    assert moving == set(names) - without_effect(name) - idle
+
+
+@every_estimator
+def test_gradients_are_finite_and_equal_to_finite_differences(name):
+    names, values, size = parameters(name)
+    for k, parameter in enumerate(names):
+        slope = slopes(name, 0)[k]
+        assert all(np.all(np.isfinite(value)) for value in slope.values()), parameter
+        if not moves(slope):
+            continue
+        h = 1e-5
+        step = h * size * (np.arange(len(names)) == k)
+        up, down = (along(name, values + sign * step, 0.0 * step)[0] for sign in (1.0, -1.0))
+        for path, value in slope.items():
+            by_hand = (np.asarray(up[path]) - np.asarray(down[path])) / (2.0 * h)
+            rounding = 1e-6 * max(1.0, float(np.max(np.abs(up[path]), initial=0.0)))
+            most = 2e-4 * float(np.max(np.abs(value), initial=0.0)) + rounding
+            np.testing.assert_allclose(value, by_hand, rtol=0.0, atol=most, err_msg=f"{path} by {parameter}")
+
+
+# --- what an estimator states about itself ---
+
+
+def is_transform(node: Any) -> bool:
     return isinstance(node, params.Transform)
 
 
-@pytest.mark.parametrize("name", estimators.names())
+@every_estimator
 def test_every_parameter_declares_range_unit_and_meaning(name):
     made = estimators.get(name)
     units = params.units(made.params)
@@ -27,15 +307,56 @@ def test_every_parameter_declares_range_unit_and_meaning(name):
     assert jax.tree.structure(made.transforms, is_leaf=is_transform) == jax.tree.structure(made.params)
 
 
-@pytest.mark.parametrize("name", estimators.names())
+@every_estimator
 def test_every_option_is_documented(name):
     default = estimators.get(name).about.default
     for field in default._fields:
         assert f"\n        {field}: " in type(default).__doc__, field
 
 
-def test_padding_follows_from_what_fields_state():
+@every_estimator
+def test_an_estimator_states_its_title_needs_totals_and_columns(name):
+    record = estimators.get(name)
+    about = record.about
+    assert record.name == name
+    assert estimators.about_of(name) == about
+    assert about.title and about.needs and about.columns and about.tables
+    assert about.default is not None and (about.paper is None or type(about.paper) is type(about.default))
+    assert all(measure.unit and measure.meaning and measure.low < measure.high for measure in about.measures)
+    assert all(option.help and option.name.startswith("--") for option in about.options)
+    assert all(flag.meaning and flag.label for flag in about.flags)
 
+
+@every_estimator
+def test_a_measure_that_no_estimator_knows_is_refused_with_the_known_ones(name):
+    record = estimators.get(name)
+    with pytest.raises(ValueError, match="of a person; got 'mass'") as refused:
+        record.own(record.params, {"mass": 70.0})
+    assert [m.name for m in record.about.measures if m.name not in str(refused.value)] == []
+
+
+@every_estimator
+def test_a_parameter_outside_its_range_is_refused_by_name(name):
+    record, case = estimators.get(name), case_of(name)
+    if case.recording is None:
+        pytest.skip("its inputs are not made of a recording")
+    flat, tree = jax.tree.flatten(record.transforms, is_leaf=is_transform)
+    for k, (parameter, transform) in enumerate(zip(parameters(name)[0], flat, strict=True)):
+        values = [float(v) for v in jax.tree.leaves(record.params)]
+        values[k] = transform.high if math.isfinite(transform.high) else transform.low
+        if math.isfinite(values[k]):
+            with pytest.raises(ValueError, match=f"parameter '{parameter}' must lie in"):
+                record.estimate(jax.tree.unflatten(tree, values), case.recording)
+
+
+@every_estimator
+def test_padding_only_lengthens(name):
+    inputs = case_of(name).inputs[0]
+    with pytest.raises(ValueError, match=f"pad only lengthens; got {inputs.time.size} samples and 3 wanted"):
+        estimators.get(name).pad(inputs, 3)
+
+
+def test_padding_follows_from_what_fields_state():
     axes = axes_of(AnkleSignals)
     assert axes["gyr"].fill == "hold" and axes["stands"].fill == "zero" and axes["gyr_bias"] is None
     assert axes["begin"].length(1000) == capacity(1000)

@@ -39,12 +39,12 @@ _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
 _PENDULUM = ("leg_length", "angle_gain", "time_gain")
 _FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, "cutoff_hz", "stride_noise"))
 UNUSED = {
-    "filter": (*_PENDULUM, "height_noise", "stride_noise"),
+    "filter": (*_PENDULUM, "height_noise"),
     "3d": (*_FILTER, *_PENDULUM, "stride_noise"),
     "sl1": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise", "angle_gain", "time_gain"),
     "sl2": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise"),
 }
-"""Method → parameters on which no length depends, so that their gradient is zero."""
+"""Method → parameters on which no number of the estimate depends, so that their gradient is zero."""
 
 __all__ = [
     "DEFAULT",
@@ -220,7 +220,7 @@ def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleIn
     """This estimator as a record of functions."""
     return Estimator(
         "ankle_stride", AnkleParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS,
-        _finished,
+        _finished, unused=UNUSED.get(options.length, ()),
     )  # fmt: skip
 
 

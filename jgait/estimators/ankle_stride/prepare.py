@@ -137,7 +137,8 @@ def _leg(
     """One leg's signals and decisions, what was noticed, and where it stands still."""
     mask = np.asarray(imu.mask, bool)
     notes: list[Note] = []
-    clips = _clipped(as_float(imu.gyr), CLIPS_ABOVE_RATE), _clipped(as_float(imu.acc), CLIPS_ABOVE_FORCE)
+    read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
+    clips = _clipped(read_gyr, CLIPS_ABOVE_RATE), _clipped(read_acc, CLIPS_ABOVE_FORCE)
     whole = shank_axes.filled(imu)
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
     bias = shank_axes.rest_bias(imu, rate_hz) if options.standing else None

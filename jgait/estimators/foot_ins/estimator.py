@@ -188,8 +188,9 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
         return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
 
     return Estimator(
-        "foot_ins", FootParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows
-    )
+        "foot_ins", FootParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows,
+        unused=() if options.level is True else ("height_noise",),
+    )  # fmt: skip
 
 
 def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:

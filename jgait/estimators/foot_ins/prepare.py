@@ -149,8 +149,8 @@ def _foot(
         )
     lost = ~mask | (step > 1.5 * nominal)
     stands = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector) & ~lost
-    clips = _clipped(np.asarray(imu.acc, np.float64), CLIPS_ABOVE_FORCE)
-    turned = _clipped(np.asarray(imu.gyr, np.float64), CLIPS_ABOVE_RATE)
+    read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
+    clips, turned = _clipped(read_acc, CLIPS_ABOVE_FORCE), _clipped(read_gyr, CLIPS_ABOVE_RATE)
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))

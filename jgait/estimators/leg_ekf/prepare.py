@@ -165,6 +165,7 @@ def prepare(
     """
     sides = worn_sides(recording)
     sensors, time = _common_clock(recording, sides)
+    sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
     time, sensors = resampled(time, sensors, rate_hz)
     if median > 1:
         sensors = {k: i._replace(gyr=_median(i.gyr, median)) for k, i in sensors.items()}

@@ -145,9 +145,11 @@ def _strides(
 
 def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistInputs]:
     """This estimator as a record of functions."""
+    unused = () if options.updated else UNUSED.get(options.distance, ())
     return Estimator(
-        "waist", WaistParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished
-    )
+        "waist", WaistParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS, _finished,
+        unused=unused,
+    )  # fmt: skip
 
 
 def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:

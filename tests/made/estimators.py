@@ -1,0 +1,129 @@
+"""For every registered estimator two short walks, prepared and padded to one length, for the laws that all keep."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from made import footsteps, trunk
+from made.foot import foot
+from made.shank import shank
+
+from jgait import estimators, simulate
+from jgait.duty_cycle.power import Schedule
+from jgait.estimators import duty_cycled_gyro, stride_width_ekf
+from jgait.estimators.axes import pad
+from jgait.simulate import protocols
+from jgait.simulate.sensors import IDG300
+from jgait.types import Recording
+
+
+class Case(NamedTuple):
+    """Two walks as an estimator takes them.
+
+    Attributes:
+        params: of the estimator.
+        inputs: of two walks, padded to one length; both share the options.
+        samples: of each walk without padding.
+        options: of the compiled program.
+        light: the same options, as far as derivatives compile within seconds.
+        idle: beginnings of names of the parameters that these walks do not reach.
+        rounding: how far single precision may be from double [m or rad].
+        recording: the first walk as a recording, or None where the inputs are not made of one.
+        prepare: a recording → what the estimator prepares.
+        prepared: what the estimator prepared of both walks.
+    """
+
+    params: Any
+    inputs: tuple[Any, ...]
+    samples: tuple[int, ...]
+    options: Any
+    light: Any
+    idle: tuple[str, ...] = ()
+    rounding: float = 2e-3
+    recording: Recording | None = None
+    prepare: Callable[[Recording], Any] | None = None
+    prepared: tuple[Any, ...] | None = None
+
+
+def _case(
+    name: str, recordings: tuple[Recording, ...], samples: int, idle: tuple[str, ...] = (), rounding: float = 2e-3,
+    **settings: Any,
+) -> Case:  # fmt: skip
+    record = estimators.get(name, **settings)
+    ready = [record.prepare(recording) for recording in recordings]
+    assert len({made.options for made in ready}) == 1
+    lengths = tuple(len(made.inputs.time) for made in ready)
+    inputs = tuple(pad(made.inputs, samples) for made in ready)
+    options = ready[0].options
+    return Case(
+        record.params, inputs, lengths, options, _light(options), idle, rounding, recordings[0], record.prepare,
+        tuple(ready),
+    )  # fmt: skip
+
+
+def _light(options: Any) -> Any:
+    """Without the smoother, whose derivatives take minutes to compile."""
+    return options._replace(smooth=False) if hasattr(options, "smooth") else options
+
+
+@functools.cache
+def leg_walks() -> tuple[Recording, ...]:
+    """Two people with sensors on both thighs and shanks, five seconds of walking."""
+    walks = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDG300)
+    return tuple(walk.recording for walk in walks)
+
+
+def only(recording: Recording, *placements: str) -> Recording:
+    """The recording with some of its sensors."""
+    return recording._replace(sensors={name: recording.sensors[name] for name in placements})
+
+
+def _leg_ekf() -> Case:
+    return _case("leg_ekf", leg_walks(), 640)
+
+
+def _duty_cycled_gyro() -> Case:
+    options = duty_cycled_gyro.DutyCycledOptions(schedule=Schedule(2, 2, 0.25), warm_up=6.0)
+    walks = tuple(only(walk, "shank_right") for walk in leg_walks())
+    return _case(
+        "duty_cycled_gyro", walks, 640, options=options, idle=("thigh_length", "thigh_place", "shank_length.left")
+    )
+
+
+def _foot_ins() -> Case:
+    made = (foot(strides=3, roll=0.03, seed=1), foot(strides=3, length=0.9, rest=1.4, seed=2))
+    return _case("foot_ins", tuple(one.recording for one in made), 700)
+
+
+def _ankle_stride() -> Case:
+    made = (shank(seed=4, turns=0.1), shank(strides=3, length=0.9))
+    return _case("ankle_stride", tuple(one.recording for one in made), 700, idle=("lever_ankle", "gyr_bias_unknown"))
+
+
+@functools.cache
+def _trunks() -> tuple[Recording, ...]:
+    bent = trunk.walk(np.pi).recording
+    return bent, trunk.cut(bent, 5.0, 11.0)
+
+
+def _stride_width_ekf() -> Case:
+    walks = [footsteps.drifting(footsteps.footsteps(seed, before=9, turn=2, after=5), seed) for seed in (3, 4)]
+    ready = [stride_width_ekf.prepare_from_feet(w.time, w.feet, w.mids, w.read) for w in walks]
+    samples = max(len(made.inputs.time) for made in ready) + 12
+    options = stride_width_ekf.DEFAULT._replace(check_swap=False)
+    inputs = tuple(pad(made.inputs, samples) for made in ready)
+    lengths = tuple(len(made.inputs.time) for made in ready)
+    return Case(stride_width_ekf.WidthParams(), inputs, lengths, options, options)
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "leg_ekf": _leg_ekf,
+    "foot_ins": _foot_ins,
+    "stride_width_ekf": _stride_width_ekf,
+    "ankle_stride": _ankle_stride,
+    "waist": lambda: _case("waist", _trunks(), 1024),
+    "waist_ofdri": lambda: _case("waist_ofdri", _trunks(), 1024),
+    "duty_cycled_gyro": _duty_cycled_gyro,
+}
