@@ -5,7 +5,6 @@ inputs, and one of an estimate with its derivative along a direction of the para
 """
 
 import functools
-import inspect
 import math
 from collections.abc import Callable
 from typing import Any

@@ -205,30 +205,6 @@ def test_a_shank_alone_mapped_and_padded_has_an_angle_and_no_joints(always, alon
             np.testing.assert_allclose(row, plain[name][:count], rtol=1e-9, atol=1e-9)
 
 
-def test_single_precision_is_close(alone):
-    def single(tree):
-        arrays = jax.tree.map(jnp.asarray, tree)
-        return jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, arrays)
-
-    coarse = alone.mapped(jax.tree.map(lambda v: v[None], single(alone.inputs))).diagnostics["angle_shank_right"][0]
-    assert coarse.dtype == jnp.float32
-    fine = alone.along(usual(), jax.tree.map(jnp.zeros_like, usual()))[0][1]["angle"]
-    gap = np.asarray(coarse, np.float64) - np.asarray(fine)
-    # Neighbours that are as near as each other may weigh otherwise after rounding.
-    assert np.degrees(np.max(np.abs(gap[: alone.count]))) < 0.5
-
-
-def test_slopes_are_those_of_differences(alone):
-    at = usual()
-    for name in at:
-        way = {n: here if n == name else 0.0 * here for n, here in at.items()}
-        slope, h = float(alone.along(at, way)[1][0]), 1e-5
-        ends = [float(alone.along({n: at[n] + s * h * way[n] for n in at}, way)[0][0]) for s in (1.0, -1.0)]
-        # Differences of a sum over hundreds of filter steps keep about seven digits.
-        assert slope == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=1e-4, abs=1e-7)
-        assert np.isfinite(slope) and (abs(slope) > 0.0 or name == "swing_noise")  # nothing was held
-
-
 def test_what_the_filters_are_told_has_the_same_slope_backwards(alone):
     """Of the filling and its variance; the reverse mode through the Kalman filter takes the compiler a minute."""
     one = alone.inputs.right.shank

@@ -169,24 +169,6 @@ def test_online_equals_offline(noisy, options):
             )
 
 
-def test_vmap_equals_loop_and_padding_changes_nothing(walk, noisy):
-    p = parameters(walk[1])
-    both = [prepared(walk[0]), prepared(noisy[0])]
-    stacked = jax.tree.map(lambda *v: jnp.stack(v), *both)
-    mapped = jax.jit(jax.vmap(lambda i: leg_ekf.run(p, i)))(stacked)
-    for number, inputs in enumerate(both):
-        alone = RUN(p, inputs, DEFAULT)
-        for a, b in zip(jax.tree.leaves(mapped), jax.tree.leaves(alone), strict=True):
-            np.testing.assert_allclose(np.asarray(a)[number], np.asarray(b), rtol=1e-8, atol=1e-9)
-    bare = jax.tree.map(jnp.asarray, leg_ekf.prepared(noisy[0]).inputs)
-    short = RUN(p, bare, DEFAULT)
-    samples = bare.time.shape[0]
-    padded = RUN(p, both[1], DEFAULT)
-    np.testing.assert_allclose(padded.legs.right.knee_angle[:samples], short.legs.right.knee_angle, atol=1e-9)
-    np.testing.assert_allclose(padded.distance[:samples], short.distance, atol=1e-9)
-    assert not np.any(padded.valid[samples:])
-
-
 def test_masked_samples_are_inert(noisy):
     recording, truth = noisy
     p = parameters(truth)
@@ -370,10 +352,6 @@ class TestRefusals:
         recording, truth = noisy
         with pytest.raises(ValueError, match="size must be odd and positive.* got 4"):
             leg_ekf.estimate(parameters(truth), recording, DEFAULT._replace(median=4))
-
-    def test_padding_that_shortens(self, noisy):
-        with pytest.raises(ValueError, match="pad only lengthens; got .* and 3 wanted"):
-            pad(leg_ekf.prepared(noisy[0]).inputs, 3)
 
 
 def test_stated_deviations_survive_float32(data):

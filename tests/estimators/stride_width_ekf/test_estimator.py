@@ -11,7 +11,6 @@ from made.notes import texts
 
 from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
-from jgait.estimators.axes import pad
 from jgait.estimators.stride_width_ekf import model, readout
 from jgait.filtering import CKF, EKF, UKF
 from jgait.simulate import protocols
@@ -233,25 +232,6 @@ def narrow(p):
     return model.start_belief(0.0, 0.0, 0.3, 0.05, 0.05, 0.05)
 
 
-def test_padding_and_vmap_change_nothing(walk, smoothed):
-    short = drifting(footsteps(3, before=9, turn=2, after=5), 4)
-    prepared = [sw.prepare_from_feet(w.time, w.feet, w.mids, w.read).inputs for w in (walk, short)]
-    size = 512  # as `estimate_from_feet` pads the longer one
-    each = [RUN(KNOWN, jax.tree.map(jnp.asarray, pad(p, size)), SIDE_BY_SIDE) for p in prepared]
-    bare = RUN(KNOWN, jax.tree.map(jnp.asarray, prepared[1]), SIDE_BY_SIDE)
-    count = prepared[1].time.size
-    np.testing.assert_allclose(each[1].diagnostics["z1"][:count], bare.diagnostics["z1"], atol=1e-10)
-    np.testing.assert_allclose(each[1].strides.width[:count], bare.strides.width, atol=1e-10)
-    assert not np.any(each[1].strides.valid[count:]) and not np.any(each[1].valid[count:])
-    stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(pad(p, size) for p in prepared))
-    mapped = jax.jit(jax.vmap(lambda inputs: sw.run(KNOWN, inputs, SIDE_BY_SIDE)))(stacked)
-    for number, one in enumerate(each):
-        np.testing.assert_allclose(mapped.strides.width[number], one.strides.width, atol=1e-9)
-        np.testing.assert_allclose(mapped.strides_stddev.width[number], one.strides_stddev.width, atol=1e-9)
-    with pytest.raises(ValueError, match="pad only lengthens; got"):
-        pad(prepared[0], 3)
-
-
 def test_gradients_are_those_of_finite_differences():
     short = drifting(footsteps(3, before=9, turn=2, after=5), 4)
     inputs = jax.tree.map(jnp.asarray, sw.prepare_from_feet(short.time, short.feet, short.mids, short.read).inputs)
@@ -277,18 +257,6 @@ def test_gradients_are_those_of_finite_differences():
     smoothed = jax.jvp(lambda free: loss(free, True), (free,), (ones,))[1]
     up, down = (loss(jax.tree.map(lambda v, s=s: v + s, free), True) for s in (step, -step))
     np.testing.assert_allclose(smoothed, (up - down) / (2 * step), rtol=1e-4)
-
-
-def test_single_precision_is_close(walk, smoothed):
-    inputs = sw.prepare_from_feet(
-        walk.time, walk.feet, walk.mids, walk.read, start_heading=(0.0, np.radians(10.0))
-    ).inputs
-    low = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32 if np.issubdtype(v.dtype, np.floating) else None), inputs)
-    found = RUN(KNOWN, low, SIDE_BY_SIDE)
-    rows = smoothed.strides.width.size
-    assert found.strides.width.dtype == jnp.float32
-    np.testing.assert_allclose(found.strides.width[:rows], smoothed.strides.width, atol=2e-3)
-    np.testing.assert_allclose(found.strides_stddev.width[:rows], smoothed.strides_stddev.width, atol=2e-3)
 
 
 def test_a_simulated_person_with_a_real_range_sensor():

@@ -1,6 +1,5 @@
 """Contacts, strides and distance of simulated waists of which they are known, and what every estimator owes."""
 
-import jax
 import numpy as np
 import pytest
 from made.notes import texts
@@ -174,15 +173,6 @@ def test_lost_samples_are_inert_and_told(straight):
     np.testing.assert_allclose(told[0].distance[-1], plain.distance[-1], rtol=0.02)
 
 
-def test_padding_is_inert(straight):
-    inputs, estimate = ready(straight[0].recording), straight[1]
-    there = inputs.valid[:, None]
-    spoilt = inputs._replace(gyr=np.where(there, inputs.gyr, 7.0), acc=np.where(there, inputs.acc, -50.0))
-    told = jax.jit(waist.run, static_argnames=("options",))(KNOWN, spoilt, waist.DEFAULT)
-    np.testing.assert_allclose(told.distance[: len(estimate.time)], estimate.distance, atol=1e-9)
-    np.testing.assert_allclose(told.distance[len(estimate.time) :], estimate.distance[-1], atol=1e-9)
-
-
 NOISE = np.random.default_rng(0).normal(size=(2, 400, 3))
 IMU = Imu(np.arange(400) / 50.0, 0.1 * NOISE[0], 0.5 * NOISE[1] + [0.0, 0.0, 9.81], np.ones(400, bool))
 
@@ -221,10 +211,6 @@ def test_options_parameters_and_measures_that_are_none_are_refused(straight):
         estimated(recording, options=WaistOptions(detector="eye"))
     with pytest.raises(RecordingError, match="needs 'pelvis'"):
         estimated(recording, options=WaistOptions(site="pelvis"))
-    with pytest.raises(ValueError, match="step_noise"):
-        estimated(recording, WaistParams(step_noise=-1.0))
-    with pytest.raises(ValueError, match="pad only lengthens"):
-        pad(ready(recording), 100)
     with pytest.raises(ValueError, match="takes sensor_height, .* of a person; got 'mass'"):
         waist.with_body(WaistParams(), {"mass": 70.0})
     with pytest.raises(ValueError, match="finite and positive; got nan: leave out what is unknown"):

@@ -1,14 +1,13 @@
 """What moves with which parameter of the waist's estimator, how much, and that single precision and mapping agree."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.trunk import cut, walk
 
 from jgait.estimators import waist
 from jgait.estimators.axes import pad
-from jgait.estimators.waist import UNUSED, WaistOptions, WaistParams
+from jgait.estimators.waist import UNUSED, WaistParams
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -43,19 +42,6 @@ def differentiated(told):
     return jax.jit(both)
 
 
-@pytest.fixture(scope="module")
-def filtered():
-    """The fused way, of the filter alone: the smoother's derivatives take minutes to compile."""
-
-    def told(p, inputs):
-        e = waist.run(p, inputs, WaistOptions(smooth=False))
-        return [jnp.where(e.strides.valid, v, 0.0) for v in (e.strides.length, e.strides_stddev.length)] + [
-            e.distance, e.diagnostics["distance_stddev"]
-        ]  # fmt: skip
-
-    return differentiated(told)
-
-
 def silent(kind):
     return np.array([any(name == of or name.startswith(of + ".") for of in UNUSED[kind]) for name in NAMES])
 
@@ -81,30 +67,6 @@ def check_moves(told, inputs, kind, names):
         values[row] = 1.5 * values[row] if values[row] else 0.01
         pairs = zip(plain, (told(values, given) for given in inputs), strict=True)
         assert any(np.any(a != b) for one, other in pairs for a, b in zip(one, other, strict=True)), NAMES[row]
-
-
-def test_the_gradient_of_the_whole_is_that_of_differences_and_all_but_the_unused_move(recordings, filtered):
-    some = ("gyr_noise", "acc_noise", "heading_hz", "pendulum_constant", "speed_noise", "step_noise", "acc_bias")
-    check_slopes(filtered, recordings[:1], "fused", np.array([name in some for name in NAMES]))
-    nothing = np.zeros(len(FLAT))
-    check_moves(lambda values, given: filtered(values, nothing, given)[0], [(r,) for r in recordings], "fused", NAMES)
-
-
-def test_mapped_and_in_single_precision_it_is_near(recordings, filtered):
-    """One program for both, so that rows side by side are what each is alone to single precision only."""
-    light = jax.tree.map(lambda *v: np.stack(v), *recordings)
-    light = jax.tree.map(lambda v: v.astype(np.float32) if v.dtype == np.float64 else v, light)
-    p = jax.tree.map(np.float32, WaistParams())
-    told = jax.jit(jax.vmap(lambda i: waist.run(p, i, WaistOptions(smooth=False))))(light)
-    assert told.strides.length.dtype == told.distance.dtype == np.float32
-    for row, inputs in enumerate(recordings):
-        alone = filtered(np.array(FLAT, float), np.zeros(len(FLAT)), (inputs,))[0]
-        valid = told.strides.valid[row]
-        assert valid.sum() >= 8
-        both = (told.strides.length, told.strides_stddev.length, told.distance, told.diagnostics["distance_stddev"])
-        for k, (mapped, one) in enumerate(zip(both, alone, strict=True)):
-            mapped = np.where(valid, mapped[row], 0.0) if k < 2 else mapped[row]
-            np.testing.assert_allclose(mapped, one, atol=2e-3)
 
 
 @pytest.mark.parametrize("kind", ["pendulum", "update"])
