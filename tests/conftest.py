@@ -40,6 +40,14 @@ def unchecked() -> Iterator[None]:
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The tests of a file are a group, which goes to one worker; unless they name another group."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+
+
 MAPPINGS = 15_000
 """Memory mappings that a worker may hold. Linux allows a process 65 530, and every compiled program takes some: kept
 for the whole run, they end it with a crash in the compiler."""

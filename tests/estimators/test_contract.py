@@ -24,7 +24,9 @@ from jgait.estimators.run import trimmed
 LONGER = 64
 """[samples] More padding in the batch than in the single recordings."""
 
-every_estimator = pytest.mark.parametrize("name", estimators.names())
+every_estimator = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in estimators.names()]
+)
 
 
 # --- what the laws share ---
