@@ -88,7 +88,12 @@ def _duty_cycled_gyro() -> Case:
     options = duty_cycled_gyro.DutyCycledOptions(schedule=Schedule(2, 2, 0.25), warm_up=6.0)
     walks = tuple(only(walk, "shank_right") for walk in leg_walks())
     return _case(
-        "duty_cycled_gyro", walks, 640, options=options, idle=("thigh_length", "thigh_place", "shank_length.left")
+        "duty_cycled_gyro",
+        walks,
+        640,
+        options=options,
+        idle=("thigh_length", "thigh_place", "shank_length.left", "filler.thigh"),
+        rounding=9e-3,
     )
 
 

@@ -192,6 +192,7 @@ def estimator(
     return Estimator(
         "duty_cycled_gyro", params_of(options), transforms_of(options),
         partial(prepare, options=options, gyro_on=gyro_on), run, with_body, ABOUT, finish=partial(_finished, options),
+        unused=("filler.least_strides",),
     )  # fmt: skip
 
 

@@ -64,7 +64,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
     """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
     return inclination.run(
         p.inclination,
-        vector(segment.gyr),
+        vector(jnp.where(segment.measured[:, None], segment.gyr, 0.0)),
         vector(segment.acc),
         inputs.still,
         segment.measured & inputs.valid,
