@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import CASES, Case
+from made.estimators import CASES, Case, behind, lossy, with_values
 
 from jgait import estimators, params
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
@@ -117,31 +117,6 @@ def test_padding_is_not_valid_and_its_values_are_inert(name):
         assert_close(bare(name, number, estimated(name, spoilt)), bare(name, number, estimates(name)[number]), 1e-12)
 
 
-def behind(samples: int, size: int) -> np.ndarray:
-    return np.arange(size) >= samples
-
-
-HIDDEN = {"measured": ("gyr", "acc"), "seen": ("distance",), "on": ("gyr",)}
-"""Field of the inputs that is a mask → fields that have no value where the mask is False."""
-
-
-def with_values(record: Any, where: np.ndarray | None, value: float) -> Any:
-    """Inputs with another value of every signal where a flag is True; None: where its own mask hides it."""
-    changed = {}
-    for mask, hidden in HIDDEN.items():
-        if mask in record._fields:
-            there = where if where is not None else ~np.asarray(getattr(record, mask))
-            for field in hidden:
-                values = np.asarray(getattr(record, field))
-                changed[field] = np.where(there.reshape(-1, *(1,) * (values.ndim - 1)), value, values)
-    if not changed and where is not None and "gyr" in record._fields:
-        changed = {
-            field: np.where(where[:, None], value, np.asarray(getattr(record, field))) for field in ("gyr", "acc")
-        }
-    inner = {field: value_ for field, value_ in record._asdict().items() if hasattr(value_, "_fields")}
-    return record._replace(**changed, **{field: with_values(part, where, value) for field, part in inner.items()})
-
-
 @every_estimator
 def test_masked_samples_of_the_inputs_are_inert(name):
     inputs = case_of(name).inputs[0]
@@ -158,17 +133,6 @@ def test_lost_samples_of_a_recording_are_inert(name):
     assert made[0].options == made[1].options == case.options
     one, other = (estimated(name, record.pad(ready.inputs, case.inputs[0].time.size)) for ready in made)
     assert_equal(one, other)
-
-
-def lossy(recording: Any, value: float) -> Any:
-    """The recording without 4 samples in the middle of each sensor's signals, with some value in their place."""
-    sensors = {}
-    for placement, imu in recording.sensors.items():
-        mask = np.ones(len(imu.time), bool)
-        mask[len(mask) // 2 : len(mask) // 2 + 4] = False
-        gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
-        sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
-    return recording._replace(sensors=sensors)
 
 
 @every_estimator

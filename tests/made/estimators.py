@@ -132,3 +132,42 @@ CASES: dict[str, Callable[[], Case]] = {
     "waist_ofdri": lambda: _case("waist_ofdri", _trunks(), 1024),
     "duty_cycled_gyro": _duty_cycled_gyro,
 }
+
+
+# --- the same walks with other values where there is no measurement ---
+
+
+def lossy(recording: Recording, value: float) -> Recording:
+    """The recording without 4 samples in the middle of each sensor's signals, with some value in their place."""
+    sensors = {}
+    for placement, imu in recording.sensors.items():
+        mask = np.ones(len(imu.time), bool)
+        mask[len(mask) // 2 : len(mask) // 2 + 4] = False
+        gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
+        sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
+    return recording._replace(sensors=sensors)
+
+
+def behind(samples: int, size: int) -> np.ndarray:
+    return np.arange(size) >= samples
+
+
+HIDDEN = {"measured": ("gyr", "acc"), "seen": ("distance",), "on": ("gyr",)}
+"""Field of the inputs that is a mask → fields that have no value where the mask is False."""
+
+
+def with_values(record: Any, where: np.ndarray | None, value: float) -> Any:
+    """Inputs with another value of every signal where a flag is True; None: where its own mask hides it."""
+    changed = {}
+    for mask, hidden in HIDDEN.items():
+        if mask in record._fields:
+            there = where if where is not None else ~np.asarray(getattr(record, mask))
+            for field in hidden:
+                values = np.asarray(getattr(record, field))
+                changed[field] = np.where(there.reshape(-1, *(1,) * (values.ndim - 1)), value, values)
+    if not changed and where is not None and "gyr" in record._fields:
+        changed = {
+            field: np.where(where[:, None], value, np.asarray(getattr(record, field))) for field in ("gyr", "acc")
+        }
+    inner = {field: value_ for field, value_ in record._asdict().items() if hasattr(value_, "_fields")}
+    return record._replace(**changed, **{field: with_values(part, where, value) for field, part in inner.items()})
