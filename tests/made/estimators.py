@@ -129,7 +129,11 @@ CASES: dict[str, Callable[[], Case]] = {
     "stride_width_ekf": _stride_width_ekf,
     "ankle_stride": _ankle_stride,
     "waist": lambda: _case("waist", _trunks(), 1024),
-    "waist_ofdri": lambda: _case("waist_ofdri", _trunks(), 1024),
+    # A cut-off takes all of the drift here: β has nothing to weigh, and the highest cut-off is not reached. A distance
+    # that is integrated twice, of 13 m, keeps half a centimetre of rounding in single precision.
+    "waist_ofdri": lambda: _case(
+        "waist_ofdri", _trunks(), 1024, idle=("update.highest_hz", "update.beta"), rounding=1e-2
+    ),
     "duty_cycled_gyro": _duty_cycled_gyro,
 }
 

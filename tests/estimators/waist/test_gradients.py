@@ -1,4 +1,4 @@
-"""What moves with which parameter of the waist's estimator, how much, and that single precision and mapping agree."""
+"""What the pendulum's steps at the waist depend on, and that integration begins anew with every bout."""
 
 import jax
 import numpy as np
@@ -42,15 +42,14 @@ def differentiated(told):
     return jax.jit(both)
 
 
-def silent(kind):
-    return np.array([any(name == of or name.startswith(of + ".") for of in UNUSED[kind]) for name in NAMES])
+SILENT = np.array([any(name == of or name.startswith(of + ".") for of in UNUSED["pendulum"]) for name in NAMES])
 
 
-def check_slopes(program, given, kind, moving):
+def check_slopes(program, given, moving):
     """Zero along all that is said to be unused; of differences along `moving`, each with a share of its own."""
     values = np.array(FLAT, float)
     shares = np.random.default_rng(0).uniform(0.5, 1.5, len(FLAT)) * np.where(values != 0.0, values, 0.01)
-    for slope in program(values, shares * silent(kind), given)[1]:
+    for slope in program(values, shares * SILENT, given)[1]:
         np.testing.assert_array_equal(slope, 0.0)
     slopes, h = program(values, shares * moving, given)[1], 1e-5
     up, down = (program(values + sign * h * shares * moving, shares, given)[0] for sign in (1.0, -1.0))
@@ -59,34 +58,28 @@ def check_slopes(program, given, kind, moving):
         assert np.abs(slope).max() > 1e-3
 
 
-def check_moves(told, inputs, kind, names):
+def check_moves(told, inputs, names):
     """Each of the parameters, by itself, moves something of some recording."""
     plain = [told(np.array(FLAT, float), given) for given in inputs]
-    for row in np.flatnonzero([name in names for name in NAMES] & ~silent(kind)):
+    for row in np.flatnonzero([name in names for name in NAMES] & ~SILENT):
         values = np.array(FLAT, float)
         values[row] = 1.5 * values[row] if values[row] else 0.01
         pairs = zip(plain, (told(values, given) for given in inputs), strict=True)
         assert any(np.any(a != b) for one, other in pairs for a, b in zip(one, other, strict=True)), NAMES[row]
 
 
-@pytest.mark.parametrize("kind", ["pendulum", "update"])
-def test_the_other_ways_move_with_their_own_parameters_alone(recordings, kind):
-    """Given how the trunk moves: what orientation has a part in is the same for all of them."""
+def test_the_pendulum_alone_moves_with_its_own_parameters_alone(recordings):
+    """Given how the trunk moves: orientation has the same part in all ways of measuring."""
 
     def told(p, inputs, seen):
-        found = waist_steps.intervals(p, inputs, seen)
-        if kind == "pendulum":
-            way = waist_distance.by_pendulum(p, inputs, found)
-        else:
-            way = waist_distance.by_integration(p, inputs, seen, found, kind)
+        way = waist_distance.by_pendulum(p, inputs, waist_steps.intervals(p, inputs, seen))
         return way.stride, way.stride_sd, way.distance, way.distance_sd
 
     program, nothing = differentiated(told), np.zeros(len(FLAT))
     inputs = [(one, MOTION(WaistParams(), one)[0]) for one in recordings]
-    # where a cut-off takes all of the drift, β has nothing to weigh, and the highest is not reached
-    own = [name for name in NAMES if name not in (*ORIENTATION, "update.highest_hz", "update.beta")]
-    check_slopes(program, inputs[0], kind, np.array([name in own for name in NAMES]) & ~silent(kind))
-    check_moves(lambda values, given: program(values, nothing, given)[0], inputs, kind, own)
+    own = [name for name in NAMES if name not in ORIENTATION]
+    check_slopes(program, inputs[0], np.array([name in own for name in NAMES]) & ~SILENT)
+    check_moves(lambda values, given: program(values, nothing, given)[0], inputs, own)
 
 
 def doubled(inputs, seen):
