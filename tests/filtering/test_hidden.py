@@ -1,0 +1,67 @@
+"""Masks that are False for good take observations out of the model; filtering and smoothing with one kind of result."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jgait import filtering
+from jgait.estimators.leg_ekf import model as leg_model
+from jgait.filtering.hidden import without_hidden
+
+SAMPLES = 30
+PARAMS = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
+CONTROLS = leg_model.LegControl(jnp.full(SAMPLES, 0.01), jnp.full(SAMPLES, 0.02))
+HERE = jnp.ones(SAMPLES, bool)
+
+
+@pytest.fixture(scope="module")
+def observations():
+    rng = np.random.default_rng(0)
+    return leg_model.LegObservation(*(jnp.asarray(0.3 * rng.normal(size=SAMPLES)) for _ in range(6)))
+
+
+def masks(gone):
+    """Gyroscopes there, the closure never, the inclinations now and then."""
+    some = jnp.asarray(np.arange(SAMPLES) % 3 == 0)
+    return leg_model.LegObservation(HERE, HERE, gone, gone, some, some)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_hidden_for_good_is_masked_everywhere(observations, smooth):
+    def infer(mask):
+        return filtering.infer(
+            leg_model.MODEL, PARAMS, observations, smooth=smooth, controls=CONTROLS, dt=0.02, mask=mask,
+            keep=(*filtering.SUMMARY, "innovation"),
+        )  # fmt: skip
+
+    hidden, masked = infer(masks(False)), infer(masks(~HERE))
+    for ours, theirs in ((hidden.mean, masked.mean), (hidden.cov, masked.cov)):
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
+    for name in ("log_likelihood", "nis"):
+        np.testing.assert_allclose(getattr(hidden, name), getattr(masked, name), rtol=1e-9)
+    innovation = hidden.filtered.innovation
+    assert innovation.closure_x is None and innovation.closure_y is None
+    np.testing.assert_allclose(innovation.thigh_gyro, masked.filtered.innovation.thigh_gyro, rtol=1e-9, atol=1e-12)
+
+
+def test_a_sample_online(observations):
+    belief = leg_model.initial(PARAMS)
+    first = jax.tree.map(lambda v: v[0], (observations, CONTROLS))
+
+    def step(gone):
+        mask = leg_model.LegObservation(True, True, *(gone,) * 4)
+        mask = jax.tree.map(lambda leaf: leaf if leaf is False else jnp.asarray(leaf), mask)
+        return filtering.step(leg_model.MODEL, PARAMS, belief, first[0], control=first[1], dt=0.02, mask=mask).belief
+
+    ours, theirs = step(False), step(jnp.asarray(False))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
+
+
+def test_the_reduced_model_is_one(observations):
+    one, two = (without_hidden(leg_model.MODEL, observations, masks(np.False_))[0] for _ in range(2))
+    assert one is two and one is not leg_model.MODEL
+    assert without_hidden(leg_model.MODEL, observations, masks(HERE))[0] is leg_model.MODEL
+    none = leg_model.LegObservation(*(False,) * 6)
+    _, left, mask = without_hidden(leg_model.MODEL, observations, none)
+    assert len(jax.tree.leaves(left)) == 1 and not np.any(jax.tree.leaves(mask)[0])
