@@ -1,7 +1,7 @@
 """Public recordings with a reference, by name: `load("neura_sparse")`, `load("walking5m")`.
 
 Nothing is bundled and nothing is downloaded unasked: `fetch(name)` downloads, or `JGAIT_DATA_DIR` names a folder that
-holds the sets. A set may hold more recordings than this version of jgait knows; they are used, and marked unverified.
+holds the sets. A set may hold more recordings than this version of jgait lists; they are used, and marked unverified.
 """
 
 from collections.abc import Collection
@@ -47,7 +47,7 @@ def names(name: str) -> tuple[str, ...]:
     """Names of the recordings of a data set that are there, those not known to this version of jgait included.
 
     Raises:
-        DatasetUnavailable: if none is there; the message says how to get the set.
+        DatasetUnavailable: if none is there; the message states how to get the set.
     """
     there = tuple(loader(name).names())
     if not there:
@@ -75,8 +75,8 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         The walks, a list; its attribute `failures` names each recording that could not be read and why.
 
     Raises:
-        ValueError: if the data set, or a recording asked for, is not known.
-        DatasetUnavailable: if nothing of the set is there; the message says how to get it.
+        ValueError: if the data set, or a recording in `only`, is not known.
+        DatasetUnavailable: if nothing of the set is there; the message states how to get it.
     """
     there = names(name)
     if only is not None:

@@ -1,7 +1,7 @@
 """How far a foot travelled, from the sensor on it: strapdown between stances.
 
 Between two instants at which the foot stands, the gyroscope turns the sensor's axes with the exact rotation of each
-step, starting level (the accelerometer says which way is up at the first instant). At the second instant the foot
+step, starting level (the accelerometer measures which way is up at the first instant). At the second instant the foot
 stands again: the tilt that the accelerometer shows there, and the velocity that is left there, are drift, and are
 removed linearly in time. What remains is integrated to the displacement; its horizontal length is the stride.
 
@@ -38,7 +38,7 @@ class FootPath(NamedTuple):
         start: (n,) sample of the quiet instant before each stride.
         end: (n,) sample of the quiet instant after it.
         length: (n,) [m] horizontal displacement.
-        rise: (n,) [m] vertical displacement; near 0 on level ground, so its size tells how far to trust `length`.
+        rise: (n,) [m] vertical displacement; near 0 on level ground, so its size shows how far to trust `length`.
         distance: (T,) [m] path since the first sample, constant while the foot stands.
         tilt: (n,) [rad] attitude drift removed from each stride.
         standing: (T,) bool, whether the foot stands.
@@ -136,7 +136,7 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
         The strides.
 
     Raises:
-        ValueError: if the foot has no accelerometer, never stands, or never strides; the message says which.
+        ValueError: if the foot has no accelerometer, never stands, or never strides; the message states which.
     """
     if imu.acc is None:
         raise ValueError("the foot has no accelerometer")

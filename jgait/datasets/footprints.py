@@ -2,7 +2,7 @@
 
 Walks along corridors, 200 Hz (3DM-GX5-25), each with the floor's tiles as a measure. The upstream repository has more
 recordings than this version of jgait can fetch; whichever `SensorConnectData_*_LLIO.mat` are there are read. Upstream
-m/s² and rad/s. It says neither which foot it was nor who walked: the sensor is called `foot_right`, and everybody
+m/s² and rad/s. It states neither which foot it was nor who walked: the sensor is called `foot_right`, and everybody
 counts as one subject, so that no split can leak. The shoe stands at the start, 1.5 to 2.3 s in recordings 36 and 39.
 
 Axes: at rest the sensor's z reads −8 to −9 m/s², so z points down. It is turned half a turn about x here (y and z

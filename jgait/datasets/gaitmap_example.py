@@ -93,7 +93,7 @@ def load_one(name: str) -> Walk:
 
 
 def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
-    """Placement → sensor; files with a header of one row hold one foot, the file's name says which."""
+    """Placement → sensor; files with a header of one row hold one foot, the file's name states which."""
     import pandas as pd
 
     table = pd.read_csv(path, header=None, nrows=1, dtype=str)
@@ -262,7 +262,7 @@ def _across(
 def _table(
     events: dict[str, dict[str, np.ndarray]], strides: dict[str, dict[str, np.ndarray]], rate_hz: float
 ) -> Strides:
-    """The strides of both feet as the reference tells them, from contact to contact."""
+    """The strides of both feet of the reference, from contact to contact."""
 
     def column(of: Callable[[str], np.ndarray]) -> np.ndarray:
         return np.concatenate([of(side) for side in SIDES])

@@ -14,15 +14,15 @@ Events are packets and not rows: in 8-4 the signals' shape about the events move
 they are taken for rows.
 
 In 4-1 and 4-2 the foot sensors were worn on the other foot: late in swing the feet raise the outer edge and not the
-inner one, each foot moves as the other one in 4-5, and the back is accelerated towards the foot that is said to carry
-it. Sensors and events of right and left are exchanged here in recordings in which the feet move so.
+inner one, each foot moves as the other one in 4-5, and the back is accelerated towards the foot that is listed as
+the one that carries it. In recordings in which the feet move so, sensors and events of right and left are exchanged.
 
 Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
 hand. One contact seems to be lacking in the U-turn of 19-3 and of some others, and one or two elsewhere in 2-3, 17-2
 and 18-3; the stride over it is not `valid`. Twelve recordings (3-3, 12-3, 18-1 …) have events 1 to 12 s after the
 trial's end: single steps of a person who stands, some where a third of the packets is lost. They are among the
 contacts; their strides are not `valid`, and bout and straight parts end with the trial. No distance was measured; 20 m
-is what was asked for. Strides have no lengths.
+is what the person was instructed to walk. Strides have no lengths.
 
 Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
     initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
@@ -34,10 +34,10 @@ Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
     straight_parts: (2, 2) [s] from the first contact to the U-turn, from there to the last contact of the trial.
     trial: (start, end) [s], upstream's: first foot off to last strike.
     nominal_distance: [m] 20, there and back.
-    test: what the person was asked to do.
+    test: what the person was instructed to do.
     height [m], mass [kg], age [years], gender: None where not known; upstream writes NaN for height and mass of persons
         10 and 14 and for the mass of person 2. sensor_height: None, never said.
-    reference_system: who says so.
+    reference_system: where the reference comes from.
     no_reference: why there is no reference; None where there is one.
     feet_exchanged: whether upstream's right is left; it is put right here.
     verified: whether every file's sha256 was known and agreed.

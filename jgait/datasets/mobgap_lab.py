@@ -133,7 +133,7 @@ def load_one(name: str) -> Walk:
 
 
 def _trials(participant: str) -> list[str]:
-    """'Test5/Trial1', … by upstream's list, for which no SciPy is needed, else by the data; none if nothing tells."""
+    """'Test5/Trial1', … by upstream's list, which needs no SciPy, else by the data; none where neither is there."""
     try:
         path, _ = registry.file("mobgap_lab", f"{ROOT}/{participant}/test_list.json", strict=False)
         keys = [tuple(map(str, entry["key"])) for entry in json.loads(path.read_text())["data"]]
@@ -141,7 +141,7 @@ def _trials(participant: str) -> list[str]:
         try:
             measures = _descend(_read(registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")[0]), "", "data")
             keys = [(measure, test, trial) for measure, of in measures.items() for test in of for trial in of[test]]
-        except (ImportError, ValueError, TypeError, AttributeError):  # to be said when it is loaded
+        except (ImportError, ValueError, TypeError, AttributeError):  # reported when it is loaded
             return []
     return ["/".join(key[1:] if key[0] == USUAL else key) for key in keys]
 
@@ -187,7 +187,7 @@ def _sensor(content: dict[str, Any], name: str, notes: list[Note]) -> tuple[Imu,
 
 
 def _system(bouts: list[dict[str, PyTree]], system: str, rate: float, last: float, notes: list[Note]) -> dict[str, Any]:
-    """What one system says: the keys of `Walk.info` up to `straight_parts`, and the strides; times less one sample."""
+    """What one system measured: the keys of `Walk.info` up to `straight_parts`, and strides; times less one sample."""
     shift = 1.0 / rate
     whole = [bout for bout in bouts if 0.0 < _number(bout, "Start") < _number(bout, "End") < last + 1.5 * shift]
     if len(whole) < len(bouts):
@@ -252,7 +252,7 @@ def _events(bout: dict[str, Any], event: str, where: str) -> np.ndarray:
     time = _numbers(bout, f"{event}_Event", where)
     labels = [str(label).lower() for label in np.atleast_1d(bout.get(f"{event}_LeftRight", []))]
     if len(labels) != len(time) or not set(labels) <= set(SIDES):
-        raise RecordingError(f"{where}: {event}_LeftRight must say Left or Right for each of {len(time)} events")
+        raise RecordingError(f"{where}: {event}_LeftRight must be Left or Right for each of {len(time)} events")
     return np.stack([time, [SIDES.index(label) for label in labels]], axis=1)
 
 

@@ -34,7 +34,7 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
     """A sensor on its own clock from 0 on, what is not finite masked; and its rate by the median sample time.
 
     Args:
-        name: of the file, for what is said of a bad one.
+        name: of the file, for messages.
         time: (T,) [s].
         gyr: (T, 3) [rad/s].
         acc: (T, 3) [m/s²].

@@ -1,7 +1,7 @@
 """`pyshoe_vicon`: the right shoe under Vicon, 200 Hz, about 3 × 3 m (Wagstaff, Peretroukhin and Kelly, 2019).
 
 Upstream has 56 trials, of which this version of jgait can fetch five; whichever are there are read. People walk,
-run and crawl; which trial is which, and who it was, upstream does not say: compare `speed`, and everybody counts as
+run and crawl; which trial is which, and who it was, upstream does not state: compare `speed`, and everybody counts as
 one subject, so that no split can leak. Upstream m/s², rad/s and m. The shoe stands for 0.9 to 3.3 s at the start.
 
 Axes: at rest the sensor's z reads −9.4 m/s², so z points down (x forwards and 15° down). It is turned half a turn
@@ -54,7 +54,7 @@ MEDIAN = 9  # samples over which the speed's median is taken, for single samples
 FLICKER = 0.1  # [s] a shorter movement is none
 SHORTEST = 0.05  # [s] a shorter stance is none
 REACH = 0.3  # [s] a stride is timed from at most so long before the foot leaves, to so long after it arrives
-SEEN = 0.8  # share of the samples between two footprints in which Vicon must have seen the foot
+SEEN = 0.8  # share of the samples between two footprints in which the foot must be visible to Vicon
 VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
 VICON_MASKED = Kind("vicon_masked", "info", "{masked} samples of Vicon masked", LOSSES)
 

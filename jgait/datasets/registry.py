@@ -35,7 +35,7 @@ class DatasetInfo(NamedTuple):
 
     Attributes:
         name: short name, as in `load(name)`.
-        title: one line that says what was recorded.
+        title: one line that states what was recorded.
         repository: upstream repository, host/owner/name.
         commit: upstream commit the files are taken from.
         licence: upstream's licence, or what its absence means.
@@ -73,7 +73,7 @@ class DatasetUnavailable(LookupError):
 
 
 class ChecksumError(ValueError):
-    """A file's content is not what its sha256 says it should be."""
+    """A file's content does not have the sha256 that is listed."""
 
 
 class Loader(Protocol):
@@ -162,7 +162,7 @@ def missing(name: str) -> tuple[str, ...]:
 
 
 def unavailable_reason(name: str) -> str:
-    """What to tell a person who lacks the data set: where it was looked for and how to get it."""
+    """The message where a data set is absent: where it was looked for and how to get it."""
     root = os.environ.get(DATA_DIR_VARIABLE)
     looked = f"{DATA_DIR_VARIABLE}={root} has no folder {name}" if root else f"{DATA_DIR_VARIABLE} is not set"
     return (
@@ -222,7 +222,7 @@ def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, b
 
     Returns:
         The local path, and True if the file is listed and its sha256 agrees, False if it is not listed
-        (upstream has more files than this version of jgait knows).
+        (upstream has more files than this version of jgait lists).
 
     Raises:
         DatasetUnavailable: if the file is not there.

@@ -12,7 +12,7 @@ clock started at another time; it is shifted as a whole so that its contacts fol
 gyroscopes' do, which leaves it some 0.1 s off, differently for each leg: take durations from it, not instants.
 
 Keys of `Walk.info`:
-    speed: [m/s] of the belt; None where neither MetaInfo.csv nor Zebris tells it.
+    speed: [m/s] of the belt; None where neither MetaInfo.csv nor Zebris states it.
     leg_length: [m] greater trochanter to lateral malleolus, or None.
     windows: name → (start, end) [samples], half-open: `standing` (before the first swing), `whole` (from the first
         swing to the last), `steady` (10 s after the first swing to 118 s after it); {} without a shank sensor.
@@ -129,7 +129,7 @@ def _folders() -> dict[str, str]:
 
 
 def _optional(path: str, read: PyTree, notes: list[Note]) -> tuple[dict[str, PyTree], bool]:
-    """What a file says and whether it is known; {} and a note where it is not there."""
+    """The content of a file and whether the file is known; {} and a note where it is not there."""
     try:
         local, known = registry.file("tripod", path)
     except registry.DatasetUnavailable:
@@ -196,9 +196,9 @@ def _reference(
 ) -> tuple[Estimate | None, str | None]:
     """The belt's distance, valid while it is at its speed; or why there is none."""
     if speed is None:
-        return None, "neither MetaInfo.csv nor Zebris tells the belt's speed"
+        return None, "neither MetaInfo.csv nor Zebris states the belt's speed"
     if "steady" not in windows:
-        return None, "no shank sensor tells when the walk begins"
+        return None, "no shank sensor shows when the walk begins"
     start, (first, last) = time[windows["whole"][0]], windows["steady"]
     valid = np.zeros(len(time), bool)
     valid[first:last] = True
@@ -221,7 +221,7 @@ def _read_zebris(path: Path) -> dict[str, float]:
 
 
 def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
-    """Side → strides; a row of the file is a contact, and tells of the stride that it ends."""
+    """Side → strides; a row of the file is a contact, with the stride that the contact ends."""
     import pandas as pd
 
     table = pd.read_csv(path)
@@ -244,7 +244,7 @@ def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _shift_clock(optogait: dict[str, dict[str, np.ndarray]], swings: dict[str, np.ndarray]) -> None:
-    """Put OptoGait's contacts on the sensors' clock, in place; NaN where no shank tells it.
+    """Put OptoGait's contacts on the sensors' clock, in place; NaN where no shank sensor shows it.
 
     A first guess lets the first of the steady contacts follow one of its leg's swings. The right one is that under
     which the time from the nearest swing to each contact varies least, for no two strides last equally long; both legs

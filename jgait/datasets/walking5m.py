@@ -116,7 +116,7 @@ def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:
     """Distance as the mean of both feet; what each foot gave; and why there is none.
 
-    Both feet are asked for: one alone may have started or stopped half a stride apart from the body.
+    Both feet are needed: one alone may have started or stopped half a stride apart from the body.
     """
     feet, reasons = {}, []
     for side in SIDES:

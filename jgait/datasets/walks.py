@@ -42,7 +42,7 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
 
 
 def body(walk: Walk) -> dict[str, Any]:
-    """Body measures of the person, as far as the walk tells them, for `evaluate.cohort` and `tune.lessons`.
+    """Body measures of the person, as far as the walk has them, for `evaluate.cohort` and `tune.lessons`.
 
     Args:
         walk: with lengths in `info["lengths"]`, as those of the public sets, or with `thigh_length` and `shank_length`

@@ -128,7 +128,7 @@ def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
 
 
 def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
-    """The same things, made in a thread beside whoever takes them, up to `room` in advance; errors come through.
+    """The same things, made in a thread beside the caller, up to `room` in advance; errors come through.
 
     Args:
         source: iterated in the thread.

@@ -1,4 +1,4 @@
-"""An estimator on a whole cohort: bad recordings cost nobody else, a killed run goes on, more machines take part."""
+"""An estimator on a whole cohort: bad recordings stop no other, interrupted runs continue, machines share work."""
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import closing
@@ -90,7 +90,7 @@ def cohort(
     Raises:
         ValueError: if two items have one name, a parameter is outside its range, `out` holds results of something
             else, several processes have no `out`, or arguments contradict each other.
-        TypeError: if an item is no walk and there is no `read`, or an argument is not what its name says.
+        TypeError: if an item is no walk and there is no `read`, or an argument has another type than it should.
     """
     if not isinstance(estimator, Estimator):
         raise TypeError(

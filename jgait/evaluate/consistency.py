@@ -1,6 +1,6 @@
 """Does a filter keep to its own statement? Chi-square tests of its innovations and of its errors, and whiteness.
 
-If model and noise are right, innovations are zero-mean, white and as large as the filter says. A filter that is too
+If model and noise are right, innovations are zero-mean, white and as large as the filter states. A filter that is too
 sure of itself shows normalised squares above the band, one that is too modest below it. On the host, in NumPy; the
 quantiles need scipy (the extra `io`).
 
@@ -23,7 +23,7 @@ class Consistency(NamedTuple):
 
     Attributes:
         mean: sum of squares over degrees of freedom [1]; expected 1.
-        low: lower end of where it lies with the probability asked for, if the filter is right [1].
+        low: lower end of where it lies with the given probability, if the filter is right [1].
         high: upper end.
         share_inside: share of steps whose own square lies in its own chi-square band [1]; expected `level`.
         n: steps that count.
@@ -65,7 +65,7 @@ class Whiteness(NamedTuple):
 def nis_consistency(
     nis: npt.ArrayLike, count: npt.ArrayLike, *, mask: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Consistency:
-    """Are innovations as large as the filter says? Their normalised squares ν'S⁻¹ν add up to a chi-square.
+    """Are innovations as large as the filter states? Their normalised squares ν'S⁻¹ν add up to a chi-square.
 
     Args:
         nis: (T,) normalised innovation squared, as in the posterior of `jgait.filtering`.
@@ -92,7 +92,7 @@ def nees_consistency(
     mask: npt.ArrayLike | None = None,
     level: float = 0.95,
 ) -> Consistency:
-    """Are estimates as far from the truth as the filter says? Normalised estimation errors squared e'P⁻¹e.
+    """Are estimates as far from the truth as the filter states? Normalised estimation errors squared e'P⁻¹e.
 
     The band is for independent rows: the same instant of many runs or people. Errors of successive samples of one run
     hang together, and their mean leaves the band more often than 1 − level though the filter be right.
@@ -164,7 +164,7 @@ def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: st
 def whiteness(
     innovations: npt.ArrayLike, *, lags: int = 20, mask: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Whiteness:
-    """Does an innovation tell of the next one? Autocorrelations up to a lag, and Ljung and Box's test of them all.
+    """Does an innovation predict the next one? Autocorrelations up to a lag, and Ljung and Box's test of them all.
 
     r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the pairs of samples k apart that
     are both there; without gaps this is Ljung and Box's n (n + 2) Σ r_k²/(n − k). The mean is not taken off: the

@@ -18,7 +18,7 @@ QUEUED = 3
 
 
 def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
-    """Evaluate a group of items in a worker, in the precision of whoever sent them."""
+    """Evaluate a group of items in a worker, in the precision of the sender."""
     with jax.enable_x64(job.x64):
         return joined(evaluated(job, items))
 

@@ -22,7 +22,7 @@ FIELDS = {
 
 
 class DistanceError(NamedTuple):
-    """Distance walked while both speak; errors are estimate − reference.
+    """Distance walked while both are valid; errors are estimate − reference.
 
     Attributes:
         estimate: [m].
@@ -69,7 +69,7 @@ def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
     ours, theirs = as_float(estimate.time), as_float(reference.time)
     valid = np.asarray(estimate.valid, bool)
     for name, time in (("estimate", ours), ("reference", theirs)):
-        # an estimate at moments may tell two things of one of them
+        # an estimate at moments may have two values for one of them
         if time.ndim != 1 or time.size < 2 or not np.all(np.diff(time) >= 0) or time[-1] == time[0]:
             raise ValueError(f"the {name}'s time must be (T,) with T >= 2 and must not run backwards")
     inside = np.interp(theirs, ours, valid.astype(float), left=0.0, right=0.0) > 1.0 - 1e-9
@@ -187,7 +187,7 @@ def foot_position_error(
         window: stretch of the reference to judge on; None for all of it.
 
     Returns:
-        The error; None where one of them says nothing of that foot.
+        The error; None where one of them does not have that foot.
 
     Raises:
         ValueError: if they share no time, or no sample of the window.

@@ -100,7 +100,7 @@ def _icc_interval(
     """McGraw and Wong's interval; Satterthwaite's degrees of freedom can vanish at negative values, then NaN."""
     from scipy import stats
 
-    if not value < 1.0:  # all agree exactly, or nothing differs: there is no noise to tell an interval from
+    if not value < 1.0:  # all agree exactly, or nothing differs: there is no noise from which an interval follows
         return value, value
     a = k * value / (n * (1.0 - value))
     parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
@@ -133,7 +133,7 @@ def limits_of_agreement(
 ) -> Limits:
     """Bland and Altman's limits: where the share `level` of differences estimate − reference lies.
 
-    limits = bias ± z √(σ_B² + σ_W²). Between and within subjects are told apart by an unbalanced one-way analysis of
+    limits = bias ± z √(σ_B² + σ_W²). Between and within subjects are separated by an unbalanced one-way analysis of
     variance, σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²), m the rows of each of n subjects, and not below 0.
     The intervals add the variances of the bias and of z times the standard deviation, with t of n − 1; with 15
     subjects of 1 to 11 rows those of the bias cover 95 % of the time and those of the limits 90 %.

@@ -1,4 +1,4 @@
-"""What is told of one recording: its quantities and its strides, estimate against reference; in NumPy, lean."""
+"""What one recording adds to a cohort: its quantities and its strides, estimate against reference; in NumPy, lean."""
 
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ WITHIN = 100.0 * 0.9544997361
 
 
 class Scores(NamedTuple):
-    """What is told of one recording; errors are formed from it later.
+    """What one recording adds to a cohort; errors are formed from it later.
 
     Attributes:
         quantities: name → (estimate, reference); NaN where there is none.
@@ -44,11 +44,11 @@ class Scores(NamedTuple):
 NAN = float("nan")
 
 AS_FAR = 0.1
-"""By how much the way over a stride may differ from the stride, for one to be told by the other [1]."""
+"""By how much the way over a stride may differ from the stride, for one to be measured by the other [1]."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
-    """What can be told of an estimate, with the reference where the walk has one.
+    """What an estimate adds to a cohort, with the reference where the walk has one.
 
     Over the times at which both are valid:
         distance_m: walked between the first and the last of them.
@@ -136,7 +136,7 @@ def _places(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, f
 
 
 def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
-    """A row for each valid stride of the reference and each quantity that both say something of.
+    """A row for each valid stride of the reference and each quantity that both have.
 
     Where the estimate has strides, a stride of the reference goes with that of the same foot whose middle is nearest,
     if each is the other's nearest and they are less than half a stride apart; every quantity that both have anywhere
@@ -235,8 +235,8 @@ def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:
 def matched(ours: Strides, theirs: Strides) -> np.ndarray:
     """For each stride of the second which one of the first it goes with, −1 for none; see `stride_rows`.
 
-    Strides are compared from standing to standing where both say when that is, and else from contact to contact; a
-    source that knows no contacts goes by its standing.
+    Strides are compared from standing to standing where both state when that is, and else from contact to contact; a
+    source without contacts is compared by its standing.
     """
     none = np.full(theirs.side.size, -1)
     if not ours.side.size:
@@ -252,7 +252,7 @@ def matched(ours: Strides, theirs: Strides) -> np.ndarray:
 
 
 def _as_far(reference: Estimate, strides: Strides) -> np.ndarray:
-    """Over which strides the reference says that the way walked was as long as the stride; all, if it says none."""
+    """Over which strides the way walked was as long as the stride, by the reference; all, if it states none."""
     if reference.distance is None:
         return np.ones(strides.start.size, bool)
     with np.errstate(invalid="ignore"):

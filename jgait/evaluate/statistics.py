@@ -1,6 +1,6 @@
-"""What a cohort's errors say: intervals over subjects, agreement with a reference, before against after.
+"""Statistics of a cohort's errors: intervals over subjects, agreement with a reference, before against after.
 
-Strides of one person are not independent: whatever is said about people is resampled, or its variance taken, over
+Strides of one person are not independent: every statement about people is resampled, or its variance taken, over
 people. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
 """
 
@@ -54,7 +54,7 @@ class PairedDifference(NamedTuple):
 
     @property
     def worse_beyond_noise(self) -> bool:
-        """Whether the whole interval says worse."""
+        """Whether the whole interval is on the worse side."""
         return self.low > 0.0
 
 
@@ -249,7 +249,7 @@ def agreement(
 
     Bias and limits are those of `limits_of_agreement` with the rows' subjects; the mean absolute error's interval is
     bootstrapped over subjects, and so is that of ICC(2,1) unless every row is of another subject, for the F-based one
-    takes rows for independent. What cannot be told (one subject, one row) is NaN.
+    takes rows for independent. What cannot be computed (one subject, one row) is NaN.
 
     Args:
         table: long, with columns `quantity`, `estimate`, `reference` and `by`.

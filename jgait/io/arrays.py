@@ -52,8 +52,8 @@ def recording_from_arrays(
     Args:
         sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
         time: (T,) time stamps, or None.
-        feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where nothing was heard;
-            None for no such sensor.
+        feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where there is
+            no reading; None for no such sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
@@ -64,11 +64,11 @@ def recording_from_arrays(
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
-        The recording in SI units; its notes say what was deduced, filled or is doubtful.
+        The recording in SI units; its notes state what was deduced, filled or is doubtful.
 
     Raises:
         ValueError: for an unknown unit.
-        RecordingError: if the arrays, the clock or the units make no usable recording; the message says what was
+        RecordingError: if the arrays, the clock or the units make no usable recording; the message states what was
             expected and what came.
     """
     scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
@@ -97,7 +97,7 @@ def recording_from_arrays(
 
 
 def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
-    """A range on the clock of the sensors, masked where nothing was heard."""
+    """A range on the clock of the sensors, masked where nothing was measured."""
     distance = as_float(values)
     if distance.shape != (samples,):
         raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")

@@ -1,4 +1,4 @@
-"""What makes a recording unusable (an error) or doubtful (a note): units told by size, dead channels, clipping."""
+"""What makes a recording unusable (an error) or doubtful (a note): units deduced from size, dead channels, clipping."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,14 +11,14 @@ from jgait.types import AnyArray, Imu, Recording, RecordingError
 GRAVITY = 9.80665
 FASTEST = 35.0  # [rad/s] 2000 deg/s, the range of common gyroscopes; no part of a walking person turns faster
 SLOWEST_WALK = 0.3  # [rad/s] even the trunk of a slow walker turns faster than this
-MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which somebody moves; 0.05 when standing
+MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
 GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer, walking or not
 CLIP_RUN = 3  # samples in a row at the extreme value; noise does not repeat itself so exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values without being clipped
 LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is heard
+FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
 
 
 SAMPLES_MISSING = Kind("samples_missing", "check", "{placement}: {missing} of {samples} samples are missing", LOSSES)
@@ -39,8 +39,8 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
 
     Args:
         sensors: placement → `Imu`, already converted to SI.
-        gyr_unit: what the gyroscope was said to be in, 'deg/s' or 'rad/s'.
-        acc_unit: what the accelerometer was said to be in, 'm/s^2' or 'g'.
+        gyr_unit: the stated unit of the gyroscope, 'deg/s' or 'rad/s'.
+        acc_unit: the stated unit of the accelerometer, 'm/s^2' or 'g'.
         name: what messages call the recording.
 
     Raises:
@@ -72,7 +72,7 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
 
 
 def _moves(sensors: dict[str, Imu]) -> bool:
-    """Whether an accelerometer says that somebody moves; without any, a recording is taken to be of walking."""
+    """Whether the person moves by any accelerometer; without one, a recording is taken to be of walking."""
     spread = [float(np.linalg.norm(imu.acc[imu.mask], axis=1).std()) for imu in sensors.values() if imu.acc is not None]
     return not spread or max(spread) > MOVING_ACC
 
@@ -108,8 +108,8 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
     """Refuse distances that feet cannot have.
 
     Args:
-        distance: (n,) [m] of the moments at which something was heard.
-        unit: what they were said to be in.
+        distance: (n,) [m] of the moments at which something was measured.
+        unit: the stated unit.
         name: what messages call the recording.
 
     Raises:
@@ -120,7 +120,7 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
     if distance.min() <= 0.0:
         raise RecordingError(
             f"{name}: feet_range must be positive; {int(np.sum(distance <= 0.0))} readings are not. "
-            "Leave the cell empty where nothing was heard"
+            "Leave the cell empty where nothing was measured"
         )
     low, high = FEET_APART
     middle = float(np.median(distance))

@@ -28,7 +28,7 @@ BREAK = 3.0
 
 
 class MobgapTables(NamedTuple):
-    """What mobgap's pipelines say of a recording, in their names and units; times in samples.
+    """What mobgap's pipelines state of a recording, in their names and units; times in samples.
 
     Attributes:
         ic_list: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
@@ -59,7 +59,7 @@ def to_gaitmap_parameters(
     `stride_time`, `swing_time`, `stance_time` [s], not rounded to samples. The index is `s_id`.
 
     Args:
-        estimate: of one recording, with `strides` that know contacts and standing.
+        estimate: of one recording, with `strides` that have contacts and standing.
         sampling_rate_hz: as `to_gaitmap`; which strides are in order hangs on it.
         first_sample: as `to_gaitmap`.
         sensors: as `to_gaitmap`.
@@ -108,16 +108,16 @@ def to_mobgap(
     of strides and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
 
     Args:
-        estimate: of one recording, with `strides` that know contacts.
+        estimate: of one recording, with `strides` that have contacts.
         sampling_rate_hz: of mobgap's data [Hz].
         first_sample: time of its first sample [s], on the clock of the estimate.
         max_break_s: longest break in a bout [s].
 
     Returns:
-        The tables; no rows where nobody walked.
+        The tables; no rows where there was no walking.
 
     Raises:
-        ValueError: if the estimate says nothing of strides or of contacts, or the rate is not positive.
+        ValueError: if the estimate has no strides or no contacts, or the rate is not positive.
     """
     if not sampling_rate_hz > 0.0:
         raise ValueError(f"sampling_rate_hz must be positive; got {sampling_rate_hz}")

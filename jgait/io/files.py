@@ -36,7 +36,7 @@ def library(name: str, expected: str) -> ModuleType:
     """A library that comes with the extra `io`.
 
     Raises:
-        ImportError: if it is not installed; the message says how to install it.
+        ImportError: if it is not installed; the message states how to install it.
     """
     try:
         return importlib.import_module(name)

@@ -41,7 +41,7 @@ WORDS = {
 
 
 def placement_of(label: str) -> str | None:
-    """Where a sensor sat, from the name that it was given; None where the name does not tell.
+    """Where a sensor sat, from its name; None where the name does not state it.
 
     Args:
         label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
@@ -69,7 +69,7 @@ def placement_of(label: str) -> str | None:
 
 
 def column_of(name: str) -> str | None:
-    """The name that jgait has for a column, or None where it does not tell.
+    """The name that jgait has for a column, or None where the lab's name is not understood.
 
     Args:
         name: such as "Gyro Thigh R X [deg/s]", "shank_l_accel_z", "Time (ms)"; a unit in brackets is not looked at.

@@ -38,18 +38,18 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     Columns: `s_id` from 0; `side`; times [s] `start_s final_contact_s end_s standing_s standing_end_s`;
     `stride_length_m stride_width_m step_length_m stride_duration_s walking_speed_mps stride_height_m lift_m turn_deg
     contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
-    `_std` before the unit (`stride_length_std_m`), where one is stated; `width_valid` where the estimator says of each
-    width whether to trust it. What the source does not give has no column, and what it does not give of a stride is
+    `_std` before the unit (`stride_length_std_m`), where one is stated; `width_valid` where the estimator states for
+    each width whether to trust it. What the source does not give has no column; what it does not give of a stride is
     empty.
 
     Args:
         estimate: of one recording, with `strides`.
 
     Returns:
-        The table, in metres and degrees; no rows where nobody walked.
+        The table, in metres and degrees; no rows where there was no walking.
 
     Raises:
-        ValueError: if the estimate says nothing of strides.
+        ValueError: if the estimate has no strides.
     """
     import pandas as pd
 
@@ -90,7 +90,7 @@ def _rows(estimate: Estimate) -> np.ndarray:
     """The valid strides of an estimate, in the order in which they start."""
     strides = estimate.strides
     if strides is None:
-        raise ValueError("the estimate says nothing of strides: it has none, and not an empty table of them")
+        raise ValueError("the estimate has no strides, not even an empty table of them")
     if np.ndim(strides.side) != 1:
         raise ValueError(f"strides must be of one recording, fields (n,); got shape {np.shape(strides.side)}")
     valid = np.flatnonzero(np.asarray(strides.valid, bool))
@@ -113,7 +113,7 @@ def to_gaitmap(
     stride whose events are not in this order is left out: the first from standing, which has no contact before it.
 
     Args:
-        estimate: of one recording, with `strides` that know contacts and standing.
+        estimate: of one recording, with `strides` that have contacts and standing.
         sampling_rate_hz: of gaitmap's data [Hz].
         first_sample: time of its first sample [s], on the clock of the estimate.
         sensors: what gaitmap's data calls the right and the left foot's sensor.
@@ -122,7 +122,7 @@ def to_gaitmap(
         Sensor → stride list; a foot that was not measured has an empty one.
 
     Raises:
-        ValueError: if the estimate says nothing of strides, of contacts or of standing, or the rate is not positive.
+        ValueError: if the estimate has no strides, no contacts or no standing, or the rate is not positive.
     """
     import pandas as pd
 

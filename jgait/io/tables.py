@@ -36,7 +36,7 @@ class Columns(NamedTuple):
         sensors: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
         time: (T,) or None.
         feet_range: (T,) or None.
-        others: names of columns that say nothing here.
+        others: names of columns that are not used.
         told: the table's own name and ours, of columns in a lab's words.
         odd: about cells that hold something that is no number.
     """
@@ -68,7 +68,7 @@ def recording_from_dataframe(
 
     Names are compared without regard to case and surrounding blanks; a lab's own words (`GyroThighR_x`) are told, and
     noted. Accelerometer columns are optional for each placement, all three or none. `feet_range` is the distance from
-    the inner side of the left ankle to the right leg, empty where nothing was heard. Other columns are left out and
+    the inner side of the left ankle to the right leg, empty where nothing was measured. Other columns are left out and
     noted.
 
     Args:
@@ -169,7 +169,7 @@ def about(content: Columns) -> tuple[Note, ...]:
 
 
 def _told(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
-    """Column → its name here, of columns in a lab's own words; none where two say the same."""
+    """Column → its name here, of columns in a lab's own words; left out where two columns have the same name here."""
     expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
     names: dict[int, str] = {}
     for index, name in enumerate(given):

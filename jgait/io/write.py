@@ -119,7 +119,7 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
 
 
 def _ranges(read: RangeReadings, time: np.ndarray, name: str) -> np.ndarray:
-    """Ranges at the samples of the sensors [m], NaN where nothing was heard."""
+    """Ranges at the samples of the sensors [m], NaN where nothing was measured."""
     measured = np.asarray(read.mask, bool)
     at = np.asarray(read.time)[measured]
     sample = np.clip(np.searchsorted(time, at), 1, time.size - 1)

@@ -1,4 +1,4 @@
-"""Pictures of strides told at the ankle: the state machine over the shank's rate, and one stride integrated.
+"""Figures of strides from a sensor at the ankle: the state machine over the shank's rate, and one stride integrated.
 
 Readable in grey, with units. Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
@@ -55,7 +55,7 @@ EVENTS: tuple[tuple[str, str, Style], ...] = (
 """Field of `shank_events.ShankEvents`, what it is, and its mark."""
 
 SHOWN_S = 4.0
-"""[s] About the middle stride, if no time is asked for."""
+"""[s] About the middle stride, if no window is given."""
 
 ROWS = ("acceleration [m/s²]", "velocity [m/s]", "displacement [m]")
 UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
@@ -98,7 +98,7 @@ def swing_states(
         A matplotlib figure: the rate, its ground shaded by state, over the state.
 
     Raises:
-        ValueError: if that side was not measured, or no sample lies in the time asked for.
+        ValueError: if that side was not measured, or no sample lies in the window.
         RecordingError: as `ankle_stride.estimate`.
     """
     d = MACHINE if detector is None else detector
@@ -265,7 +265,7 @@ def _integrated(
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Acceleration, velocity and way (n, 3) of the ankle, forward, left and up; and both integrals uncorrected.
 
-    With V and W the single and double integral of what the sensor feels, gravity in it, v the velocity ω × r of the
+    With V and W the single and double integral of the specific force, v the velocity ω × r of the
     sensor about the ankle and g the mean that makes it right at the end, the ankle has W − g t²/2 + v(0) t − (R r − r).
     """
     rate_hz = float(leg.rate_hz)

@@ -21,7 +21,7 @@ MARKS = (
     ("o", "#1b1b1b"), ("s", "#c0392b"), ("^", "#6fb1e0"), ("D", "#8a6d00"),
     ("v", "#707070"), ("P", "#8e2f86"), ("X", "#1d6f42"), ("<", "#d98a2b"),
 )  # fmt: skip
-"""Shape and colour of each of few subjects: told apart in grey by their shape."""
+"""Shape and colour of each of few subjects: they differ in shape."""
 
 HALF: Style = {"color": "0.45", "solid_capstyle": "butt"}
 MEDIAN: Style = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}

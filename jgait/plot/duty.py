@@ -28,7 +28,7 @@ RATES: tuple[tuple[int, str, Style], ...] = (
     (FILLED, "filled", {"color": "#d35400", "linewidth": 1.7}),
     (HELD, "held, not used", {"color": "#2e86c1", "linewidth": 1.3, "linestyle": (0, (1, 1.5))}),
 )
-"""How a sample was had, its name and its line; told apart by width and dashes as well as colour."""
+"""Origin of a sample, its name and its line; they differ in width and dashes as well as colour."""
 
 ANGLES: tuple[tuple[str, Style], ...] = (
     ("hip", {"color": BLUE, "linewidth": 1.6}),
@@ -59,7 +59,7 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
     names = [f"{segment}_{side}" for side in SIDES for segment in ("thigh", "shank")]
     names = [name for name in names if f"how_{name}" in estimate.diagnostics]
     if not names:
-        raise ValueError("the estimate tells of no gyroscope that may sleep; it should be one of duty_cycled_gyro")
+        raise ValueError("the estimate has no gyroscope that may sleep; use an estimate of duty_cycled_gyro")
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     rows = 1 + max(sum(name.endswith(side) for name in names) for side in sides)
     figure, axes = blank(rows, len(sides), 6.2 * len(sides) + 1.4, 2.0 * rows + 1.0, sharex=True, sharey="row")
@@ -149,13 +149,13 @@ def filtered_rates(
         time shown.
 
     Raises:
-        ValueError: if an estimate tells of no such gyroscope, or of other times than the other, or if nothing lies in
-            the time asked for.
+        ValueError: if an estimate has no such gyroscope, or both have different times, or no sample lies in the
+            window.
     """
     names = [name for name in PLACEMENTS if placement in (None, name) and _told(estimate, name)]
     if not names:
         which = "gyroscope" if placement is None else f"gyroscope of {placement!r}"
-        raise ValueError(f"the estimate tells of no {which}; it should be one of duty_cycled_gyro")
+        raise ValueError(f"the estimate has no {which}; use an estimate of duty_cycled_gyro")
     time = as_float(estimate.time)
     span = (float(time[0]), float(time[-1])) if seconds is None else seconds
     check_overlap(time, span)
@@ -194,7 +194,7 @@ def _same(awake: Estimate, names: list[str], time: np.ndarray) -> None:
     """Refuse an estimate of other gyroscopes or times."""
     missing = [name for name in names if not _told(awake, name)]
     if missing or not np.array_equal(as_float(awake.time), time):
-        what = f"tells nothing of {missing[0]}" if missing else "has other times"
+        what = f"does not have {missing[0]}" if missing else "has other times"
         raise ValueError(f"both estimates must be of the same recording; the one that is awake {what}")
 
 

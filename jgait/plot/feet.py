@@ -1,6 +1,6 @@
-"""Pictures of where feet went: from above, from the side, stride by stride, and how far apart.
+"""Figures of where feet went: from above, from the side, stride by stride, and how far apart.
 
-The right foot is black with dots, the left one light blue with squares: told apart in grey by lightness and shape.
+The right foot is black with dots, the left one light blue with squares: also in grey they differ.
 Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
@@ -27,7 +27,7 @@ def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
     feet = {} if estimate.feet is None else {side: getattr(estimate.feet, side) for side in SIDES}
     feet = {side: foot for side, foot in feet.items() if foot is not None}
     if not feet:
-        raise ValueError("the estimate says nothing of feet; foot_ins and stride_width_ekf do")
+        raise ValueError("the estimate has no feet; use an estimate of foot_ins or stride_width_ekf")
     return feet
 
 
@@ -35,7 +35,7 @@ def rows_of(estimate: Estimate) -> np.ndarray:
     """The valid strides in the order in which they end."""
     strides = estimate.strides
     if strides is None:
-        raise ValueError("the estimate says nothing of strides")
+        raise ValueError("the estimate has no strides")
     rows = np.flatnonzero(np.asarray(strides.valid, bool))
     last = strides.standing_end if strides.end is None else strides.end
     return rows[np.argsort(as_float(last)[rows], kind="stable")]
@@ -59,7 +59,7 @@ def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np
 
 
 def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndarray:
-    """Places (T, 3) with gaps where nothing is known, or outside the time asked for."""
+    """Places (T, 3) with gaps where nothing is known, or outside the window."""
     visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     return np.where(visible[:, None], as_float(foot.position), np.nan)
 
@@ -89,7 +89,7 @@ def foot_paths(
         A matplotlib figure.
 
     Raises:
-        ValueError: if the estimate says nothing of feet.
+        ValueError: if the estimate has no feet.
     """
     feet = feet_of(estimate)
     ways = {side: shown(estimate, foot, seconds) for side, foot in feet.items()}
@@ -149,7 +149,7 @@ def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "",
         A matplotlib figure.
 
     Raises:
-        ValueError: if the estimate says nothing of feet.
+        ValueError: if the estimate has no feet.
     """
     feet = feet_of(estimate)
     figure, axes = blank(len(feet), 1, 8.6, 2.1 * len(feet) + 0.9, sharex=True)
@@ -240,7 +240,7 @@ PANELS = (
     ("height", "rise [cm]", 100.0),
     ("turn", "turn [°]", DEGREES),
 )
-"""Field of `Strides` (the duration is end − start), what the axis says, and what its SI unit is multiplied by."""
+"""Field of `Strides` (the duration is end − start), the label of the axis, and what its SI unit is multiplied by."""
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
@@ -249,7 +249,7 @@ SPECIAL: dict[str, Style] = {
     "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
     "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
 }
-"""Flag in the diagnostics → the mark around a stride that has it; told apart by form, not colour."""
+"""Flag in the diagnostics → the mark around a stride that has it; they differ in form, not in colour."""
 
 
 def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:

@@ -20,7 +20,7 @@ def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | 
 
 
 def _shown(estimate: Estimate) -> Estimate:
-    """The same with gaps where it says nothing: padding, no data yet."""
+    """The same estimate with gaps where it is not valid: padding, no data yet."""
     valid = np.asarray(estimate.valid, bool)
 
     def gapped(values: AnyArray) -> np.ndarray:
@@ -187,7 +187,7 @@ def distance(
     """Walked distance over time, from the start of the window, with a band of two standard deviations where stated.
 
     Args:
-        estimate: what to draw; a band if its diagnostics have `distance_stddev` and no window is asked for.
+        estimate: what to draw; a band if its diagnostics have `distance_stddev` and no window is given.
         reference: motion capture or simulated truth, dashed.
         seconds: from and to [s].
         title: above the figure.

@@ -45,7 +45,7 @@ def _style(series: Series, number: int) -> Style:
 
 
 def _drawn(axis: Axes, lines: Mapping[str, Series]) -> None:
-    """Every series over 100 x, on an error axis of plain numbers; what the paper and the descent say lies on top."""
+    """Every series over 100 x, on an error axis of plain numbers; those of the paper and of the descent lie on top."""
     number = 0
     for name, series in lines.items():
         x, error = (np.asarray(v, np.float64) for v in (series.x, series.error))

@@ -1,4 +1,4 @@
-"""The picture of a trunk's speed within a walk, by each way of integrating its forward acceleration.
+"""A figure of a trunk's speed within a walk, by each way of integrating its forward acceleration.
 
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
@@ -32,7 +32,7 @@ EVERY = 5
 """[cycles] From one upright line to the next."""
 
 PAUSE_S = 1.5
-"""[s] Between contacts that are further apart nobody walks on."""
+"""[s] Contacts that are further apart are separated by a pause."""
 
 
 def forward_speed(
@@ -61,7 +61,7 @@ def forward_speed(
         leaves the picture.
 
     Raises:
-        ValueError: if the estimate has no distance or no contacts, or no sample lies in the time asked for.
+        ValueError: if the estimate has no distance or no contacts, or no sample lies in the window.
         RecordingError: as `waist.estimate`.
     """
     contacts = np.sort(np.concatenate(list(contacts_of(estimate).values())))
@@ -121,7 +121,7 @@ def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.n
 
 
 def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speed from each contact to the next [m/s] as a line of steps, with gaps where nobody walks on."""
+    """Speed from each contact to the next [m/s] as a line of steps, with gaps where the walk pauses."""
     time, way = as_float(estimate.time), as_float(estimate.distance)
     there = np.asarray(estimate.valid, bool) & np.isfinite(way)
     at = np.interp(contacts, time[there], way[there], left=np.nan, right=np.nan)

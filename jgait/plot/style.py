@@ -36,7 +36,7 @@ AXES: tuple[Style, ...] = (
     {"color": RED, "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
     {"color": BLUE, "linewidth": 1.7, "linestyle": "-"},
 )
-"""Of x, y and z: told apart in grey by their lightness and dashes."""
+"""Of x, y and z: they differ in lightness and dashes, also in grey."""
 
 FOOT: dict[str, Style] = {"right": {"color": "black", "linewidth": 1.1}, "left": {"color": BLUE, "linewidth": 1.6}}
 """Side → line of its foot."""
@@ -45,7 +45,7 @@ FOOTHOLD: dict[str, Style] = {
     "right": {"marker": "o", "color": "black", "markersize": 4.0, "linestyle": "none"},
     "left": {"marker": "s", "color": BLUE, "markersize": 4.5, "markeredgecolor": "#2b6a99", "linestyle": "none"},
 }
-"""Side → mark of an event of its foot: told apart in grey by lightness and shape."""
+"""Side → mark of an event of its foot: they differ in lightness and shape, also in grey."""
 
 GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
 """A part of the time that is shaded behind the lines."""

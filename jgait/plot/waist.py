@@ -1,6 +1,6 @@
-"""The picture of a trunk that walks: its accelerations, and the initial contacts of both feet over them.
+"""A figure of a trunk that walks: its accelerations, and the initial contacts of both feet over them.
 
-Right contacts are black with dots, left ones light blue with squares: told apart in grey by lightness and shape.
+Right contacts are black with dots, left ones light blue with squares: they differ in lightness and shape, also in grey.
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
 
@@ -45,7 +45,7 @@ CONTACT: dict[str, Style] = {
 }
 KNOWN: Style = {"color": RED, "linewidth": 1.6, "linestyle": DOTTED, "zorder": 1.6}
 SHOWN_S = 4.0
-"""[s] About the middle contact, if no time is asked for."""
+"""[s] About the middle contact, if no window is given."""
 
 TICK_S = 0.2
 """[s] What the axis is divided in, while it is short."""
@@ -123,7 +123,7 @@ def trunk_contacts(
         A matplotlib figure: forward, upward and sideways acceleration.
 
     Raises:
-        ValueError: if the estimate has no contacts, or no sample lies in the time asked for.
+        ValueError: if the estimate has no contacts, or no sample lies in the window.
         RecordingError: as `waist.estimate`.
     """
     contacts = contacts_of(estimate)
@@ -157,7 +157,7 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     """Side → times of its initial contacts [s].
 
     Raises:
-        ValueError: if the estimate does not tell of them, or there is none.
+        ValueError: if the estimate does not have them, or there is none.
     """
     diagnostics = estimate.diagnostics
     if "initial_contact" not in diagnostics or "initial_contact_side" not in diagnostics:
@@ -190,7 +190,7 @@ def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, di
 @partial(jax.jit, static_argnums=2)
 def _times(forward: Array, upward: Array, rate: float, measured: Array) -> tuple[Array, Array]:
     """Where the low-passed forward acceleration peaks before each contact, and which of the entries are one."""
-    # sides are not asked for: no yaw rate is needed
+    # sides are not needed, so neither is a yaw rate
     contacts = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
     return contacts.time, contacts.valid
 

@@ -1,6 +1,6 @@
-"""Pictures of a walk: the body as a moving stick figure, and one stride of everything that sensors read.
+"""Figures of a walk: the body as a moving stick figure, and one stride of everything that sensors read.
 
-For whoever has the truth of a walk, simulated. `jgait.plot` has both functions.
+For simulated walks, whose truth is known. `jgait.plot` has both functions.
 """
 
 from pathlib import Path

@@ -211,14 +211,14 @@ def feet_apart(
         `stride_width_ekf.estimate` since the foot last stood, of `estimate_from_feet` in the one world.
 
     Raises:
-        ValueError: if the estimate lacks a foot, or says nothing of the distances.
+        ValueError: if the estimate lacks a foot, or has no distances between the feet.
     """
     feet = feet_of(estimate)
     if len(feet) < 2 or not {"z1", "z2"} <= estimate.diagnostics.keys():
-        raise ValueError("the estimate says nothing of z1 and z2 between two feet; stride_width_ekf does")
+        raise ValueError("the estimate has no z1 and z2 between two feet; use an estimate of stride_width_ekf")
     time, visible, diagnostics = _moments(estimate, seconds)
     if not visible.any():
-        raise ValueError(f"there is no moment between the times asked for; got seconds = {seconds}")
+        raise ValueError(f"there is no moment in the window; got seconds = {seconds}")
     spread = estimate.feet_stddev
     stated = spread is not None and all(getattr(spread, side) is not None for side in SIDES)
     figure, axes = blank(2 + stated, 1, 8.8, 5.2 + 1.7 * stated, sharex=True)

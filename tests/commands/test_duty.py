@@ -160,5 +160,5 @@ def test_the_figure_tells_measured_from_filled_and_shades_the_sleep():
     assert about.shown(estimate) == (13.0, 28.0)
     part = plot.sleeping_gyroscopes(made(flags(), joints=False), seconds=(13.0, 28.0))
     assert part.axes[0].get_ylabel() == "angle [°]" and part.axes[1].lines[0].get_xdata()[0] == 13.0
-    with pytest.raises(ValueError, match="tells of no gyroscope that may sleep"):
+    with pytest.raises(ValueError, match="has no gyroscope that may sleep"):
         plot.sleeping_gyroscopes(estimate._replace(diagnostics={}))

@@ -202,7 +202,7 @@ def test_trials_are_known_without_the_list_and_bad_files_are_named(root):
     assert [walk.recording.name for walk in walks] == ["XX/001/Test5/Trial1", "XX/004/Test5/Trial1"]
     expected = {
         "XX/002": "XX/002/data.mat is no whole MATLAB file", "XX/003/Test5/Trial1": "data.mat is no whole MATLAB file",
-        "XX/005/Test5/Trial1": "gyroscope (T, 3)", "XX/006/Test5/Trial1": "InitialContact_LeftRight must say Left or",
+        "XX/005/Test5/Trial1": "gyroscope (T, 3)", "XX/006/Test5/Trial1": "InitialContact_LeftRight must be Left or",
         "XX/007/Test5/Trial1": "accelerometer and gyroscope must share a rate",
         "XX/008/Test5/Trial9": "XX/008/data.mat has no Trial9; it has Trial1",
     }  # fmt: skip

@@ -145,7 +145,7 @@ def test_what_is_missing_is_said(folder):
         "no file for pelvis", "no parameters.csv", "no optogait.csv", "no MetaInfo.csv"
     ]  # fmt: skip
     assert walk.reference is None
-    assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris tells the belt's speed"
+    assert walk.info["no_reference"] == "neither MetaInfo.csv nor Zebris states the belt's speed"
     assert walk.info["optogait"] == {} and walk.info["zebris"] == {}
     write_zebris_again = folder / "Zebris" / "gait_report" / "parameters.csv"
     write_zebris_again.write_text("type,Velocity, km/h\nparameter values,3.6\n")
@@ -153,7 +153,7 @@ def test_what_is_missing_is_said(folder):
         (folder / "IMU" / f"{code}.csv").unlink()
     walk = load()
     assert walk.info["windows"] == {}
-    assert walk.info["no_reference"] == "no shank sensor tells when the walk begins"
+    assert walk.info["no_reference"] == "no shank sensor shows when the walk begins"
 
 
 def test_lost_samples_and_sensors_that_start_apart(folder):

@@ -70,7 +70,7 @@ def test_no_gait_is_an_empty_table_and_no_strides_an_error():
     assert io.strides_to_dataframe(nobody).shape == (0, 13)
     for one in io.to_gaitmap(nobody, RATE).values():
         assert one.empty and one["start"].dtype == np.int64
-    with pytest.raises(ValueError, match="says nothing of strides"):
+    with pytest.raises(ValueError, match="has no strides"):
         io.strides_to_dataframe(estimate()._replace(strides=None))
     with pytest.raises(ValueError, match="sampling_rate_hz must be positive; got 0"):
         io.to_gaitmap(estimate(), 0.0)
@@ -175,7 +175,7 @@ def test_a_range_is_read_where_it_was_heard(tmp_path, unit, scale):
         (lambda r: 100.0 * r, r"feet_range is 15 m in the median \(given as m\).*it seems to be in cm"),
         (lambda r: 1000.0 * r, r"pass range_unit='mm'"),
         (lambda r: 1e-6 * r, "check the unit"),
-        (lambda r: r.fillna(0.0), "588 readings are not. Leave the cell empty where nothing was heard"),
+        (lambda r: r.fillna(0.0), "588 readings are not. Leave the cell empty where nothing was measured"),
     ],
 )
 def test_a_range_that_feet_cannot_have(change, message):

@@ -1,6 +1,6 @@
 """APDM Opal's HDF5 files (`*.h5`), as Motion Studio, Mobility Lab and Moveo Explorer write them.
 
-*Format*: APDM's user guides, "HDF5 file organization". Two layouts are told by what is there, not by the attribute
+*Format*: APDM's user guides, "HDF5 file organization". Two layouts are recognised by their groups, not by the attribute
 `FileFormatVersion`, for one number was not always one layout:
 
 - version 5 (Mobility Lab, Moveo): `/Sensors/<case id>/` with the datasets `Accelerometer`, `Gyroscope` (T, 3), `Time`

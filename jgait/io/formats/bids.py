@@ -1,14 +1,14 @@
 """BIDS-motion: `*_tracksys-<system>_motion.tsv` with its `*_motion.json` and `*_channels.tsv`.
 
 *Format*: Brain Imaging Data Structure, "Motion" (since 1.9; Jeung et al. 2024, Scientific Data 11:716). The motion file
-has no header; `channels.tsv` says in its order what the columns are: name, component (x, y, z), type (ACCEL, GYRO, …),
-tracked_point, units, perhaps placement, reference_frame, status. `motion.json` says SamplingFrequency [Hz]; a channel
+has no header; `channels.tsv` lists in its order what the columns are: name, component (x, y, z), type (ACCEL, GYRO, …),
+tracked_point, units, perhaps placement, reference_frame, status. `motion.json` states SamplingFrequency [Hz]; a channel
 of type LATENCY, where there is one, is the time [s]. Both may lie in a folder further up (the inheritance principle).
 A header that repeats the names of the channels, which many writers add, is passed over and noted.
 
 *Units* are stated, channel by channel; `n/a` is a question to the signals. *Placements*: tracked_point, else the
-column placement. *Axes*: the channels' reference_frame and what `channels.json` says of it; kept. *Subject*: the
-entity `sub-`, with what `participants.tsv` tells. Other tracking systems of the same walk are noted.
+column placement. *Axes*: the channels' reference_frame and what `channels.json` states of it; kept. *Subject*: the
+entity `sub-`, with what `participants.tsv` states. Other tracking systems of the same walk are noted.
 """
 
 import json
@@ -128,7 +128,7 @@ def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
 def _nearest(path: Path, stem: str, kind: str) -> Path:
     files = _inherited(path, stem, kind)
     if not files:
-        raise RecordingError(f"{path.name} needs {stem}_{kind}, which says what its columns are; there is none")
+        raise RecordingError(f"{path.name} needs {stem}_{kind}, which states what its columns are; there is none")
     return files[0]
 
 
@@ -216,7 +216,7 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
 
 
 def _latency(path: Path, channels: "pd.DataFrame", values: np.ndarray) -> np.ndarray | None:
-    """Time [s] where a channel says it."""
+    """Time [s] where a channel states it."""
     rows = channels.index[channels["type"] == "LATENCY"]
     if not len(rows):
         return None
@@ -292,7 +292,7 @@ def _part(
 
 
 def _frames(path: Path, stem: str) -> dict[str, str]:
-    """Reference frame → what `channels.json` says of its axes."""
+    """Reference frame → what `channels.json` states of its axes."""
     files = _inherited(path, stem, "channels.json")
     levels = _json(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
     frames = {}
@@ -314,7 +314,7 @@ def _others(path: Path, stem: str) -> list[Note]:
 
 
 def _participant(path: Path, subject: str) -> list[Note]:
-    """What `participants.tsv` says of the person."""
+    """What `participants.tsv` states of the person."""
     file = _folders(path)[-1] / "participants.tsv"
     if not file.exists():
         return []

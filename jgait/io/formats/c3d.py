@@ -1,8 +1,8 @@
 """C3D: markers, analog signals and events of a motion capture, as a reference beside inertial sensors.
 
-*Format*: the C3D file format (c3d.org), read by ezc3d. *Units*: POINT:UNITS, each analog signal's in ANALOG:UNITS; a
-file that states none for its markers is asked how far apart they are. *Frames*: the laboratory's axes; which one points
-up comes from POINT:Y_SCREEN, else from the markers (the pelvis above the feet, or all above a floor), and is noted.
+*Format*: the C3D file format (c3d.org), read by ezc3d. *Units*: POINT:UNITS, each analog signal's in ANALOG:UNITS;
+where the file states none, how far the markers are apart decides. *Frames*: the laboratory's axes; which one points up
+comes from POINT:Y_SCREEN, else from the markers (the pelvis above the feet, or all above a floor), and is noted.
 Markers are turned, not mirrored, so that z points up: x stays horizontal, the file's own axes follow in cyclic order.
 *Clock*: the first captured frame is 0 s, which may be before the first that is stored; events count from it too.
 Points that a model put beside the markers (angles, moments, powers) are kept apart, in the file's units. Force plates
@@ -80,7 +80,7 @@ def read_c3d(
         unit: of the markers, 'mm', 'm', 'cm' or 'in', overrules the file.
         up: the file's axis that points up, such as '+y', overrules the file.
         name: what tables and figures call it; None: the file's name without its ending.
-        subject: who walked; None: as the file's labels say, else "subject".
+        subject: who walked; None: as in the file's labels, else "subject".
 
     Returns:
         The capture in metres and seconds.
@@ -88,7 +88,7 @@ def read_c3d(
     Raises:
         OSError: if there is no such file, or it may not be read.
         ValueError: for an unknown unit or axis.
-        RecordingError: if it is no whole C3D file, or does not say its unit and the markers do not tell.
+        RecordingError: if it is no whole C3D file, or neither the file nor the markers decide the unit.
     """
     if unit is not None and unit not in UNITS:
         raise ValueError(f"unit must be one of {', '.join(UNITS)}; got {unit!r}")
@@ -131,7 +131,7 @@ def _load(file: Path) -> Tree:
         raise RecordingError(f"{file.name} is no whole C3D file: {error}") from error
     frames = raw["data"]["points"].shape[2]
     if stored is not None and frames < stored and raw["data"]["points"].shape[1]:
-        raise RecordingError(f"{file.name} is truncated: its header says {stored} frames, {frames} are there")
+        raise RecordingError(f"{file.name} is truncated: its header states {stored} frames, {frames} are there")
     return raw
 
 
@@ -222,12 +222,12 @@ def _metres(parameters: Tree, markers: dict[str, np.ndarray], file: Path, notes:
         return UNITS.get(stated.lower(), 1.0)
     if stated:
         raise RecordingError(
-            f"{file.name}: the markers are in {stated!r}; expected one of {', '.join(UNITS)}; say unit"
+            f"{file.name}: the markers are in {stated!r}; expected one of {', '.join(UNITS)}; give unit"
         )
     deduced, apart = told_unit(markers)
     if deduced is None:
         raise RecordingError(
-            f"{file.name} states no unit of its markers, and that they are {apart:.4g} apart does not tell; say unit"
+            f"{file.name} states no unit of its markers, and their distance, {apart:.4g}, does not decide it; give unit"
         )
     notes.append(MARKER_UNIT_DEDUCED(unit=deduced, apart=apart))
     return UNITS[deduced]

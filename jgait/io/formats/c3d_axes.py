@@ -1,4 +1,4 @@
-"""What the markers of a capture tell where the file does not: their unit, which axis points up, where joints are."""
+"""From the markers of a capture, where the file does not state it: unit, axis that points up, joint centres."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -116,7 +116,7 @@ def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] |
     from jgait.simulate.replay import JointCentres, LegCentres, PelvisMarkers
 
     if capture.up is None:
-        raise RecordingError(f"{capture.name}: which axis points up is not known; say up in read_c3d")
+        raise RecordingError(f"{capture.name}: which axis points up is not known; give up to read_c3d")
     chosen = dict(names or {})
     points = {f"{point}_{side}" for point in NAMES for side in SIDES}
     unknown = [point for point in chosen if point not in points]

@@ -13,7 +13,7 @@ class CaptureEvent(NamedTuple):
 
     Attributes:
         time: [s] on the clock of `Capture.time`.
-        kind: 'initial_contact', 'final_contact', or the file's label where that says neither.
+        kind: 'initial_contact', 'final_contact', or the file's label where that is neither.
         side: 'right', 'left', or None for neither.
     """
 
@@ -28,7 +28,7 @@ class Capture(NamedTuple):
     Attributes:
         time: (T,) [s] of the markers, 0 at the first captured frame.
         rate_hz: [Hz] of the markers.
-        markers: name → (T, 3) [m], NaN where not seen; z points up where `up` is known.
+        markers: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
         up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
         outputs: name → (T, 3) what a model computed, in the file's units.
         analog_time: (A,) [s] on the same clock.

@@ -134,7 +134,7 @@ def one_clock(
     Args:
         placed: placement → part.
         sensors: placement → signals in SI, (T, 3) each; changed where they must be interpolated.
-        rate_hz: what the caller says [Hz], or None.
+        rate_hz: given by the caller [Hz], or None.
         name: of the recording, for messages.
         notes: gets what was done.
 

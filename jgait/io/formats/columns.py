@@ -5,7 +5,7 @@
 a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's body frame (`acc_is`, `acc_ml`,
 `acc_pa`).
 
-*Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s). The others' are not stated, but told
+*Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s). The others' are not stated, but deduced
 from the signals. *Clock*: `time` in s or ms, told from its steps, or the sampling rate, which must be said. *Axes*:
 gaitmap's and mobgap's sensor frame by their documentation, else not known.
 """

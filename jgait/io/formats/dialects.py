@@ -99,7 +99,7 @@ def recording_from_mobgap(
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         placement: where the sensor sat.
-        frame: 'sensor' or 'body'; None: told by the names.
+        frame: 'sensor' or 'body'; None: deduced from the names.
         name: what tables and figures call the recording.
         subject: who walked.
         check_sizes: refuse units that the size of the signals contradicts.
@@ -130,7 +130,7 @@ def gaitmap_parts(
             if side not in SIGNS_GAITMAP:
                 raise RecordingError(
                     f"{name}: gaitmap's body frame is mirrored between the feet, and {sensor!r} is not known to be of "
-                    "either; say its placement"
+                    "either; give its placement"
                 )
             signs = SIGNS_GAITMAP[side]
         values = _six(table, CHANNELS if frame == "sensor" else BODY_GAITMAP, f"{name}, {sensor}") * np.array(signs)

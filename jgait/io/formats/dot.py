@@ -62,13 +62,13 @@ def measured(path: Path) -> Measured:
 
 
 def _facts(rows: Rows) -> dict[str, str]:
-    """What the lines above the header say: "devicetag" → "Right thigh"."""
+    """What the lines above the header state: "devicetag" → "Right thigh"."""
     matches = (FACT.match(line) for line in rows.before)
     return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in matches if fact}
 
 
 def _one(path: Path) -> tuple[Measured, str]:
-    """One sensor, and what its file says of its clock."""
+    """One sensor, and what its file states of its clock."""
     rows = read_rows(path, EXPECTED, is_header)
     facts = _facts(rows)
     gyr, acc = signals(rows)

@@ -9,7 +9,7 @@ device holds a struct a place, with `Acc` [g], `Gyr` [deg/s], `Fs.Acc`, `Fs.Gyr`
 *Units* and *placements* are stated by the specification, by the names of the structs: `LowerBack`, `LeftFoot`, …
 *Axes*: those of the device; the trunk's as it is usually worn are x up, y to the right, z forward, mirrored nowhere.
 They are kept. *Clock*: `Timestamp` where it disagrees with `Fs` by more than half a sample, else `Fs`.
-Read by SciPy, which knows MATLAB's files up to version 7; version 7.3 is refused with how to convert it.
+Read by SciPy, which reads MATLAB's files up to version 7; version 7.3 is refused with how to convert it.
 """
 
 import os
@@ -248,7 +248,7 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
         raise RecordingError(f"{where} has no sampling rate Fs.Gyr; it has {', '.join(sensor)}")
     rate = _rate(rates["Gyr"], where)
     if acc is not None and "Acc" in rates and _rate(rates["Acc"], where) != rate:
-        raise RecordingError(f"{where}: Acc and Gyr must share a rate; Fs says {rates['Acc']} and {rates['Gyr']} Hz")
+        raise RecordingError(f"{where}: Acc and Gyr must share a rate; Fs states {rates['Acc']} and {rates['Gyr']} Hz")
     axes = AXES if placement_of(place) == "lower_back" else ""
     part = Part(place, gyr, acc, np.arange(len(gyr)) / rate, rate, "deg/s", "g", axes=axes)
     if "Timestamp" not in sensor or not len(gyr):

@@ -2,9 +2,9 @@
 
 *Format*: OpenSim's documentation, "Storage (.sto) Files" and "Motion (.mot) Files": lines `key=value` down to
 `endheader`, then the names of the columns and one row a sample, the first column time [s]. *Units*: metres and seconds;
-angles in degrees or radians as `inDegrees` says; a file without it is asked for the size of its hip and knee angles.
+angles in degrees or radians as `inDegrees` states; without it the size of the hip and knee angles decides.
 *Signs*: those of the model. `hip_flexion` counts from the pelvis and is positive in flexion in all common models;
-`knee_angle` is negative in flexion in gait2392 and its kin, positive in Rajagopal's; which one it is tells the range of
+`knee_angle` is negative in flexion in gait2392 and its kin, positive in Rajagopal's; the sign follows from the range of
 a walk, and it is noted. `pelvis_tilt` turns about the axis to the right, so a pelvis that leans back is positive.
 Files of orientations (a quaternion a cell, from OpenSense) are no angles and are refused.
 """
@@ -28,7 +28,7 @@ NO_ANGLE = re.compile(
     r"_[tvp]?[0-9]*[xyz]$|force|torque|moment|activation|excitation|fiber|tendon|length|power|reserve|emg",
     re.IGNORECASE,
 )
-"""Columns that are lengths, forces or states of muscles, whatever `inDegrees` says."""
+"""Columns that are lengths, forces or states of muscles, whatever `inDegrees` states."""
 TURN = 2.0 * np.pi
 """An angle of a leg beyond this is not in radians."""
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
@@ -81,7 +81,7 @@ def read_opensim(
 
     Raises:
         OSError: if there is no such file, or it may not be read.
-        RecordingError: if it is no motion of OpenSim's, is truncated, holds orientations, or neither says whether
+        RecordingError: if it is no motion of OpenSim's, is truncated, holds orientations, or neither states whether
             angles are in degrees nor lets it be told.
     """
     file = Path(path)
@@ -128,13 +128,13 @@ def opensim_reference(
 
     Args:
         motion: with `hip_flexion_r`, `knee_angle_r` and the same with `_l`, or of one leg; and `pelvis_tilt`.
-        knee_flexion: 1 if `knee_angle` is positive in flexion, −1 if negative; None: told from its range.
+        knee_flexion: 1 if `knee_angle` is positive in flexion, −1 if negative; None: deduced from its range.
         thigh_length: [m] of the model, for the ankle's place; None: it is NaN.
         shank_length: [m] likewise.
         upright_pelvis: take the pelvis as upright where the file has no `pelvis_tilt`.
 
     Returns:
-        The legs that are there; valid where their angles are known. `diagnostics["source"]` says file and sign.
+        The legs that are there; valid where their angles are known. `diagnostics["source"]` states file and sign.
 
     Raises:
         ValueError: for another sign, or one length without the other.
@@ -153,7 +153,7 @@ def opensim_reference(
     if "pelvis_tilt" not in angles and not upright_pelvis:
         raise RecordingError(
             f"{motion.name} has no pelvis_tilt, from which hip_flexion counts; jgait's hip angle counts from the "
-            "vertical: say upright_pelvis=True to take the pelvis as upright"
+            "vertical: give upright_pelvis=True to take the pelvis as upright"
         )
     tilt = angles.get("pelvis_tilt", np.zeros_like(motion.time))
     sign = knee_flexion or _told_sign(motion.name, [angles[f"knee_angle_{side[0]}"] for side in there])
@@ -165,7 +165,7 @@ def opensim_reference(
         x, y = a * np.sin(hip) + b * np.sin(hip - knee), -a * np.cos(hip) - b * np.cos(hip - knee)
         legs[side] = LegTrajectory(hip, knee, x, y)
         valid &= np.isfinite(hip) & np.isfinite(knee)
-    how = "said" if knee_flexion is not None else "told from its range"
+    how = "given" if knee_flexion is not None else "deduced from its range"
     word = "positive" if sign > 0 else "negative"
     source = {"source": f"OpenSim: {motion.name}; knee_angle is {word} in flexion, {how}"}
     return Estimate(motion.time, Legs(**legs), None, None, valid, source)
@@ -186,7 +186,7 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
         raise RecordingError(f"{file.name} is not {EXPECTED}, but no text: {error}") from error
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
-        raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines says endheader")
+        raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines is endheader")
     pairs = (line.partition("=") for line in lines[:end])
     header = {key.strip().lower(): value.strip() for key, equal, value in pairs if equal}
     at = next((number for number in range(end + 1, len(lines)) if lines[number].strip()), len(lines))
@@ -218,7 +218,7 @@ def _refusal(file: Path, kind: str) -> str:
 
 
 def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) -> np.ndarray:
-    """(T, columns), after names and rows were found to be as many as the header says."""
+    """(T, columns), after names and rows were found to be as many as the header states."""
     pandas = library("pandas", EXPECTED)
     try:
         table = pandas.read_csv(
@@ -236,7 +236,7 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
     for key, there, what in (("nrows", len(table), "rows"), ("ncolumns", table.shape[1], "columns")):
         stated = header.get(key, header.get(key.replace("n", "data", 1), ""))
         if stated.isdigit() and int(stated) != there:
-            raise RecordingError(f"{file.name} is truncated: its header says {stated} {what}, {there} are there")
+            raise RecordingError(f"{file.name} is truncated: its header states {stated} {what}, {there} are there")
     if table.shape[1] != len(names):
         raise RecordingError(f"{file.name} names {len(names)} columns, and its rows have {table.shape[1]}")
     values = np.asarray(table.to_numpy(np.float64), np.float64)
@@ -256,8 +256,8 @@ def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note])
         notes.append(IN_RADIANS(largest=largest))
         return False
     raise RecordingError(
-        f"{file.name} does not say inDegrees, and the largest angle of the legs, {largest:.4g}, does not tell; "
-        "say degrees"
+        f"{file.name} does not state inDegrees, and the largest angle of the legs, {largest:.4g}, does not decide; "
+        "give degrees"
     )
 
 
@@ -271,6 +271,6 @@ def _told_sign(name: str, knees: list[np.ndarray]) -> int:
     if least < -BENT and most < STRAIGHT:
         return -1
     raise RecordingError(
-        f"{name}: knee_angle goes from {np.rad2deg(least):.0f} to {np.rad2deg(most):.0f}°, which does not tell the "
-        "sign of flexion; say knee_flexion=1 or -1"
+        f"{name}: knee_angle goes from {np.rad2deg(least):.0f} to {np.rad2deg(most):.0f}°, which does not decide the "
+        "sign of flexion; give knee_flexion=1 or -1"
     )

@@ -9,7 +9,7 @@ from jgait.notes import Note
 
 
 class Part(NamedTuple):
-    """One sensor, as its file tells it.
+    """One sensor, as its file describes it.
 
     Attributes:
         label: what the file calls it.
@@ -48,7 +48,7 @@ class Measured(NamedTuple):
         subject: who walked.
         notes: what the reader noticed.
         feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
-            one clock, NaN where nothing was heard; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
+            one clock, NaN where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
     """
 
     parts: Sequence[Part]
@@ -62,7 +62,7 @@ def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
     """Files of one walk as one, each note once; sensors that are called the same are called by their files.
 
     Args:
-        every: what each file says, at least one.
+        every: the content of each file, at least one.
         name: of the recording; None: the first file's.
     """
     notes = tuple(dict.fromkeys(note for measured in every for note in measured.notes))

@@ -12,7 +12,7 @@ from jgait.notes import ORIGIN, Kind
 from jgait.types import Recording, RecordingError
 
 HEAD = 4096
-"""[bytes] How much of a file is looked at to tell its format."""
+"""[bytes] How much of a file is read to recognise its format."""
 
 
 READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
@@ -54,7 +54,7 @@ FORMATS: dict[str, Format] = {
         "columns",
         "a table with jgait's, gaitmap's or mobgap's columns",
         "*.csv, *.parquet, or a folder",
-        "placements; gaitmap's and mobgap's units, else they are told",
+        "placements; gaitmap's and mobgap's units, else they are deduced",
     ),
 }
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
@@ -77,7 +77,7 @@ def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path],
 
 
 def format_of(path: str | os.PathLike[str]) -> str | None:
-    """The format of a file or folder, told by its name and first bytes; None where none fits.
+    """The format of a file or folder, recognised by its name and first bytes; None where none fits.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -107,23 +107,23 @@ def read(
 ) -> Recording:
     """A recording from a file of a measuring system, or from several files of one sensor each.
 
-    Units and placements that the file does not state are told from the signals and the sensors' names, and noted;
+    Units and placements that the file does not state are deduced from the signals and the sensors' names, and noted;
     where they cannot be told, the file is refused with what to say.
 
     Args:
         path: the file or folder; or placement → file, for systems that write a file a sensor.
-        format: one of `FORMATS`; None: told by the file's name and first bytes.
+        format: one of `FORMATS`; None: recognised by the file's name and first bytes.
         placement: where the sensor sat, for a file of one sensor.
         placements: the file's name of a sensor → where it sat.
         gyr_unit: 'deg/s' or 'rad/s', overrules the file.
         acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
-        sampling_rate_hz: [Hz] for files that do not say it.
+        sampling_rate_hz: [Hz] for files that do not state it.
         name: what tables and figures call the recording; None: the file's.
         subject: who walked; None: the file's, or "subject".
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
-        The recording in SI units; `notes` says what was told and from what.
+        The recording in SI units; `notes` states what was deduced and from what.
 
     Raises:
         OSError: if there is no such file, or it may not be read.
@@ -152,7 +152,7 @@ def read(
 
 
 def _one(path: str | os.PathLike[str], format: str | None, placement: str | None) -> Measured:
-    """What one file says; with a placement, of its one sensor."""
+    """The content of one file; with a placement, of its one sensor."""
     file = Path(path)
     if format is not None and format not in FORMATS:
         raise RecordingError(f"{{argument}} must be one of {', '.join(FORMATS)}; got {format!r}", argument="format")
@@ -165,7 +165,7 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         )
     if format_name is None:
         raise RecordingError(
-            f"{file.name} is in no format that jgait knows ({', '.join(FORMATS)}); say which by {{argument}}",
+            f"{file.name} is in no format that jgait reads ({', '.join(FORMATS)}); state which by {{argument}}",
             argument="format",
         )
     content = _module(format_name)[1](file)

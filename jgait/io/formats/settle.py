@@ -1,9 +1,9 @@
-"""What a file of a measuring system says, and the questions it leaves open, answered before it is a `Recording`.
+"""From the content of a measuring system's file to a `Recording`: what the file leaves open is decided here.
 
-A reader only parses: it gives a `Measured` of one `Part` a sensor, in the file's own units, and says which units the
-file or its specification states. Where neither does, `settle` asks the signals (gravity, the size of the rates) and
-the answer becomes a note; where the signals do not tell, it refuses. Where a sensor sat comes from the caller, or from
-the name that the file gives the sensor, which is noted too.
+A reader only parses: it gives a `Measured` of one `Part` a sensor, in the file's own units, and states which units the
+file or its specification states. Where neither does, the signals decide (gravity, the size of the rates) and
+the decision becomes a note; where the signals do not decide, `settle` refuses. Where a sensor sat comes from the
+caller, or from the name that the file gives the sensor, which is noted too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ def settle(
     subject: str | None = None,
     check_sizes: bool = True,
 ) -> Recording:
-    """A recording in SI units, on one clock, with every placement and unit said or told from the signals.
+    """A recording in SI units, on one clock, with every placement and unit given, stated or deduced from the signals.
 
     Args:
         measured: what the reader found.
@@ -68,13 +68,13 @@ def settle(
             names, and left out, with a note, where at least one other could be placed.
         gyr_unit: overrules the file.
         acc_unit: overrules the file.
-        sampling_rate_hz: [Hz] for files that do not say it.
+        sampling_rate_hz: [Hz] for files that do not state it.
         name: what tables and figures call the recording; None: as `measured`.
         subject: who walked; None: as `measured`.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
-        The recording; its notes say what was read, told and left out.
+        The recording; its notes state what was read, deduced and left out.
 
     Raises:
         RecordingError: if no sensor can be placed, two have one place, a unit cannot be told, clocks do not overlap,
@@ -133,7 +133,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
             continue
         if where in placed:
             raise RecordingError(
-                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; say which "
+                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; state which "
                 "is which by {argument}",
                 argument="placements",
             )
@@ -142,7 +142,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
         placed[where] = part
     if not placed:
         raise RecordingError(
-            f"{name} does not say where its sensors sat: pass {{argument}}; its "
+            f"{name} does not state where its sensors sat: pass {{argument}}; its "
             f"sensors are {labels}, known placements {', '.join(PLACEMENTS)}",
             argument="placements",
             value={nowhere[0]: "shank_right"},
@@ -153,7 +153,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
 
 
 def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
-    """The accelerometer's unit, told by gravity."""
+    """The accelerometer's unit, deduced from gravity."""
     size = np.linalg.norm(np.asarray(part.acc, np.float64), axis=1)
     size = size[np.isfinite(size)]
     force = float(np.median(size)) if len(size) else float("nan")
@@ -170,7 +170,7 @@ def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
 
 
 def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
-    """Placement → the gyroscope's unit: said, stated, or told by its size, which tells only when somebody walks.
+    """Placement → the gyroscope's unit: given, stated, or deduced from its size, which needs walking.
 
     One system writes one unit: that of the sensor that turns fastest is that of all for which none is stated.
     """
@@ -186,7 +186,7 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
     unit = "deg/s" if most > FAST else "rad/s" if 1.0 < most < SLOW else None
     if reached and unit is None:
         raise RecordingError(
-            f"{name}: the file states no unit of angular rate, and the size of {fastest} does not tell (99th "
+            f"{name}: the file states no unit of angular rate, and the size of {fastest} does not decide (99th "
             f"percentile {most:.4g}; above {FAST:g} it would be deg/s, from 1 to {SLOW:g} rad/s; at most "
             f"{FASTEST:g} rad/s occur in walking); give {{argument}}, one of {', '.join(GYR_UNITS)}",
             argument="gyr_unit",
@@ -200,7 +200,7 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
 
 
 def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
-    """The unit of a range between feet, told by how far apart feet are."""
+    """The unit of a range between feet, deduced from how far apart feet are."""
     ranges = np.asarray([] if values is None else values, np.float64)
     ranges = ranges[np.isfinite(ranges)]
     if not ranges.size:
@@ -209,7 +209,7 @@ def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
     fits = [unit for unit, metres in RANGE_UNITS.items() if FEET_APART[0] <= middle * metres <= FEET_APART[1]]
     if len(fits) != 1:
         raise RecordingError(
-            f"{name}: the file states no unit of feet_range, and its median, {middle:.4g}, does not tell (feet that "
+            f"{name}: the file states no unit of feet_range, and its median, {middle:.4g}, does not decide (feet that "
             f"pass each other are {FEET_APART[0]:g} to {FEET_APART[1]:g} m apart); use read_csv and give {{argument}}",
             argument="range_unit",
         )
@@ -218,7 +218,7 @@ def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
 
 
 def _which_way_up(part: Part, where: str) -> list[Note]:
-    """Which of the sensor's axes points up, as the accelerometer tells, and what is known of the axes."""
+    """Which of the sensor's axes points up, from the accelerometer, and what is known of the axes."""
     if part.acc is None:
         return [AXES_STATED(placement=where, axes=part.axes)] if part.axes else []
     mean = np.nanmean(np.asarray(part.acc, np.float64), axis=0)

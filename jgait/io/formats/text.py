@@ -1,6 +1,6 @@
 """Tables in text files of measuring systems: where the header is, what separates cells, and that no row is cut off.
 
-A file is read as its format says and never mended: a row that is shorter or longer than the others, or a cell that
+A file is read as its format states and never mended: a row that is shorter or longer than the others, or a cell that
 holds no number where one must be, is an error that names file and line. Empty cells are lost samples.
 """
 
@@ -108,7 +108,7 @@ class Rows(NamedTuple):
         return RecordingError(f"{self.name} lacks the column {column!r}; it has {', '.join(filter(None, self.header))}")
 
     def unit(self, column: int) -> str:
-        """What the row of units says of a column, plain; "" where it says nothing."""
+        """What the row of units states of a column, plain; "" where it states nothing."""
         stated = self.units[column].strip() if column < len(self.units) else ""
         return stated[1:-1].strip() if stated[:1] + stated[-1:] in ("[]", "()") else stated
 

@@ -58,7 +58,7 @@ def test_binary(one):
     one[1].write_bytes(b"\x89PNG\r\n\xff\xfe\x00\x01" * 50)
     refuse(one, "is no text file")
     if one[1].suffix == ".csv":
-        with pytest.raises(RecordingError, match="is in no format that jgait knows"):
+        with pytest.raises(RecordingError, match="is in no format that jgait reads"):
             io.read(one[1])
 
 
@@ -101,7 +101,7 @@ def test_another_format_has_no_such_header(vendors, tmp_path):
 def test_no_file_and_a_folder_of_nothing(tmp_path):
     with pytest.raises(FileNotFoundError):
         io.read(tmp_path / "none.csv")
-    with pytest.raises(RecordingError, match="is in no format that jgait knows"):
+    with pytest.raises(RecordingError, match="is in no format that jgait reads"):
         io.read(tmp_path)
     with pytest.raises(ValueError, match="format must be one of mobilised"):
         io.read(tmp_path, format="excel")

@@ -167,7 +167,7 @@ def test_malformed_files_are_named_with_what_was_expected(tmp_path):
     with pytest.raises(RecordingError, match="_motion.tsv: leftFoot_ACCEL_x holds 'lost' in row 5; expected a number"):
         bids.measured(path)
     path.with_name(f"{STEM}_channels.tsv").unlink()
-    with pytest.raises(RecordingError, match="needs .*_channels.tsv, which says what its columns are"):
+    with pytest.raises(RecordingError, match="needs .*_channels.tsv, which states what its columns are"):
         bids.measured(path)
     path.write_text("")
     with pytest.raises(RecordingError, match="is empty; expected a BIDS motion file"):

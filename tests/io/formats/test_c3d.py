@@ -118,7 +118,7 @@ def test_names_that_tell_nothing_leave_the_floor_or_nothing(tmp_path, truth):
     capture = io.read_c3d(write(tmp_path / "high.c3d", high, screen=None))
     assert capture.up is None and any(note.code == "up_unknown" for note in capture.notes)
     equals(capture, high, 5e-7)
-    with pytest.raises(RecordingError, match="which axis points up is not known; say up in read_c3d"):
+    with pytest.raises(RecordingError, match="which axis points up is not known; give up to read_c3d"):
         joint_centres(capture)
 
 
@@ -134,7 +134,7 @@ def test_a_file_without_a_unit_is_asked_for_the_size_of_a_person(tmp_path, truth
         equals(capture, truth)
         assert any(f"states no unit of its markers; {unit}" in note for note in texts(capture.notes))
     path = write(tmp_path / "cm.c3d", truth, units="", factor=100.0)
-    with pytest.raises(RecordingError, match=r"states no unit of its markers, and that they are 95.23 apart"):
+    with pytest.raises(RecordingError, match=r"states no unit of its markers, and their distance, 95.23"):
         io.read_c3d(path)
     equals(io.read_c3d(path, unit="cm"), truth)
     with pytest.raises(RecordingError, match="markers are in 'ell'; expected one of m, mm"):
@@ -190,7 +190,7 @@ def test_files_that_are_something_else(tmp_path, truth):
         "text": (b"time,x\n" * 200, "text.c3d is not a C3D file"),
         "short": (whole[:300], "short.c3d is not a C3D file"),
         "head": (whole[:512], "head.c3d is truncated: its parameters do not end within 512"),
-        "half": (whole[: len(whole) // 2], r"half\.c3d is truncated: its header says 120 frames, \d\d are there"),
+        "half": (whole[: len(whole) // 2], r"half\.c3d is truncated: its header states 120 frames, \d\d are there"),
         "parameters": (whole[:900], r"parameters\.c3d is truncated: its parameters do not end within 900"),
     }
     for name, (content, message) in cases.items():

@@ -56,7 +56,7 @@ def test_one_sensor_a_file(tmp_path):
     assert sorted(recording.sensors) == ["foot_left", "foot_right"]
     made_files.check(recording, "foot_left")
     path = made_files.named(tmp_path / "sensor7.csv", prefix="")
-    with pytest.raises(RecordingError, match=r"does not say where its sensors sat: pass placements=\{'sensor7'"):
+    with pytest.raises(RecordingError, match=r"does not state where its sensors sat: pass placements=\{'sensor7'"):
         io.read(path)
     made_files.check(io.read(path, placement="shank_left"), "shank_left")
     made_files.check(io.read({"thigh_left": path}), "thigh_left")
@@ -74,7 +74,7 @@ def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
     for axis in "xyz":
         table[f"sternum_gyr_{axis}"] *= 0.2
     table[["time", *(f"sternum_gyr_{axis}" for axis in "xyz")]].to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="the size of sternum does not tell"):
+    with pytest.raises(RecordingError, match="the size of sternum does not decide"):
         io.read(path)
 
 
@@ -104,7 +104,7 @@ def test_a_range_whose_unit_cannot_be_told(tmp_path):
     table = pd.read_csv(path)
     table["feet_range"] *= 100.0
     table.to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="its median, .*, does not tell .* use read_csv and give range_unit"):
+    with pytest.raises(RecordingError, match="its median, .*, does not decide .* use read_csv and give range_unit"):
         io.read(path)
     assert io.read_csv(path, range_unit="cm").feet_range.distance.max() == pytest.approx(0.25, abs=0.01)
 

@@ -43,7 +43,7 @@ def test_what_gaitmap_data_must_have():
         io.recording_from_gaitmap({"right_sensor": table}, 100.0, frame="world")
     with pytest.raises(RecordingError, match=r"mirrored between the feet, and 'back' is not known to be of either"):
         io.recording_from_gaitmap({"back": table}, 100.0, frame="body")
-    with pytest.raises(RecordingError, match="does not say where its sensors sat"):
+    with pytest.raises(RecordingError, match="does not state where its sensors sat"):
         io.recording_from_gaitmap({"abc": table.set_axis(NAMES, axis=1)}, 100.0, placements={})
 
 

@@ -114,7 +114,7 @@ def test_time_stamps_with_a_gap_overrule_the_rate(write):
         ({"Gyr": np.zeros((SAMPLES, 2))}, r"SU\.LowerBack\.Gyr must have shape \(samples, 3\); it has \(250, 2\)"),
         ({"Acc": np.ones((SAMPLES - 1, 3))}, r"Acc must have shape \(250, 3\); it has \(249, 3\)"),
         ({"Fs": None}, r"no sampling rate Fs\.Gyr; it has Acc, Gyr, Timestamp"),
-        ({"Fs": {"Acc": 50.0, "Gyr": 100.0}}, "must share a rate; Fs says 50.* and 100"),
+        ({"Fs": {"Acc": 50.0, "Gyr": 100.0}}, "must share a rate; Fs states 50.* and 100"),
         ({"Fs": {"Gyr": -1.0}}, r"Fs must be positive; it is -1"),
         ({"Timestamp": np.arange(9.0)}, r"Timestamp must have shape \(250,\); it has \(9,\)"),
         ({"Gyr": None}, r"no sensor with a gyroscope, Gyr; it has SU\.LowerBack"),

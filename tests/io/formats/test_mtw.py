@@ -59,7 +59,7 @@ def test_rates_too_large_for_rad_per_s_are_questioned(tmp_path):
         note.startswith("foot_right: the file states no unit of angular rate; deg/s") for note in texts(recording.notes)
     )
     between = made_files.mtw(tmp_path / "MT_2.txt", scale=4.0)
-    with pytest.raises(RecordingError, match="the size of foot_right does not tell"):
+    with pytest.raises(RecordingError, match="the size of foot_right does not decide"):
         io.read(between, placement="foot_right")
     made_files.check(io.read(path, placement="foot_right", gyr_unit="deg/s"))
 
@@ -77,7 +77,7 @@ def test_what_is_not_stated_must_be_said(tmp_path):
     with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate"):
         io.read(path, placement="foot_right")
     made_files.check(io.read(path, placement="foot_right", sampling_rate_hz=100.0))
-    with pytest.raises(RecordingError, match=r"does not say where its sensors sat: pass placements=\{'MT_1'"):
+    with pytest.raises(RecordingError, match=r"does not state where its sensors sat: pass placements=\{'MT_1'"):
         io.read(path, sampling_rate_hz=100.0)
 
 

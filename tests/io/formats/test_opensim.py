@@ -55,7 +55,7 @@ def test_angles_come_back_with_jgaits_signs(tmp_path, sign, degrees):
         np.testing.assert_allclose(leg.x, 0.42 * np.sin(HIP[side]) + 0.4 * np.sin(shank), atol=1e-10)
         np.testing.assert_allclose(leg.y, -0.42 * np.cos(HIP[side]) - 0.4 * np.cos(shank), atol=1e-10)
     word = "positive" if sign > 0 else "negative"
-    assert estimate.diagnostics["source"] == f"OpenSim: walk; knee_angle is {word} in flexion, told from its range"
+    assert estimate.diagnostics["source"] == f"OpenSim: walk; knee_angle is {word} in flexion, deduced from its range"
     np.testing.assert_allclose(estimate.time, T, atol=1e-10)
     assert estimate.valid.all()
 
@@ -74,7 +74,7 @@ def test_a_file_that_does_not_say_degrees_is_asked(tmp_path):
     assert any("degrees, for an angle of the legs reaches 54.43" in note for note in texts(motion.notes))
     still = {"hip_flexion_r": 0.001 * T, "knee_angle_r": 0.001 * T}
     path = write(tmp_path / "still.mot", still, degrees="")
-    with pytest.raises(RecordingError, match="does not say inDegrees, and the largest angle .*say degrees"):
+    with pytest.raises(RecordingError, match="does not state inDegrees, and the largest angle .*give degrees"):
         io.read_opensim(path)
     np.testing.assert_allclose(io.read_opensim(path, degrees=True).columns["knee_angle_r"], 0.001 * T, atol=1e-10)
 
@@ -96,7 +96,7 @@ def test_files_as_old_programs_and_spreadsheets_leave_them(tmp_path):
 def test_a_sign_that_cannot_be_told_is_asked_for(tmp_path):
     bent = columns() | {"knee_angle_r": KNEE["r"] - 0.5, "knee_angle_l": KNEE["l"] - 0.5}
     motion = io.read_opensim(write(tmp_path / "both.mot", bent))
-    with pytest.raises(RecordingError, match="knee_angle goes from -26 to 26°.*say knee_flexion"):
+    with pytest.raises(RecordingError, match="knee_angle goes from -26 to 26°.*give knee_flexion"):
         io.opensim_reference(motion)
     leg = io.opensim_reference(motion, knee_flexion=-1).legs.right
     np.testing.assert_allclose(leg.knee_angle, 0.5 - KNEE["r"], atol=1e-10)
@@ -141,11 +141,11 @@ def test_files_that_are_something_else(tmp_path):
     whole = write(tmp_path / "whole.mot", columns()).read_text()
     cases = {
         "empty": ("", "empty.mot is empty; expected an OpenSim motion"),
-        "headless": ("time\tknee_angle_r\n0\t1\n", "none of its first 2 lines says endheader"),
-        "long": ("a\n" * 300, "none of its first 200 lines says endheader"),
+        "headless": ("time\tknee_angle_r\n0\t1\n", "none of its first 2 lines is endheader"),
+        "long": ("a\n" * 300, "none of its first 200 lines is endheader"),
         "names": ("endheader\nframe\tknee_angle_r\n0\t1\n", "first column must be time; the columns are frame, knee"),
         "bare": ("endheader\ntime\tknee_angle_r\n", "has no rows"),
-        "rows": (whole[: whole.index("\n1.5\t")] + "\n", r"header says 201 rows, 150 are there"),
+        "rows": (whole[: whole.index("\n1.5\t")] + "\n", r"header states 201 rows, 150 are there"),
         "cut": (
             whole.replace("nRows=201\n", "")[: -len(whole.splitlines()[-1]) + 20],
             "is truncated: its last row has",
