@@ -6,7 +6,6 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges, real
-from jgait.types import Values
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
 DETECTORS = ("swings", "machine", "paper")
@@ -96,7 +95,7 @@ class AnkleOptions(NamedTuple):
     smooth: bool = True
     level: bool = False
     standing: bool = True
-    method: Values = filtering.EKF()
+    method: filtering.Method = filtering.EKF()
     execution: Execution = "dense"
 
 

@@ -65,7 +65,7 @@ class DutyOptions(NamedTuple):
 
     gravity: bool = True
     smooth: bool = False
-    method: Values = filtering.EKF()
+    method: filtering.Method = filtering.EKF()
     execution: Execution = "auto"
 
 

@@ -6,7 +6,6 @@ from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
-from jgait.types import Values
 
 
 @documented
@@ -78,7 +77,7 @@ class FootOptions(NamedTuple):
     smooth: bool = True
     level: bool | str = "auto"
     detector: str = "adaptive"
-    method: Values = filtering.EKF()
+    method: filtering.Method = filtering.EKF()
     execution: Execution = "auto"
 
 

@@ -2,8 +2,6 @@
 
 from typing import Annotated, Any, NamedTuple
 
-from jaxtyping import PyTree
-
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
@@ -16,7 +14,7 @@ class BySide(NamedTuple):
     """A value for each leg."""
 
     right: Values
-    left: PyTree
+    left: Values
 
 
 @documented
@@ -90,7 +88,7 @@ class LegOptions(NamedTuple):
     distance: str = "stance"
     rate_hz: float | None = None
     median: int = 1
-    method: Values = filtering.EKF()
+    method: filtering.Method = filtering.EKF()
     execution: Execution = "auto"
 
 

@@ -6,7 +6,6 @@ from typing import Annotated, NamedTuple
 from jgait import filtering
 from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
-from jgait.types import Values
 
 
 @documented
@@ -77,7 +76,7 @@ class WidthOptions(NamedTuple):
         execution: how the filters compute, see `jgait.filtering`.
     """
 
-    method: Values = filtering.IteratedEKF()
+    method: filtering.Method = filtering.IteratedEKF()
     smooth: bool = True
     longest_range: float = 0.5
     turn: float = math.radians(15.0)
