@@ -164,7 +164,7 @@ def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None
 
     Args:
         axes: from `functional_axes`.
-        believed: (3, 3) forward, left and up in the sensor's axes, as the wearer was told.
+        believed: (3, 3) forward, left and up in the sensor's axes, as the wearer intended.
         placement: of the sensor, for the note.
     """
     agree = np.sum(axes.rows * as_float(believed), axis=1)
