@@ -396,6 +396,7 @@ def test_walks_without_a_reference_have_estimates_and_no_errors():
     assert result.strides.empty and result.by_subject().empty
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_refusals_say_what_was_wrong():
     with pytest.raises(ValueError, match="item 2 is a second 'walk_001'"):
         evaluate.cohort(FAKE, [walk(1), walk(2), walk(1)])
@@ -447,6 +448,7 @@ def test_the_leg_estimator_on_simulated_walks_is_itself():
     assert strides["rel_error"].abs().median() < 0.5
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("change", "message"),
     [

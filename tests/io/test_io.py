@@ -383,6 +383,7 @@ def test_arrays_that_do_not_fit():
 # --- validate ---
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_validate_names_who_needs_what():
     recording = read(table(placements=("waist",)))
     with pytest.raises(RecordingError, match=r"^leg_ekf needs 'thigh_right'; the recording has \['waist'\]$"):

@@ -134,6 +134,7 @@ def test_line_searches_use_the_gradient_that_was_asked_for():
     assert float(fit.params.x) == pytest.approx(3.0, abs=1e-6)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -266,6 +267,7 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
         _fit(tmp_path / "fit.npz")
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_an_optimiser_that_is_none_is_refused():
     with pytest.raises(TypeError, match=r"optimizer must come from optax, such as optax.adam\(0.05\); got 'adam'"):
         tune.fit(bowl, Spot(0.0), Spot(real), np.ones(2), "adam")

@@ -287,6 +287,7 @@ def test_errors_that_no_sensor_has_are_refused_by_name(change, message):
         check_errors(IDEAL._replace(**change))
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_errors_that_are_no_numbers_are_refused():
     with pytest.raises(TypeError, match=r"ImuErrors\.acc_bias must be a number; got 'small'"):
         check_errors(IDEAL._replace(acc_bias="small"))
