@@ -5,17 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.estimators.waist.ofdri import (
-    Cycles,
-    _least,
-    direct,
-    direct_reverse,
-    direct_reverse_cycles,
-    placed,
-    since,
-    weight,
-)
-from jgait.estimators.waist.optimum import optimum_cutoff, optimum_cutoffs
+from jgait.estimators.waist.ofdri import Cycles, direct, direct_reverse, direct_reverse_cycles, placed, since, weight
+from jgait.estimators.waist.optimum import _least, optimum_cutoff, optimum_cutoffs
 
 DT, SAMPLES = 0.01, 111
 TIME = np.arange(SAMPLES) * DT
