@@ -1,6 +1,7 @@
 """What the pendulum's steps at the waist depend on, and that integration begins anew with every bout."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.trunk import cut, walk
@@ -105,12 +106,15 @@ def doubled(inputs, seen):
 
 def test_integration_begins_anew_with_every_bout():
     one = ready(cut(walk(steps=6, quiet=5.5).recording, 2.5))
-    seen = MOTION(WaistParams(), one)[0]
+    p = WaistParams()
+    seen = MOTION(p, one)[0]
 
     @jax.jit
     def told(inputs, seen):
-        found = waist_steps.intervals(WaistParams(), inputs, seen)
-        return waist_distance.by_integration(WaistParams(), inputs, seen, found, "update")
+        found = waist_steps.intervals(p, inputs, seen)
+        speed, held = waist_distance.integrated_speed(p, inputs, seen, found)
+        start_sd = p.start_speed_sd * jnp.where(inputs.stood, 0.0, 1.0)
+        return waist_distance.by_integration(p, inputs, found, speed, held, start_sd)
 
     first, both = told(one, seen), told(*doubled(one, seen))
     nodes = int(one.count)
