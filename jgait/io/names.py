@@ -30,6 +30,9 @@ NOT_RAW = ("free", "linear", "user", "filtered")
 """Words for signals that gravity was taken off, or that are not what a sensor read."""
 
 
+CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
+"""Columns of one sensor."""
+
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
     "back": "lower_back", "pelvis": "pelvis", "sacrum": "pelvis", "waist": "waist", "hip": "waist", "wrist": "wrist",
@@ -106,3 +109,16 @@ def _without(words: list[str], taken: str) -> list[str] | None:
             if "".join(words[first:end]) == taken:
                 return words[:first] + words[end:]
     return None
+
+
+def recognised(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
+    """Column → its name here, of columns in a lab's own words; left out where two columns have the same name here."""
+    expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
+    names: dict[int, str] = {}
+    for index, name in enumerate(given):
+        known = None if renamed[index] in expected else column_of(name)
+        if known in CHANNELS:
+            known = None if placement is None else f"{placement}_{known}"
+        if known is not None and known not in renamed:
+            names[index] = known
+    return {index: name for index, name in names.items() if list(names.values()).count(name) == 1}

@@ -11,15 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
-from jgait.io.names import column_of
+from jgait.io.names import CHANNELS, recognised
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
-
 
 COLUMNS_MATCHED = Kind("columns_matched", "info", "columns recognised by their names: {columns}", DEDUCED)
 COLUMNS_LEFT_OUT = Kind("columns_left_out", "info", "columns left out: {columns}", LEFT_OUT)
@@ -37,7 +34,7 @@ class Columns(NamedTuple):
         time: (T,) or None.
         feet_range: (T,) or None.
         others: names of columns that are not used.
-        told: the table's own name and ours, of columns in a lab's words.
+        matched: the table's own name and ours, of columns in a lab's words.
         odd: about cells that hold something that is no number.
     """
 
@@ -45,7 +42,7 @@ class Columns(NamedTuple):
     time: np.ndarray | None
     feet_range: np.ndarray | None
     others: tuple[str, ...]
-    told: tuple[tuple[str, str], ...] = ()
+    matched: tuple[tuple[str, str], ...] = ()
     odd: tuple[Note, ...] = ()
 
 
@@ -135,8 +132,8 @@ def columns_of(
     """
     given = [str(column) for column in table.columns]
     renamed = _renamed(given, columns or {}, placement, name)
-    told_at = _told(given, renamed, placement)
-    renamed = [told_at.get(index, column) for index, column in enumerate(renamed)]
+    ours = recognised(given, renamed, placement)
+    renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
     placements_found = _placements(position, given, tuple(needs), name)
     sensors: dict[str, dict[str, np.ndarray]] = {}
@@ -154,31 +151,18 @@ def columns_of(
         used.add(position["feet_range"])
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
-    matched = tuple((given[index], renamed[index]) for index in sorted(used & set(told_at)))
+    matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
     return Columns(sensors, time, apart, others, matched, odd)
 
 
 def about(content: Columns) -> tuple[Note, ...]:
-    """Notes about columns whose names were told, and about those that say nothing here."""
+    """Notes about columns whose names were recognised, and about columns that are not used."""
     notes = [*content.odd]
-    if content.told:
-        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in content.told]))
+    if content.matched:
+        notes.append(COLUMNS_MATCHED(columns=[f"{theirs!r} as {name}" for theirs, name in content.matched]))
     if content.others:
         notes.append(COLUMNS_LEFT_OUT(columns=content.others))
     return tuple(notes)
-
-
-def _told(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
-    """Column → its name here, of columns in a lab's own words; left out where two columns have the same name here."""
-    expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
-    names: dict[int, str] = {}
-    for index, name in enumerate(given):
-        known = None if renamed[index] in expected else column_of(name)
-        if known in CHANNELS:
-            known = None if placement is None else f"{placement}_{known}"
-        if known is not None and known not in renamed:
-            names[index] = known
-    return {index: name for index, name in names.items() if list(names.values()).count(name) == 1}
 
 
 def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:

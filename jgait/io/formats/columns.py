@@ -22,8 +22,8 @@ from jgait.io.files import check_file, library
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
-from jgait.io.names import placement_of
-from jgait.io.tables import CHANNELS, Columns, about, columns_of, read_table
+from jgait.io.names import CHANNELS, placement_of
+from jgait.io.tables import Columns, about, columns_of, read_table
 from jgait.io.write import PARQUET
 from jgait.notes import DEDUCED, ORIGIN, Kind
 from jgait.types import RecordingError

@@ -15,8 +15,7 @@ import numpy as np
 
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
-from jgait.io.names import placement_of
-from jgait.io.tables import CHANNELS
+from jgait.io.names import CHANNELS, placement_of
 from jgait.types import Recording, RecordingError
 
 if TYPE_CHECKING:
