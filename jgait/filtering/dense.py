@@ -8,7 +8,6 @@ that gradients stay finite too.
 import math
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
@@ -20,7 +19,6 @@ from jgait.filtering.linear_algebra import (
     congruence,
     forward_substitution,
     product,
-    solve_covariance,
 )
 from jgait.filtering.methods import CKF, EKF, KF, UKF, Affine, Method, linearise
 from jgait.filtering.vectors import Moments, VectorModel
@@ -66,6 +64,21 @@ class _Terms(NamedTuple):
     nis: PyTree
     log_det: PyTree
     good: PyTree
+    adjoint: "Adjoint"
+
+
+class Adjoint(NamedTuple):
+    """What an update passes back to the samples before it: λ ← Cᵀ λ − g, Λ ← Cᵀ Λ C + N.
+
+    Attributes:
+        left: C (n, n), which takes errors before the update to errors about the state after it.
+        gradient: g = Hᵀ S⁻¹ (y − ŷ) (n,).
+        information: N = Hᵀ S⁻¹ H (n, n).
+    """
+
+    left: PyTree
+    gradient: PyTree
+    information: PyTree
 
 
 def _all_finite(*arrays: PyTree) -> PyTree:
@@ -112,7 +125,14 @@ def predicted_moments(
 def corrected(
     vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Moments, Correction]:
-    """The belief after a measurement (m,) of which `seen` (m,) is measured, and the statistics of the update.
+    """The belief after a measurement (m,) of which `seen` (m,) is measured, and the statistics of the update."""
+    return _corrected(vm, prior, measured, control, seen, method)[:2]
+
+
+def _corrected(
+    vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
+) -> tuple[Moments, Correction, Adjoint]:
+    """The belief after a measurement, the statistics of the update, and what the update passes back.
 
     Each iteration linearises at the result of the one before, but updates the same prior. Innovation, likelihood
     and NIS are those of the first, which is linearised at the prediction.
@@ -126,7 +146,10 @@ def corrected(
         terms = _linear_update(vm, prior, measured, control, seen, noise, method, terms.delta, terms.cov)
         good = good & terms.good
     delta = jnp.where(good, terms.delta, 0.0)
-    mean, cov = vm.retract(prior.mean, delta), vm.recentred(prior.mean, delta, terms.cov)
+    mean, cov, left = vm.retract(prior.mean, delta), terms.cov, terms.adjoint.left
+    if vm.curved:
+        turn = vm.turn(prior.mean, delta)
+        cov, left = congruence(turn, cov), product(turn, left)
     good = good & _all_finite(mean, cov)
     after = Moments(jnp.where(good, mean, prior.mean), jnp.where(good, cov, prior.cov))
     count = jnp.where(good, jnp.sum(jnp.where(seen, 1.0, 0.0).astype(measured.dtype)), 0.0)
@@ -135,9 +158,12 @@ def corrected(
     def kept(value: PyTree) -> PyTree:
         return jnp.where(good, value, 0.0)
 
-    return after, Correction(
+    correction = Correction(
         kept(first.innovation), kept(first.stddev), kept(log_likelihood), kept(first.nis), count, good
     )
+    identity = jnp.eye(prior.cov.shape[0], dtype=prior.cov.dtype)
+    back = Adjoint(jnp.where(good, left, identity), kept(terms.adjoint.gradient), kept(terms.adjoint.information))
+    return after, correction, back
 
 
 def _linear_update(
@@ -162,16 +188,20 @@ def _linear_update(
     cross = product(matrix, cov)
     total = product(cross, matrix.T) + noise
     lower, positive = cholesky(total)
-    half = forward_substitution(lower, cross)
-    gain = backward_substitution(lower, half).T
+    n = cov.shape[0]
     error = innovation + product(matrix, at)
-    white = forward_substitution(lower, innovation)
-    joseph = congruence(jnp.eye(cov.shape[0], dtype=cov.dtype) - product(gain, matrix), cov) + congruence(gain, noise)
+    columns = jnp.concatenate([matrix, cross, error[:, None], innovation[:, None]], axis=1)
+    whitened = forward_substitution(lower, columns)
+    shown, half, white = whitened[:, :n], whitened[:, n : 2 * n], whitened[:, -1]
+    gain = backward_substitution(lower, half).T
+    left = jnp.eye(n, dtype=cov.dtype) - product(gain, matrix)
+    joseph = congruence(left, cov) + congruence(gain, noise)
+    adjoint = Adjoint(left, product(shown.T, whitened[:, -2]), product(shown.T, shown))
     good = finite & positive
     variance = jnp.diagonal(total)
     stddev = jnp.sqrt(jnp.where(variance > 0.0, variance, 1.0))
     log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(lower)))
-    return _Terms(product(gain, error), joseph, innovation, stddev, jnp.sum(white * white), log_det, good)
+    return _Terms(product(gain, error), joseph, innovation, stddev, jnp.sum(white * white), log_det, good, adjoint)
 
 
 def affine_observation(
@@ -193,9 +223,17 @@ def advanced(
     vm: VectorModel, before: Moments, measured: PyTree, control: PyTree, dt: Values, seen: PyTree, method: Method
 ) -> tuple[Moments, Moments, Correction]:
     """Predict, then update, in vectors: prediction, result, and the statistics of the update."""
+    return _advanced(vm, before, measured, control, dt, seen, method)[:3]
+
+
+def _advanced(
+    vm: VectorModel, before: Moments, measured: PyTree, control: PyTree, dt: Values, seen: PyTree, method: Method
+) -> tuple[Moments, Moments, Correction, PyTree, Adjoint]:
+    """As `advanced`, with the transition's matrix (n, n) and what the update passes back."""
     predicted, prediction = predicted_moments(vm, before, control, dt, method)
-    after, correction = corrected(vm, predicted, measured, control, seen, method)
-    return predicted, after, correction._replace(valid=correction.valid & prediction.finite)
+    after, correction, back = _corrected(vm, predicted, measured, control, seen, method)
+    valid = correction.valid & prediction.finite
+    return predicted, after, correction._replace(valid=valid), prediction.matrix, back
 
 
 def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dict[str, Any]:
@@ -203,52 +241,40 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
 
     def body(before: Moments, sample: PyTree) -> tuple[Moments, dict[str, PyTree]]:
         measured, control, interval, seen = sample
-        predicted, after, told = advanced(ready.vm, before, measured, control, interval, seen, method)
+        predicted, after, told, matrix, back = _advanced(ready.vm, before, measured, control, interval, seen, method)
         everything = {
             "mean": after.mean, "cov": after.cov, "predicted_mean": predicted.mean, "predicted_cov": predicted.cov,
             "innovation": told.innovation, "innovation_stddev": told.stddev, "log_likelihood": told.log_likelihood,
-            "nis": told.nis, "count": told.count, "valid": told.valid,
+            "nis": told.nis, "count": told.count, "valid": told.valid, "transition": matrix, **back._asdict(),
         }  # fmt: skip
         return after, {name: everything[name] for name in keep}
 
     return lax.scan(body, ready.start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
 
-def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -> tuple[PyTree, PyTree]:
-    """Rauch–Tung–Striebel smoothing of what `scanned` kept as "mean" and "cov": mean (T, k), covariance (T, n, n)."""
-    filtered = Moments(kept["mean"], kept["cov"])
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-
-    def body(following: Moments, sample: PyTree) -> tuple[Moments, Moments]:
-        before, control, interval = sample
-        smoothed = smoothed_moments(ready.vm, before, following, control, interval, method)
-        return smoothed, smoothed
-
-    before = jax.tree.map(lambda leaf: leaf[:-1], filtered)
-    ahead = jax.tree.map(lambda leaf: leaf[1:], (ready.controls, ready.dt))
-    _, smoothed = lax.scan(body, last, (before, *ahead), reverse=True)
-    mean, cov = jax.tree.map(lambda body, end: jnp.concatenate([body, end[None]]), smoothed, last)
-    return mean, cov
+SMOOTHED_FROM = ("mean", "cov", "transition", *Adjoint._fields)
+"""What `smoothed_scan` needs of `scanned`."""
 
 
-def smoothed_moments(
-    vm: VectorModel, filtered: Moments, following: Moments, control: PyTree, dt: Values, method: Method
-) -> Moments:
-    """The smoothed belief at one sample, from its filtered one and the smoothed one at the next."""
+def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any]) -> tuple[PyTree, PyTree]:
+    """Modified Bryson–Frazier smoothing of what `scanned` kept: mean (T, k), covariance (T, n, n)."""
+
+    def body(carry: tuple[PyTree, PyTree], sample: PyTree) -> tuple[PyTree, Moments]:
+        vector, matrix = carry
+        x, cov, transition, left, gradient, information = sample
+        smoothed = _adjusted(ready.vm, Moments(x, cov), vector, matrix)
+        vector = product(left.T, vector) - gradient
+        matrix = congruence(left.T, matrix) + information
+        return (product(transition.T, vector), congruence(transition.T, matrix)), smoothed
+
+    none = jnp.zeros_like(kept["cov"][0])
+    return lax.scan(body, (none[0], none), tuple(kept[name] for name in SMOOTHED_FROM), reverse=True)[1]
+
+
+def _adjusted(vm: VectorModel, filtered: Moments, vector: PyTree, matrix: PyTree) -> Moments:
+    """The smoothed belief at a sample: x ⊕ (−P λ), P − P Λ P; the filtered one where that is not finite."""
     x, cov = filtered
-    prediction = affine_transition(vm, filtered, control, dt, method)
-    step = vm.local(prediction.mean, following.mean)
-    ahead = following.cov
-    if vm.curved:
-        zero = jnp.zeros_like(ahead[0])
-        turn = jax.jacfwd(lambda d: vm.local(prediction.mean, vm.retract(following.mean, d)))(zero)
-        ahead = congruence(turn, ahead)
-    cross = product(prediction.matrix, cov)
-    predicted = congruence(prediction.matrix, cov) + prediction.noise
-    gain = solve_covariance(predicted, cross).T
-    delta = product(gain, step)
-    left = jnp.eye(cov.shape[0], dtype=cov.dtype) - product(gain, prediction.matrix)
-    smoothed = congruence(left, cov) + congruence(gain, ahead + prediction.noise)
+    delta, smoothed = -product(cov, vector), cov - congruence(cov, matrix)
     good = jnp.all(jnp.isfinite(delta)) & jnp.all(jnp.isfinite(smoothed))
     delta, smoothed = jnp.where(good, delta, 0.0), jnp.where(good, smoothed, cov)
     return Moments(vm.retract(x, delta), vm.recentred(x, delta, smoothed))

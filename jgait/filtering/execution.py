@@ -107,8 +107,8 @@ def _smoothed_vectors(
         kept = square_root.scanned(ready, method, tuple(dict.fromkeys((*keep, "mean", "factor"))))
         found = square_root.smoothed_scan(ready, kept, method)
         return found["mean"], found["cov"], {name: kept[name] for name in keep}
-    kept = dense.scanned(ready, method, tuple(dict.fromkeys((*keep, "mean", "cov"))))
-    mean, cov = dense.smoothed_scan(ready, kept, method)
+    kept = dense.scanned(ready, method, tuple(dict.fromkeys((*keep, *dense.SMOOTHED_FROM))))
+    mean, cov = dense.smoothed_scan(ready, kept)
     return mean, cov, {name: kept[name] for name in keep}
 
 

@@ -1,13 +1,13 @@
-r"""Rauch–Tung–Striebel smoothing: a backward scan over the filtered beliefs.
+r"""Smoothing: a backward scan of what later samples tell, the modified Bryson–Frazier form.
 
-    G = P Aᵀ (P⁻)⁻¹,  m_s = m ⊕ G (m_s' ⊖ m⁻),  P_s = (I − G A) P (I − G A)ᵀ + G (P_s' + Ω + Q) Gᵀ
+    λ ← Cᵀ Fᵀ λ − Hᵀ S⁻¹ (y − ŷ),   Λ ← Cᵀ Fᵀ Λ F C + Hᵀ S⁻¹ H,   C = I − K H
+    m_s = m ⊕ (−P λ),   P_s = P − P Λ P,   λ and Λ of the samples after this one
 
-A prime marks the next sample. The transition is linearised again at each filtered belief, so nothing but the
-filtered beliefs is stored; the form of P_s keeps it symmetric and positive. The solve by P⁻ is scaled by its
-diagonal, which keeps float32 usable where metres and radians per second meet. On a manifold P_s' is first turned
-from errors about m_s' to errors about m⁻, and P_s at last to errors about m_s.
+This is the Rauch–Tung–Striebel smoother without an inverse of a covariance: the same on flat states, equal to first
+order in the smoother's corrections on manifolds, where C turns with the update and P_s at last to errors about m_s.
 
-Source: H. Rauch, F. Tung, C. Striebel (1965), AIAA Journal 3(8); S. Särkkä (2013), chapters 8 to 10.
+Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973; H. Rauch,
+F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
 from typing import NamedTuple
