@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.types import Flags, Scalar, Values
+from jgait.types import Flags, Values
 
 
 class StanceSearch(NamedTuple):
@@ -53,7 +53,7 @@ def begin(rate: ArrayLike) -> StanceSearch:
 
 
 def step(
-    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: Scalar, landing: Scalar
+    s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: ArrayLike, landing: ArrayLike
 ) -> tuple[StanceSearch, PyTree]:
     """One sample.
 
