@@ -222,7 +222,7 @@ def _across(cov: Covariance, axis: Vector) -> Values:
     return x * x * xx + 2.0 * x * y * xy + y * y * yy
 
 
-def _at(values: Values, index: PyTree) -> Values:
+def _at(values: PyTree, index: PyTree) -> PyTree:
     return type(values)(*(part[index] for part in values))
 
 

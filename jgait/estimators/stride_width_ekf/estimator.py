@@ -3,6 +3,7 @@
 from typing import Any
 
 import jax.numpy as jnp
+import numpy.typing as npt
 
 from jgait import filtering, params
 from jgait.estimators import foot_ins
@@ -186,9 +187,15 @@ def estimate(
 
 
 def estimate_from_feet(
-    p: WidthParams, time: Values, feet: Feet, stances: tuple[Values, Values], feet_range: RangeReadings | None,
-    options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
-) -> Estimate:  # fmt: skip
+    p: WidthParams,
+    time: Values,
+    feet: Feet,
+    stances: tuple[npt.ArrayLike, npt.ArrayLike],
+    feet_range: RangeReadings | None,
+    options: WidthOptions = DEFAULT,
+    *,
+    start_heading: tuple[float, float] | None = None,
+) -> Estimate:
     """Stride widths of one recording, given both feet's trajectories.
 
     Args:

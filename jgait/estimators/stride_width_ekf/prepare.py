@@ -7,6 +7,7 @@ Everything here is a decision: which readings are used, what is a turn, how late
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jgait.estimators.interface import Prepared
 from jgait.estimators.stride_width_ekf import notes as kinds
@@ -46,7 +47,7 @@ class Ranges(NamedTuple):
 
 
 def prepare_from_feet(
-    time: Values, feet: Feet, stances: tuple[Values, Values], feet_range: RangeReadings | None,
+    time: Values, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike], feet_range: RangeReadings | None,
     options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
 ) -> Prepared[WidthInputs]:  # fmt: skip
     """Make the inputs of `stride_width_ekf.run`; it does not matter how the trajectories were made.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
 from jgait import filtering
 from jgait.estimators.waist import model as waist_model
@@ -21,7 +21,7 @@ from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.vectors import root
-from jgait.types import Flags, Values
+from jgait.types import AnyArray, Flags, Values
 
 TURNED = 1.0
 """[rad] After a turn by more, a bias of the accelerometer has turned round, and integration is not to be relied on."""
@@ -52,7 +52,7 @@ class WaistWalk(NamedTuple):
     told: dict[str, Any]
 
 
-def earlier(values: Values, rows: int) -> Values:
+def earlier(values: AnyArray, rows: int) -> Array:
     """(K,) what was some rows before; the first rows are their own."""
     return jnp.concatenate([values[:rows], values[:-rows]])
 
