@@ -209,7 +209,7 @@ def test_what_cannot_be_used_is_refused_in_words(recording, message):
 
 def test_options_parameters_and_measures_that_are_none_are_refused():
     made = shank(strides=2)
-    with pytest.raises(ValueError, match="length must be one of filter, 3d, sl1, sl2, li; got 'long'"):
+    with pytest.raises(ValueError, match="length must be one of filter, 3d, sl1, sl2; got 'long'"):
         estimated(made, options=AnkleOptions(length="long"))
     with pytest.raises(ValueError, match="detector must be one of swings.*; got 'eye'"):
         estimated(made, options=AnkleOptions(detector="eye"))
