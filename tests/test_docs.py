@@ -133,7 +133,7 @@ def test_every_row_of_the_experiments_is_shown(site):
 
 
 @pytest.mark.release
-def test_the_command_line_is_what_help_says(site):
+def test_the_page_of_the_command_line_is_its_help(site):
     said = words(site / "command-line.html")
     for name in ("demo", "estimate", "simulate", "evaluate", "tune", "report", "datasets list", "datasets fetch"):
         assert f"Usage: jgait {name} " in said
@@ -159,7 +159,7 @@ def test_every_notebook_is_in_the_gallery(site, path):
 # --- what makes it ---
 
 
-def test_a_gallery_without_notebooks_is_a_page_that_says_so(tmp_path):
+def test_a_gallery_without_notebooks_is_a_page_that_states_it(tmp_path):
     gallery = hook("gallery")
     assert gallery.notebooks(tmp_path) == []
     assert "no notebook" in gallery.index({})
@@ -202,7 +202,7 @@ def test_sections_that_google_does_not_know_become_headings_and_numbered_text():
     assert named["Deviations from the paper"] == f"As seen:\n\n{put}"
 
 
-def test_a_record_says_its_defaults():
+def test_a_record_states_its_defaults():
     text = "One.\n\nAttributes:\n    a: first,\n        on two lines.\n    b: second.\n\nEnd."
     told = hook("docstring_sections").with_defaults(text, {"a": "0.5", "c": "1"})
     assert told == text.replace("two lines.", "two lines. Default: `0.5`.")

@@ -114,7 +114,7 @@ def test_masked_strides_are_left_out():
         (lambda imu: imu._replace(gyr=imu.gyr * 0, acc=imu.acc * 0 + 5), "the foot stands 1 times"),
     ],
 )
-def test_no_strides_is_said_and_why(change, message):
+def test_a_walk_without_strides_is_reported_with_the_reason(change, message):
     with pytest.raises(ValueError, match=message):
         foot_path(change(foot([1.0])), RATE)
 

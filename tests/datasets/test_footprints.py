@@ -76,7 +76,7 @@ def test_axes_footprints_and_distance(folder):
     assert walk.info["speed"] == pytest.approx(2.9 / 3.0)
 
 
-def test_what_is_missing_is_said(folder):
+def test_missing_files_are_reported(folder):
     (folder / "own" / f"{NAME}.mat").unlink()
     write(folder, "SensorConnectData_78", pyshoeTrajectory=None)
     csv(folder, "SensorConnectData_78").unlink()
@@ -192,7 +192,7 @@ def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
 
 
 @real
-def test_the_publisher_s_trajectory_is_seen_from_above_too(walk):
+def test_the_publisher_s_trajectory_is_not_mirrored(walk):
     there, plan = walk.info["publisher_trajectory"], walk.info["footprints"]["position"]
     off = there[walk.info["footprints"]["samples"]] - plan * np.array([[[1, 1]], [[1, -1]]])
     as_it_is, mirrored = np.sqrt(np.mean(np.sum(off**2, axis=2), axis=1))

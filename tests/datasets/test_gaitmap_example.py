@@ -105,7 +105,7 @@ def test_strides_from_the_markers(folder, monkeypatch):
     np.testing.assert_allclose(walk.info["mocap"]["left"]["heel"], heel("left", walk.info["mocap_time"]), atol=1e-9)
 
 
-def test_what_is_missing_is_said(folder, monkeypatch):
+def test_missing_files_are_reported(folder, monkeypatch):
     written(folder, monkeypatch)
     (folder / "stride_events_sample.csv").unlink()
     walk = datasets.load("gaitmap_example", ["imu_sample"])[0]

@@ -237,7 +237,7 @@ def walks():
 
 
 @real
-def test_axes_of_the_back_are_as_said(walks):
+def test_axes_of_the_back_are_as_stated(walks):
     for walk in walks:
         imu, info = walk.recording.sensors["lower_back"], walk.info
         contacts = np.rint(info["initial_contacts"] * 100).astype(int)

@@ -223,7 +223,7 @@ def walks():
 
 
 @real
-def test_axes_are_as_said(walks):
+def test_axes_are_as_stated(walks):
     for walk in walks:
         imu, info = walk.recording.sensors["lower_back"], walk.info
         if info["straight"] and walk.reference is not None:  # on the circuit people bend down, too
@@ -234,7 +234,7 @@ def test_axes_are_as_said(walks):
 
 
 @real
-def test_turns_to_the_left_are_positive_as_the_gyroscope_says(walks):
+def test_turns_to_the_left_are_positive_as_in_the_gyroscope(walks):
     seen = []
     for walk in walks:
         if walk.info["reference_system"] != "Stereophoto":

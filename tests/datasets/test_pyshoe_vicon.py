@@ -94,7 +94,7 @@ def test_what_vicon_lost_is_masked(folder):
     assert walk.reference.valid[walk.info["footprints"]["samples"]].all()
 
 
-def test_a_foot_that_is_never_seen_has_no_footprints(folder):
+def test_a_foot_without_markers_has_no_footprints(folder):
     walk = loaded(folder, gt=np.full((SAMPLES, 3), np.nan))
     assert not walk.reference.valid.any() and len(walk.info["footprints"]["samples"]) == 0
     assert walk.reference.strides.valid.size == 0

@@ -68,7 +68,7 @@ def test_an_address_elsewhere():
 @pytest.mark.parametrize(
     "name", ["neura_sparse", "walking5m", "footprints", "pyshoe_vicon", "xio_gait", "ipol_gait", "mobgap_lab"]
 )
-def test_nothing_there_says_how_to_get_it(empty, monkeypatch, name):
+def test_an_absent_set_states_how_to_get_it(empty, monkeypatch, name):
     assert not datasets.available(name)
     assert set(datasets.missing(name)) == set(datasets.info(name).files)
     with pytest.raises(datasets.DatasetUnavailable, match=f"'{name}' is not there: JGAIT_DATA_DIR is not set.*fetch"):

@@ -113,7 +113,7 @@ def test_zebris_and_the_belt(folder):
     assert np.all(reference.distance[: start + 1] == 0) and np.all(np.diff(reference.distance)[steady[1] :] == 0)
 
 
-def test_the_person_when_upstream_tells(folder, root):
+def test_the_person_when_upstream_states_it(folder, root):
     (root / "MetaInfo.csv").write_text(
         "Subject Alias;Leg length (cm);PWS (km/h);PWS+20 (km/h);PWS-20 (km/h)\nAB;82,5;4,5;5,4;3,6\nCD;90;4;5;3\n"
     )
@@ -136,7 +136,7 @@ def test_optogaits_strides_and_clock(folder):
         assert 85 <= kept.sum() <= 91 and not kept[:8].any() and not kept[-1]
 
 
-def test_what_is_missing_is_said(folder):
+def test_missing_files_are_reported(folder):
     (folder / "OptoGait" / "optogait.csv").unlink()
     (folder / "Zebris" / "gait_report" / "parameters.csv").unlink()
     (folder / "IMU" / "SA.csv").unlink()
@@ -209,7 +209,7 @@ def test_the_known_person_walks_at_the_published_speeds(walks):
 
 
 @real
-def test_steady_is_steady_and_the_axes_are_as_said(walks):
+def test_steady_is_steady_and_the_axes_are_as_stated(walks):
     for walk in walks:
         first, last = walk.info["windows"]["steady"]
         for side, sign in (("right", 1), ("left", -1)):

@@ -114,7 +114,7 @@ def foot_strides(count, **more):
                    np.ones(count, bool), standing=at + 0.4, standing_end=at + 1.4, **more)  # fmt: skip
 
 
-def test_what_both_say_of_a_stride_is_compared_and_nothing_else():
+def test_only_values_of_a_stride_that_both_have_are_compared():
     time = np.arange(0.0, 9.0, 0.01)
     bare = Estimate(time, Legs(None, None), None, None, time >= 0.0, {})
     spread = np.array([0.02, 0.02, 0.02, 0.0, 0.02])
@@ -397,7 +397,7 @@ def test_walks_without_a_reference_have_estimates_and_no_errors():
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_refusals_say_what_was_wrong():
+def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match="item 2 is a second 'walk_001'"):
         evaluate.cohort(FAKE, [walk(1), walk(2), walk(1)])
     with pytest.raises(TypeError, match="items must be walks, or come with read=; item 0 is str"):

@@ -129,7 +129,7 @@ def test_masked_samples_are_no_part_of_any_pair():
     assert rows.n.tolist() == [mask.all(axis=1).sum()] * 2
 
 
-def test_a_lag_that_no_two_samples_are_apart_says_nothing():
+def test_a_lag_that_no_two_samples_are_apart_has_no_correlation():
     every_third = np.arange(300) % 3 == 0
     rate = []
     for seed in range(100):
@@ -170,7 +170,7 @@ def test_errors_by_covariance_and_by_stddev():
     assert left.mean == pytest.approx(np.sum((error[5:29] / spread[5:29]) ** 2) / 48)
 
 
-def test_refusals_say_what_was_wrong():
+def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match=r"got \(3,\) and \(2,\)"):
         evaluate.nis_consistency([1.0, 2.0, 3.0], [1, 1])
     with pytest.raises(ValueError, match="no step of nis counts"):

@@ -78,7 +78,7 @@ def test_distance_error_is_estimate_minus_reference_over_the_common_time():
     assert error.rmse == pytest.approx(np.sqrt(np.mean(ramp**2)), rel=1e-9)
 
 
-def test_refusals_say_what_was_wrong():
+def test_refusals_state_what_was_wrong():
     late = walk(TIME + 100.0, distance=TIME)
     with pytest.raises(
         ValueError, match=r"no valid time in common; the estimate spans 100 to 103\.99 s, the reference 0"

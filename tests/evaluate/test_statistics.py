@@ -57,7 +57,7 @@ def test_one_row_a_subject_makes_the_cluster_bootstrap_the_plain_one():
     assert clustered == evaluate.bootstrap_interval(values, seed=5, resamples=300)
 
 
-def test_strides_that_say_the_same_add_no_certainty():
+def test_equal_strides_do_not_narrow_the_interval():
     one = pd.DataFrame({"subject": list("abcdefgh"), "value": np.arange(8.0)})
     often = pd.concat([one] * 50).sample(frac=1.0, random_state=0)
     mean = {"statistic": lambda rows: rows["value"].mean(), "seed": 0, "resamples": 500}
@@ -275,7 +275,7 @@ def test_quantities_are_chosen_and_do_not_touch_each_other():
     pd.testing.assert_frame_equal(one, both.loc[["stride_width"]])
 
 
-def test_what_cannot_be_told_is_nan():
+def test_a_statistic_that_cannot_be_computed_is_nan():
     alone = evaluate.agreement(cohort([5]), resamples=20).iloc[0]
     assert (alone["n"], alone["n_subjects"]) == (5, 1)
     assert np.isfinite(alone[["bias", "rmse", "mae", "max_abs", "icc"]].astype(float)).all()
@@ -285,7 +285,7 @@ def test_what_cannot_be_told_is_nan():
     assert none[["bias", "mae", "icc", "max_abs"]].isna().all()
 
 
-def test_refusals_say_what_was_wrong():
+def test_refusals_state_what_was_wrong():
     table = cohort([2, 2])
     with pytest.raises(ValueError, match="no errors to summarise"):
         evaluate.summary([])

@@ -27,7 +27,7 @@ def test_longest_still_is_the_longer_end():
     assert 495 <= start <= 535 and end == 900
 
 
-def test_longest_still_says_none():
+def test_longest_still_is_none_where_nobody_stands():
     gyr = np.full((500, 3), 1.0)
     assert rest.longest_still(gyr, 100.0) is None
     assert rest.longest_still(np.zeros((20, 3)), 100.0) is None, "shorter than a window"

@@ -124,7 +124,7 @@ def test_supported_rates_find_the_same_strides(rate_hz):
         np.testing.assert_allclose(np.diff(found.end[np.flatnonzero(found.stride)])[:-1], PERIOD, atol=0.01)
 
 
-def test_axes_and_sign_are_told_from_the_walk():
+def test_axes_and_sign_are_computed_from_the_walk():
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn = turn * np.sign(np.linalg.det(turn))
     straight = shank_axes.functional_axes(worn(np.eye(3)))

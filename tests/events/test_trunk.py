@@ -97,7 +97,7 @@ def test_sides_hold_through_a_turn_and_a_contact_that_misleads(detect):
     np.testing.assert_array_equal(rows(detect("soft", (forward, upward, wrong))).side, LEFT)
 
 
-def test_a_step_that_was_not_seen_does_not_change_the_sides_after_it():
+def test_a_step_that_was_not_detected_does_not_change_the_sides_after_it():
     seen = np.delete(np.arange(STEPS), 5)
     yaw = trunk()[2]
     told = jax.jit(lambda *x: trunk_events.sides(x[0], RATE, *x[1:]))
@@ -186,7 +186,7 @@ def test_soft_contacts_have_the_gradient_of_differences():
     assert min(abs(float(g)) for g in ours) > 0.0  # everything can be learned
 
 
-def test_what_cannot_be_read_says_why():
+def test_a_trunk_signal_that_cannot_be_used_is_refused_with_the_reason():
     forward, upward, yaw = trunk()
     with pytest.raises(ValueError, match="between 25 and 400 Hz; got 20"):
         initial_contacts(forward, upward, yaw, 20.0)

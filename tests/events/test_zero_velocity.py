@@ -213,7 +213,7 @@ def test_gradients_are_finite_where_nothing_moves_and_where_nothing_was_measured
         ((3, 3), (3, 3), {}, r"a window of 11 samples needs more than 5 samples; got shape \(3,\)"),
     ],
 )
-def test_structural_errors_say_what_was_expected(gyr, acc, options, message):
+def test_structural_errors_state_what_was_expected(gyr, acc, options, message):
     with pytest.raises(ValueError, match=message):
         zv.zero_velocity(np.zeros(gyr), np.zeros(acc), RATE, **options)
 

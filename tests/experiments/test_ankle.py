@@ -47,7 +47,7 @@ def test_exchanged_sensors_are_noticed_without_their_names(data, parts):
     assert detect.f1([detect.score(leg, detect.strides_of(leg).end, half_steps=True) for leg in found]) == 1.0
 
 
-def test_the_lever_is_told_by_what_two_levers_make_of_strides(load_experiment):
+def test_the_lever_is_computed_from_strides_with_two_levers(load_experiment):
     ours = load_experiment("silva2017.lever")
     rng = np.random.default_rng(0)
     slope, true = rng.uniform(0.4, 0.6, (3, 40)), rng.uniform(1.0, 1.4, (3, 40))

@@ -80,7 +80,7 @@ def test_everyone_is_somebody_else_and_ways_differ(walks):
     assert alone.person == found[2].person and bool(alone.key == found[2].key)
 
 
-def test_what_is_told_of_quality(report, tables):
+def test_the_quality_that_is_reported(report, tables):
     rows = {row.metric: row.value for row in report.quality(tables, "here")}
     distance = tables.quantities.query("quantity == 'distance_m'")["rel_error"].abs()
     assert rows["distance_error_worst_pct"] == pytest.approx(100.0 * distance.max())

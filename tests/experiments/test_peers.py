@@ -55,7 +55,7 @@ def test_every_job_is_answered_with_its_own_arrays(peers, made_up):
     np.testing.assert_array_equal(found["left"]["product"], [[5.0]])
 
 
-def test_what_went_wrong_in_there_is_said(peers, made_up):
+def test_an_error_in_a_peer_s_environment_is_reported(peers, made_up):
     write(made_up, "raise ValueError('no numbers of this kind')")
     with pytest.raises(RuntimeError, match="fake_product failed in .venv-fake:(.|\n)*no numbers of this kind"):
         peers.run("fake_product", {"a": {"numbers": np.zeros(1)}})
@@ -73,7 +73,7 @@ def test_a_peer_that_is_absent_or_half_made_is_named_with_what_makes_it(peers, m
 # --- making the environments ---
 
 
-def test_every_peer_says_which_python_it_needs_and_is_pinned():
+def test_every_peer_states_which_python_it_needs_and_is_pinned():
     files = sorted((ROOT / "experiments" / "common" / "peers").glob("*.txt"))
     assert files
     for file in files:
@@ -206,7 +206,7 @@ def test_mobgap_finds_a_contact_for_every_step_of_a_made_walk(mobgap_found):
     assert not any(name.startswith("given") for name in mobgap_found["two"])
 
 
-def test_mobgap_tells_left_from_right_by_the_turning_of_the_trunk(mobgap_found):
+def test_mobgap_distinguishes_left_from_right_by_the_turning_of_the_trunk(mobgap_found):
     found = mobgap_found["whole"]
     sides = found["given_sides_mccamley"]
     # The trunk turns to the left, as the right leg swings forwards, when the right foot lands.

@@ -110,7 +110,7 @@ def test_windows_trim_and_lost_samples(gait):
     assert len(gait.figures(signals, RATE, [(0, 100)]).stride_time) == 0
 
 
-def test_a_sole_that_never_lets_go_tells_no_stance(gait):
+def test_a_sole_that_never_leaves_the_ground_has_no_stance(gait):
     signals, truth, windows = leg()
     stuck = gait.Truth(contact=np.ones_like(truth["contact"]))
     assert len(gait.figures(signals, RATE, windows, stuck).stance) == 0

@@ -110,7 +110,7 @@ def test_full_runs_replace_rows_and_others_leave_them(summary, made, tmp_path):
     assert "cohort: as before, for the run has none of them: gone" in told
 
 
-def test_the_command_writes_the_tables_and_says_when_they_are_old(summary, made, copied, capsys):
+def test_the_command_writes_the_tables_and_reports_old_ones(summary, made, copied, capsys):
     results = copied / "results"
     results.mkdir()
     (results / "cohort.json").write_text(run_of("cohort", [made("distance_error_worst_pct", 77.7, n=1234)]))

@@ -118,7 +118,7 @@ def close(ours: Any, theirs: Any, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("execution", ["fast", "dense", "square_root"])
-def test_a_filter_is_the_same_whether_errors_are_stated_or_found(execution):
+def test_a_filter_is_the_same_whether_errors_are_stated_or_derived(execution):
     w = walk(120)
     reference = filtered(FOUND, w, "dense")
     close(filtered(STATED, w, execution), reference, 1e-6)

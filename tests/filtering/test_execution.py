@@ -362,7 +362,7 @@ def test_compiled_for_wide_vectors_also_within_another_jit():
     assert float(jax.grad(lambda x: double(x, times=5))(2.0)) == 5.0
 
 
-def test_a_bare_array_is_told_what_to_be():
+def test_a_bare_array_is_refused_with_what_is_expected():
     c = case("bent")
     with pytest.raises(
         ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"

@@ -409,7 +409,7 @@ def negative_noise(p: Any, s: Pendulum, u: Any) -> Shadow:
     return Shadow(jnp.where(u.acceleration > 0.0, -10.0, 0.01))
 
 
-def test_a_broken_step_keeps_the_prediction_and_says_so():
+def test_a_broken_step_keeps_the_prediction_and_is_not_valid():
     model = PENDULUM._replace(observation_noise=negative_noise)
     control = Push(jnp.array([0.0, 1.0, 0.0]))
     keep = ("mean", "cov", "predicted_mean", "predicted_cov", "valid", "nis")

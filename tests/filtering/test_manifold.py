@@ -193,7 +193,7 @@ def test_the_charts_of_these_tests_are_inverse_to_each_other(tumble):
 
 
 @pytest.mark.parametrize("method", [EKF(), IteratedEKF(3), UKF(), CKF()], ids=str)
-def test_attitude_is_found_and_its_covariance_tells_the_error(tumble, method):
+def test_attitude_is_estimated_and_its_covariance_is_that_of_the_error(tumble, method):
     solve = jax.vmap(
         lambda seen, gyr: filtering.kalman_smoother(ATTITUDE, DIRECTION**2, seen, controls=gyr, dt=DT, method=method)
     )

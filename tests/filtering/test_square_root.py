@@ -273,7 +273,7 @@ def test_exactly_known_states_have_finite_gradients():
     assert float(slope) != 0.0
 
 
-def test_a_broken_step_keeps_the_belief_and_says_so():
+def test_a_broken_step_keeps_the_belief_and_is_not_valid():
     problem = recording()
     spoiled = problem.push.spoiled.at[1].set(30.0)
     whole = jax.tree.map(jnp.ones_like, problem.mask)

@@ -149,7 +149,7 @@ def test_arrays_have_w_first_and_come_back():
 @pytest.mark.parametrize(
     ("angle", "tolerance"), [(0.0, 1e-15), (1e-8, 1e-15), (1e-3, 1e-15), (1.0, 1e-13), (np.pi, 1e-7)]
 )
-def test_exponential_is_as_exact_as_it_says(angle, tolerance):
+def test_exponential_is_as_exact_as_stated(angle, tolerance):
     v = vectors(angle)
     q = exponential(split(v))
     same_turn(q, Quaternion(*Rotation.from_rotvec(v).as_quat(scalar_first=True).T), tolerance)

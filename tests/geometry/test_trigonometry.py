@@ -14,7 +14,7 @@ LIMITS = {
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_errors_are_what_they_are_said_to_be(kind):
+def test_errors_are_as_small_as_stated(kind):
     rng = np.random.default_rng(0)
     # As users compile it: beyond 1000 turns the error is that of rounding x only with fused multiply-adds.
     function = jax.jit(sincos, compiler_options={"xla_backend_optimization_level": 3})

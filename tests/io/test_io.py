@@ -55,7 +55,7 @@ def test_blank_lines_before_the_header(tmp_path):
     assert list(io.read_csv(path).sensors) == list(NEEDED)
 
 
-def test_milliseconds_are_told_by_their_size():
+def test_milliseconds_are_recognised_by_their_size():
     frame = table()
     frame["time"] = 57354700 + np.arange(600) * 10
     recording = read(frame)
@@ -97,7 +97,7 @@ def test_own_column_names_and_blanks():
     assert list(read(frame, columns={"Gx R": "thigh_right_gyr_x"}).sensors) == list(NEEDED)
 
 
-def test_other_columns_are_left_out_and_said_so():
+def test_other_columns_are_left_out_and_noted():
     frame = table().assign(button=0, mag_x=1.0)
     assert "columns left out: button, mag_x" in texts(read(frame).notes)
 

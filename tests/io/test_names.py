@@ -26,7 +26,7 @@ from jgait.types import RecordingError
         ("timestamp", "time"),
     ],
 )
-def test_words_are_told(name, known):
+def test_words_of_a_column_give_its_placement(name, known):
     assert column_of(name) == known
 
 
@@ -35,7 +35,7 @@ def test_words_are_told(name, known):
     ["", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X", "tigh_right_gyr_x",
      "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"],
 )  # fmt: skip
-def test_what_does_not_tell_is_not_told(name):
+def test_other_names_of_columns_have_no_placement(name):
     assert column_of(name) is None
 
 
@@ -45,7 +45,7 @@ def walking(names):
     return pd.DataFrame({name: 200.0 * np.sin(6.0 * time + k) for k, name in enumerate(names)}).assign(time=time)
 
 
-def test_what_was_told_is_noted():
+def test_placements_taken_from_names_are_noted():
     recording = io.recording_from_dataframe(walking(["Gyro Shank R X", "Gyro Shank R Y", "Gyro Shank R Z", "Mag X"]))
     assert list(recording.sensors) == ["shank_right"]
     (told,) = (note for note in texts(recording.notes) if "recognised by their names" in note)
@@ -53,7 +53,7 @@ def test_what_was_told_is_noted():
     assert "columns left out: Mag X" in texts(recording.notes)
 
 
-def test_two_columns_that_say_the_same_are_told_by_neither():
+def test_two_columns_with_the_same_words_have_no_placement():
     with pytest.raises(RecordingError, match="lacks shank_right_gyr_x"):
         io.recording_from_dataframe(
             walking(["Gyro Shank R X", "Gyr Shank R X", "Gyro Shank R Y", "Gyro Shank R Z"]), needs=("shank_right",)

@@ -105,7 +105,7 @@ def test_before_and_after_are_joined_and_the_worse_are_dashed(tmp_path):
     assert plot.save(figure, tmp_path / "figure.png").stat().st_size > 10_000
 
 
-def test_refusals_say_what_was_wrong():
+def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match=r"quantity must be among \['length'\]; got 'width'"):
         cohort.bland_altman(table(), "width")
     with pytest.raises(ValueError, match=r"\['quantity'\] missing"):

@@ -45,7 +45,7 @@ def test_distances_between_the_feet_with_their_deviations(apart, tmp_path):
     assert len(part.axes) == 2 and part.axes[0].lines[0].get_xdata().max() <= 3.0
 
 
-def test_feet_that_say_nothing_of_each_other_are_refused(apart):
+def test_feet_without_a_common_world_are_refused(apart):
     with pytest.raises(ValueError, match="has no z1 and z2"):
         plot.feet_apart(apart._replace(diagnostics={}))
     with pytest.raises(ValueError, match="has no z1 and z2"):

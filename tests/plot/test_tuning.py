@@ -85,7 +85,7 @@ def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths, tmp_path):
     plot.save(figure, tmp_path / "profile.png")
 
 
-def test_a_flat_profile_says_so(lengths, tmp_path):
+def test_a_flat_profile_is_reported(lengths, tmp_path):
     free = Leg(positive, positive, fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
     figure = plot_tuning.profile(found)

@@ -173,7 +173,7 @@ def feet():
     return report.of_estimate(walking_feet(), recording("foot_right", "foot_left"))
 
 
-def test_feet_say_which_widths_and_half_strides_do_not_count(feet):
+def test_a_page_of_feet_states_which_widths_and_half_strides_do_not_count(feet):
     page = feet
     found = strides.strides_of(walking_feet())
     assert list(np.flatnonzero(found.marks["half"])) == [5] and list(np.flatnonzero(found.marks["width"])) == [1]
@@ -407,7 +407,7 @@ def test_one_recording_from_the_command_line(walk_file, tmp_path, monkeypatch):
     assert str(tmp_path) not in text and "walk.csv" in text
 
 
-def test_what_is_not_given_of_a_person_is_said():
+def test_a_missing_measure_of_a_person_is_noted():
     ankle = chosen("ankle_stride", False, None, {})
     _, missing = ankle.personal({})
     assert len(missing) == 1 and missing[0].text.startswith(
@@ -446,7 +446,7 @@ def test_bad_usage(walk_file, tmp_path, monkeypatch, words, expected):
     assert not list(tmp_path.glob("*.html"))
 
 
-def test_a_table_of_recordings_is_told_from_a_recording(tmp_path):
+def test_a_table_of_recordings_is_distinguished_from_a_recording(tmp_path):
     for text, expected in (
         ("file;subject\na.csv;x", True),
         ('"File",subject', True),

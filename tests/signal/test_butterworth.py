@@ -61,7 +61,7 @@ def test_float32_stays_float32_and_close():
     np.testing.assert_allclose(single, butterworth.low_pass_both_ways(X, 4.0, RATE), atol=2e-4)
 
 
-def test_what_cannot_be_filtered_says_why():
+def test_a_signal_that_cannot_be_filtered_is_refused_with_the_reason():
     with pytest.raises(ValueError, match="half the sampling rate of 100 Hz; got 60"):
         butterworth.low_pass(X, 60.0, RATE)
     with pytest.raises(ValueError, match="order must be 2, 4, 6"):

@@ -120,7 +120,7 @@ def test_padding_is_symmetric_and_takes_turns_when_short(samples):
     assert before == more // 2
 
 
-def test_what_cannot_be_transformed_says_why():
+def test_a_signal_that_cannot_be_transformed_is_refused_with_the_reason():
     with pytest.raises(ValueError, match="3 levels need a multiple of 8 samples along the first axis; got 1023"):
         wavelet.transform(X[:1023], "db5", 3)
     with pytest.raises(ValueError, match="got 'morl'"):

@@ -133,7 +133,7 @@ def test_a_route_shorter_than_half_a_step_is_refused(people):
         simulate.fitted(jax.random.key(0), simulate.person_of(people, 0), simulate.straight(0.2))
 
 
-def test_a_cohort_walks_the_route_and_says_so(cohort):
+def test_a_cohort_walks_the_route_and_its_truth_states_it(cohort):
     assert [recording.name for recording, _ in cohort] == ["subject_0001", "subject_0002", "subject_0003"]
     for recording, truth in cohort:
         time = truth.estimate.time

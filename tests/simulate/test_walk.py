@@ -130,7 +130,7 @@ def test_integrating_a_sensor_returns_the_truth():
     assert fine.max() < coarse.max() / 4.0
 
 
-def test_the_truth_says_what_was_asked_for(walked):
+def test_the_truth_is_the_walk_that_was_asked_for(walked):
     who, recording, truth = walked
     assert truth.estimate.distance[-1] == pytest.approx(8 * 0.5 * who.gait.stride_length, rel=0.05)
     rows = truth.strides

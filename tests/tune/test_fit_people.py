@@ -273,7 +273,7 @@ def test_an_optimiser_that_is_none_is_refused():
         tune.fit(bowl, Spot(0.0), Spot(real), np.ones(2), "adam")
 
 
-def test_validation_that_cannot_be_computed_is_said_to_be_that():
+def test_validation_that_cannot_be_computed_is_reported():
     data = np.array([1.0, 2.0, np.nan])
     with pytest.raises(ValueError, match="the loss of the validation items is not finite"):
         tune.fit(bowl, Spot(0.0), Spot(real), data, optax.sgd(0.1), steps=3, validation=np.isnan(data))

@@ -68,7 +68,7 @@ def test_a_linear_model_gets_the_covariance_of_least_squares(gradient):
     )
 
 
-def test_off_the_optimum_it_says_how_far():
+def test_the_distance_from_the_optimum_is_reported():
     x, y, best = regression()
     off = np.array([0.1, 0.2, -0.3])
     found = identifiability(straight, best._replace(coefficients=best.coefficients + off), LINE, (x, y))
@@ -210,7 +210,7 @@ def test_what_the_loss_never_sees_is_infinite_and_correlated_with_nothing():
     assert blind.stderr[1] == pytest.approx(found.stderr[1])
 
 
-def test_a_weak_parameter_is_told_as_a_factor():
+def test_a_weak_parameter_is_reported_as_a_factor():
     def loss(params, item):
         return difference(params, item) + 0.5 * (jnp.log(params.rollover_radius) / 60.0) ** 2
 
@@ -238,7 +238,7 @@ def test_a_saddle_is_called_no_minimum():
     assert not found.table().isna().any().any()
 
 
-def test_curvature_that_is_not_finite_is_said_and_no_nan_reaches_the_table():
+def test_curvature_that_is_not_finite_is_reported_and_no_nan_reaches_the_table():
     def loss(params, item):
         return item * (params.a1**2 + jnp.abs(params.rollover_radius) ** 1.5)
 

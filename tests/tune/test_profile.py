@@ -87,7 +87,7 @@ def test_a_profile_through_a_transform_has_its_ends_in_natural_units():
     close(found.rises, (np.log(found.values) - 0.3) ** 2)
 
 
-def test_a_flat_profile_says_so():
+def test_a_flat_profile_is_reported():
     found = profile(
         product, Pair(1.5, 0.8), Pair(positive, positive), np.linspace(0.2, 2.2, 41), "a1",
         [0.5, 1.0, 2.0, 3.0], optax.adam(0.05), steps=300,

@@ -94,7 +94,7 @@ def test_a_sensor_at_the_ankle_has_a_lever_of_its_own():
     np.testing.assert_allclose(strides.length[:4], made.length, atol=MILLIMETRE)
 
 
-def test_a_bias_that_was_not_read_at_rest_is_found():
+def test_a_bias_that_was_not_measured_at_rest_is_estimated():
     made = shank(bias=(0.02, 0.02, 0.0), strides=4)
     unread = ready(made, options=AnkleOptions(standing=False))
     assert unread.right.still_time == 0.0
@@ -120,7 +120,7 @@ def test_standing_alone_is_an_empty_table():
     assert "shank_right does not walk" in texts(estimate.diagnostics["notes"])
 
 
-def test_lost_samples_and_clipped_swings_are_told():
+def test_lost_samples_and_clipped_swings_are_noted():
     made = shank(seed=2)
     imu = made.recording.sensors["shank_right"]
     mask = imu.mask.copy()

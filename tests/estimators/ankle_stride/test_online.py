@@ -165,7 +165,7 @@ def test_what_cannot_be_had_online_is_refused(calibrated, options, message):
         ankle_online.begin(P, calibrated, np.zeros(3), np.array([0.0, 0.0, 9.8]), options)
 
 
-def test_a_recording_that_tells_nothing_is_refused():
+def test_a_recording_without_a_walk_of_that_leg_is_refused():
     made = shank(strides=2)
     with pytest.raises(ValueError, match="side must be 'right' or 'left'; got 'middle'"):
         ankle_online.worn(P, made.recording, "middle")

@@ -130,7 +130,7 @@ def test_the_noise_over_two_intervals_is_that_of_each(number):
     assert np.linalg.eigvalsh(scale[:, None] * once * scale[None, :]).min() > 1e-3
 
 
-def test_a_swinging_link_is_what_the_observation_says():
+def test_the_observation_is_that_of_a_swinging_link():
     """Position, velocity and specific force of both sensors from the angles by autodiff alone."""
 
     def thigh(t):

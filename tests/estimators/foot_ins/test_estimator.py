@@ -94,7 +94,7 @@ def test_a_foot_that_rolls_over_the_ground_needs_the_pivot():
     assert errors[0.08] < 0.5 * errors[0.0]
 
 
-def test_level_ground_can_be_told_to_the_filter():
+def test_the_filter_can_take_the_ground_as_level():
     made = foot(strides=6, seed=2)
     strides = estimated(made, options=FootOptions(level=True)).strides
     np.testing.assert_allclose(strides.height, 0.0, atol=1e-4)

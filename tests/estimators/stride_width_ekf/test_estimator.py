@@ -130,7 +130,7 @@ def test_without_a_range_the_width_is_flagged_and_its_deviation_grows(truth, wal
 
 
 @pytest.mark.parametrize(("hz", "noise"), [(128.0, 0.005), (30.0, 0.002)])
-def test_a_range_heard_all_round_counts_where_the_feet_are_nearest(truth, walk, hz, noise):
+def test_of_a_range_at_all_times_only_the_nearest_readings_count(truth, walk, hz, noise):
     """The distance between the feet is not across the walk but when they pass."""
     times = np.arange(truth.time[0], truth.time[-1], 1.0 / hz)
     right, left = (np.stack([np.interp(times, truth.time, place[:, i]) for i in (0, 1)], axis=1)

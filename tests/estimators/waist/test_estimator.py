@@ -87,7 +87,7 @@ MOUNTS = {
 
 
 @pytest.mark.parametrize("name", MOUNTS)
-def test_mounting_changes_nothing_and_is_told(straight, name):
+def test_mounting_changes_nothing_and_is_noted(straight, name):
     made, plain = straight
     mount, says = MOUNTS[name]
     told = estimated(turned(made.recording, mount))
@@ -109,7 +109,7 @@ def test_a_left_handed_triad_is_noticed(straight, axis):
     np.testing.assert_allclose(told.distance, plain.distance, atol=1e-6)
 
 
-def test_a_turn_is_told_and_shakes_the_trust_in_integration(bent):
+def test_a_turn_is_flagged_and_makes_integration_less_certain(bent):
     made, estimate = bent
     contacts_agree(made, estimate)
     np.testing.assert_allclose(estimate.distance[-1], made.distance, rtol=0.05)
@@ -122,7 +122,7 @@ def test_a_turn_is_told_and_shakes_the_trust_in_integration(bent):
     assert estimate.strides_stddev.length[flags["turning"]].min() > 1.02 * estimate.strides_stddev.length[4]
 
 
-def test_a_walk_that_does_not_begin_from_standing_says_so(straight):
+def test_a_walk_that_does_not_begin_from_standing_is_noted(straight):
     made, whole = straight
     told = estimated(cut(made.recording, 5.0))
     assert "bout 1 of 1, from 5.3 s, does not begin from standing" in notes(told)

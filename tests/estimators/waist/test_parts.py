@@ -66,7 +66,7 @@ def test_of_the_pendulum_alone_the_way_is_the_sum_of_its_steps(walked):
     np.testing.assert_allclose(told.mean.speed[last + 1 :], MODEL.start_speed, atol=1e-6)
 
 
-def test_standing_before_and_behind_tells_the_accelerometers_bias(walked):
+def test_standing_before_and_after_gives_the_bias_of_the_accelerometer(walked):
     """Speed is a triangle; the accelerometer reads 0.05 m/s² too much, and there is no pendulum."""
     bias, count = 0.05, ROWS - 1
     speed = np.minimum(np.arange(ROWS), count - np.arange(ROWS)) * 0.3
@@ -108,7 +108,7 @@ def trunk():
     return told
 
 
-def test_gravity_tells_a_constant_tilt(trunk):
+def test_gravity_gives_a_constant_tilt(trunk):
     tilt = np.deg2rad(10.0)
     acc = np.tile(GRAVITY * np.array([np.sin(tilt), 0.0, np.cos(tilt)]), (SAMPLES, 1))
     told = trunk(np.zeros((SAMPLES, 3)), acc, 1e-6)

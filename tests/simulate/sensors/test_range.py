@@ -44,7 +44,7 @@ def test_single_precision_pings_at_the_same_samples():
 
 
 @pytest.mark.parametrize("ranging", [PLAIN, Ranging(half_angle=0.7), Ranging(half_angle=1.2, facing_half_angle=0.4)])
-def test_only_a_foot_in_view_is_heard(ranging):
+def test_only_a_foot_in_view_has_a_range(ranging):
     readings = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ranging._replace(rate_hz=1e3))
     angle = np.arctan2(np.abs(2.0 * np.asarray(X)), 0.18)
     np.testing.assert_array_equal(readings.mask, angle <= min(ranging.half_angle, ranging.facing_half_angle))
@@ -54,13 +54,13 @@ def test_only_a_foot_in_view_is_heard(ranging):
     assert np.all(np.asarray(readings.distance)[~heard] == 0.0)
 
 
-def test_nobody_is_heard_behind_the_sensor():
+def test_behind_the_sensor_there_is_no_range():
     assert not bool(read(KEY, TIME, SENDER, RECEIVER, LEFT, LEFT, PLAIN._replace(rate_hz=1e3)).mask.any())
     facing = PLAIN._replace(rate_hz=1e3, facing_half_angle=1.0)
     assert not bool(read(KEY, TIME, SENDER, RECEIVER, RIGHT, RIGHT, facing).mask.any())
 
 
-def test_too_near_and_too_far_are_not_heard():
+def test_a_foot_too_near_or_too_far_has_no_range():
     mask = read(KEY, TIME, SENDER, RECEIVER, RIGHT, LEFT, ALWAYS._replace(min_distance=0.3, max_distance=0.9)).mask
     np.testing.assert_array_equal(mask, (DISTANCE >= 0.3) & (DISTANCE <= 0.9))
     here = read(KEY, TIME, SENDER, SENDER, RIGHT, LEFT, ALWAYS)
