@@ -48,6 +48,9 @@ def _rows(table: "pd.DataFrame", quantity: str, by: str) -> "pd.DataFrame":
 APART = 0.11
 """Of the height of the axis: two labels of two lines nearer than this would lie over each other."""
 
+SMALLEST = 1e-6
+"""Half of the height of an agreement figure is at least this share of the largest mean."""
+
 
 def bland_altman(
     table: "pd.DataFrame",
@@ -84,9 +87,11 @@ def bland_altman(
     mean, difference = (estimate + reference) / 2.0, estimate - reference
     figure, axes = blank(1, 1, 7.0, 4.2)
     axis = axes[0, 0]
-    _limits(axis, limits, level, unit)
     ends = np.array([difference.min(), limits.lower_low, difference.max(), limits.upper_high])
-    axis.set_ylim(ends[:2].min() - 0.04 * np.ptp(ends), ends[2:].max() + 0.04 * np.ptp(ends))
+    # differences that are rounding errors are drawn over axes that still have a height
+    room = max(0.04 * np.ptp(ends), SMALLEST * np.abs(mean).max(), np.finfo(float).tiny)
+    axis.set_ylim(ends[:2].min() - room, ends[2:].max() + room)
+    _limits(axis, limits, level, unit)
     size = 26.0 if len(rows) < 300 else 12.0
     if subjects and count <= FEW:
         names = rows[by].drop_duplicates()
