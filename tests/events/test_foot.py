@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from made.foot import foot
+from made.trunk import rotation
 
 from jgait import datasets
 from jgait.datasets.one_foot import SHORTEST
@@ -10,11 +11,6 @@ from jgait.events import foot as events
 def found(made, **changes):
     imu = next(iter(made.recording.sensors.values()))
     return events.stances(imu.gyr, imu.acc, made.recording.sampling_rate_hz, **changes)
-
-
-def rotation():
-    q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    return q * np.sign(np.linalg.det(q))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made.notes import texts
 from made.shank import shank
+from made.trunk import rotation
 
 from jgait import estimators
 from jgait.estimators import ankle_stride
@@ -22,11 +23,6 @@ RUN = jax.jit(ankle_stride.run, static_argnames=("options",))
 
 def estimated(made, p=P, options=ankle_stride.DEFAULT):
     return ankle_stride.estimate(p, made.recording, options)
-
-
-def rotation(seed=3):
-    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return q * np.sign(np.linalg.det(q))
 
 
 def ready(made, samples=1024, options=ankle_stride.DEFAULT):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from made.foot import foot
 from made.notes import texts
+from made.trunk import rotation
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
@@ -19,11 +20,6 @@ MILLIMETRE = 1e-3
 
 def estimated(made, p=STILL, options=foot_ins.DEFAULT):
     return foot_ins.estimate(p, made.recording, options)
-
-
-def rotation(seed=3):
-    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return q * np.sign(np.linalg.det(q))
 
 
 @pytest.fixture(scope="module")
