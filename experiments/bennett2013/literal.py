@@ -12,7 +12,7 @@ from jgait.filtering import Covariance
 
 
 def transition(params: LegModelParams, state: LegState, control: LegControl, dt: Any) -> LegState:
-    """`leg_model.transition` with element C as printed, −a₁ sin θ₁ + a₂ sin(θ₁+θ₂), no derivative of equation 3."""
+    """`leg_ekf.model.transition` with element C as printed, −a₁ sin θ₁ + a₂ sin(θ₁+θ₂), no derivative of equation 3."""
     shin = state.thigh_angle + state.knee_angle
     c = -params.thigh_length * jnp.sin(state.thigh_angle) + params.shank_length * jnp.sin(shin)
     shank_cos = params.shank_length * jnp.cos(shin)

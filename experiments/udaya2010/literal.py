@@ -235,7 +235,7 @@ def _filtered(
 
 
 def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions) -> DutyEstimate:
-    """The printed filters over a recording; arguments and returns as of `duty_model.run`.
+    """The printed filters over a recording; arguments and returns as of `duty_cycled_gyro.model.run`.
 
     The shin's needs both sensors; a shank worn alone is filtered as a thigh.
     """

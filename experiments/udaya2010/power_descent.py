@@ -82,7 +82,8 @@ class Free(NamedTuple):
 
 
 def distances(apart: Array, p: Neighbours, dt: Any) -> Array:
-    """Distances q of `gap_neighbours` between the histories of all samples, from square differences of signals.
+    """Distances q of `duty_cycle.fillers.neighbours` between the histories of all samples, from square differences of
+    signals.
 
     Args:
         apart: (g, T, T) of the accelerometer alone, or of it, the thigh's rate and the thigh's accelerometer.

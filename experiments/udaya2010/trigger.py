@@ -1,6 +1,6 @@
 r"""Waking a gyroscope when the filler's own predicted error is worth the energy; causal.
 
-`gap_neighbours` fills the gaps. Beside each rate its error is predicted, now and for the stride to come,
+`duty_cycle.fillers.neighbours` fills the gaps. Beside each rate its error is predicted, now and for the stride to come,
 
     e²_{t,k} = s_t ρ(φ_t + k/P) + c_v g_t v_t e^{−k/τ_v} + c_x x_t e^{−k/τ_x}
 

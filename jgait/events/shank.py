@@ -1,7 +1,8 @@
 r"""Strides told from one gyroscope at the ankle or on the shank: a state machine, and a detector of swings.
 
-Both take the sagittal rate with the forward swing *negative* (see `shank_axes`) and are a `lax.scan` of a step that a
-device can call at each sample with the same result, in constant memory; both map over recordings. An event is known at
+Both take the sagittal rate with the forward swing *negative* (see `mounting.shank`) and are a `lax.scan` of a step
+that a device can call at each sample with the same result, in constant memory; both map over recordings. An event is
+known at
 the sample at which it is `found`; its times are those of the motion, the filter's delay removed, and lie between
 samples where the rate crosses zero.
 

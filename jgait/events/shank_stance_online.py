@@ -1,7 +1,8 @@
 r"""When the ankle stands, told while the person walks: the valley of the stance rate, in constant memory.
 
-`shank_stance` looks at the whole time between two swings. Here the least rate since the swing is kept, anew after each
-greatest one while the foot comes down (`landing` samples); once it has then stayed the least for `hold` samples, it was
+`events.shank_stance` looks at the whole time between two swings. Here the least rate since the swing is kept, anew
+after each greatest one while the foot comes down (`landing` samples); once it has then stayed the least for `hold`
+samples, it was
 the valley. What comes between push-off and the swing does not count. A step of a `lax.scan`, for a device at each
 sample.
 """
@@ -34,7 +35,7 @@ class StanceSearch(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """What a detector of `shank_events` says at the sample.
+    """What a detector of `events.shank` says at the sample.
 
     Attributes:
         over: bool, a swing was found to be over.

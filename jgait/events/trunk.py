@@ -5,9 +5,9 @@ Three detectors share coarse instants, arguments and result, and differ in what 
 - `PaperRule`: between the greatest forward acceleration, rebuilt from its wavelet details, and the first negative
   local minimum of the upward one after it.
 - `Peaks`: a constant after the peak of the forward acceleration, low-passed near the step frequency.
-- `Soft` (the default): a soft argmax over both accelerations' rates of change; see `trunk_contacts_soft`.
+- `Soft` (the default): a soft argmax over both accelerations' rates of change; see `events.trunk_soft`.
 
-Coarse instants come from `trunk_rhythm`; they are decisions, without gradient.
+Coarse instants come from `events.trunk_rhythm`; they are decisions, without gradient.
 
 Sides: from a right contact to the next the right foot alone carries the trunk, stands right of it, and accelerates it
 to the left; a left foot to the right. The part of the leftward acceleration that alternates from step to step is

@@ -56,7 +56,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     """Forward, left and up in a sensor's axes, from how it was thrown while walking.
 
     Args:
-        imu: sensor on the trunk [m/s²], without lost samples (see `shank_axes.filled`).
+        imu: sensor on the trunk [m/s²], without lost samples (see `mounting.shank.filled`).
         sampling_rate_hz: of its samples [Hz].
 
     Returns:

@@ -52,7 +52,7 @@ EVENTS: tuple[tuple[str, str, Style], ...] = (
     ("start", "swing begins", {"marker": "D", "color": BLUE}),
     ("end", "swing ends: a stride", {"marker": "v", "color": RED}),
 )
-"""Field of `shank_events.ShankEvents`, what it is, and its mark."""
+"""Field of `events.shank.ShankEvents`, what it is, and its mark."""
 
 SHOWN_S = 4.0
 """[s] About the middle stride, if no window is given."""
@@ -67,8 +67,8 @@ class Machine(NamedTuple):
     Attributes:
         time: of the filtered samples [s].
         rate: filtered sagittal rate [rad/s].
-        state: from the sample on, see `shank_events`.
-        found: what was found, `shank_events.ShankEvents`.
+        state: from the sample on, see `events.shank`.
+        found: what was found, `events.shank.ShankEvents`.
     """
 
     time: np.ndarray
@@ -90,7 +90,7 @@ def swing_states(
     Args:
         recording: with a sensor there.
         side: 'right' or 'left'; None: the first that is worn.
-        detector: settings; None: `shank_events.MACHINE`. `shank_events.PAPER` is the paper's.
+        detector: settings; None: `events.shank.MACHINE`. `events.shank.PAPER` is the paper's.
         seconds: from and to [s]; None: four seconds about the middle stride.
         title: above the figure.
 
@@ -213,7 +213,7 @@ def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tup
 def _phases(
     d: Detector, values: Array, time: Array, rate_hz: Scalar
 ) -> tuple[Array, Scalar, tuple[Array, ShankEvents]]:
-    """The machine as `shank_events.phases`: filtered rate, delay of the filter, and state and events at each sample."""
+    """The machine as `events.shank.phases`: filtered rate, delay of the filter, and state and events at each sample."""
     filtered = butterworth.low_pass(values, d.cutoff_hz, rate_hz)
 
     def one(state: ShankState, sample: tuple[Array, Array]) -> tuple[ShankState, tuple[Array, ShankEvents]]:

@@ -6,7 +6,8 @@ sensor's is ω × r. The lever r and the biases are states, so that the walk its
 each stance tells back into the swing before it.
 
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
-unit", 2017; equations in `ankle_model`, and those of the paper's own methods in `stride_length` and `shank_events`.
+unit", 2017; equations in `ankle_stride.model`, and those of the paper's own methods in `ankle_stride.length` and
+`events.shank`.
 
 Sensors:
     `ankle_right`, `ankle_left`, `shank_right` or `shank_left`, one or two of them on one clock, gyroscope and

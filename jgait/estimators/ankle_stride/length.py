@@ -2,7 +2,7 @@ r"""Stride lengths from one sensor at the ankle or on the shank, given its event
 
 Everything is a `lax.scan` from event to event in constant memory, and differentiable in leg length, gains, lever,
 sensor biases and cut-off; the events are given, and carry no gradient. Signals are in the axes of the segment
-(forward x, left y, up z, see `shank_axes`), so that the forward swing is a negative rate about y.
+(forward x, left y, up z, see `mounting.shank`), so that the forward swing is a negative rate about y.
 
 `pendulum`: the angle θ of the swing from toe-off to heel strike,
 

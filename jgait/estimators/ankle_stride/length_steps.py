@@ -1,4 +1,4 @@
-"""Stride lengths sample by sample: the steps that `stride_length` scans; their equations and sources stand there.
+"""Stride lengths sample by sample: the steps that `ankle_stride.length` scans; their equations and sources stand there.
 
 Each method is a function that begins and one that takes a sample, for a device that measures while one walks. Signals
 are in the axes of the segment: forward x, left y, up z.

@@ -2,7 +2,7 @@ r"""One sensor at the ankle or on the shank as a state-space model: strapdown, a
 
 State: the way of the *ankle* since the stride began, the sensor's velocity and attitude, what its gyroscope and
 accelerometer read too much, and the lever r from the ankle to the sensor, in the sensor's axes. All but the ankle moves
-as the foot's sensor does (`foot_model`, whose functions are used); the ankle is a lever away,
+as the foot's sensor does (`foot_ins.model`, whose functions are used); the ankle is a lever away,
 
     p' = p + Δp_sensor − (R' r − R r),        r' = r.
 

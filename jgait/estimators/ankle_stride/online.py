@@ -1,13 +1,14 @@
 r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts while the person walks.
 
-A sample goes through causal low-passes and a detector of `shank_events`, which tells when the shank has swung. After
-that the valley of the stance rate is looked for (`shank_valley`). The error-state filter runs a fixed lag behind, some
-0.26 s, so that the ankle's zero velocity is there for it all around a valley that is known only afterwards. Where it
+A sample goes through causal low-passes and a detector of `events.shank`, which tells when the shank has swung. After
+that the valley of the stance rate is looked for (`events.shank_stance_online`). The error-state filter runs a fixed
+lag behind, some 0.26 s, so that the ankle's zero velocity is there for it all around a valley that is known only
+afterwards. Where it
 has passed a valley, or while the person stands, a swing since the last such instant is a stride: its length, height
 and turn are known, with their deviations.
 
 What the host decides beforehand (axes, the gyroscope's bias at rest, the placement, the sampling rate) comes from a
-recording of a walk through `ankle_calibration.prepare`; what follows needs a few hundred numbers of memory for ever.
+recording of a walk through `ankle_stride.prepare.prepare`; what follows needs a few hundred numbers of memory for ever.
 
 Deviations from `ankle_stride` without smoothing, which integrates signals filtered both ways and knows the whole walk:
     1. Signals are filtered causally, at the same cut-off; times have the delay removed.

@@ -40,7 +40,7 @@ class AnkleOnlineState(NamedTuple):
         detector: of swings.
         jumps: (n, 2) changes of the last readings.
         history: (lag, 11) what was filtered since the filter's sample, a ring.
-        valley: the search for it, see `shank_valley`.
+        valley: the search for it, see `events.shank_stance_online`.
         stood: sample of the last valley.
         slow: for how many samples the leg has turned slowly.
         swung: see `Swung`.
@@ -81,7 +81,7 @@ class Now(NamedTuple):
         stride: bool, a stride has become known; the next three mean something only there.
         strides: the stride, its fields scalars; times count from the first sample [s].
         stddev: its standard deviations.
-        flags: of `ankle_strides.FLAGS` all but "clipped".
+        flags: of `ankle_stride.readout.FLAGS` all but "clipped".
         count: strides so far.
         distance: their way [m].
         stands: bool, the person stands still.

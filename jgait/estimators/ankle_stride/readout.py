@@ -1,4 +1,5 @@
-"""From the ankle's filter, or a method of `stride_length`, to strides and their flags; JAX, smooth given the events."""
+"""From the ankle's filter, or a method of `ankle_stride.length`, to strides and their flags; JAX, smooth given the
+events."""
 
 from typing import Any, NamedTuple
 
@@ -105,7 +106,7 @@ def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there:
 def by_method(
     p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, side: int, method: str
 ) -> tuple[Strides, dict[str, Values]]:
-    """Strides of one leg by a method of `stride_length`, and flags.
+    """Strides of one leg by a method of `ankle_stride.length`, and flags.
 
     Args:
         p: parameters.

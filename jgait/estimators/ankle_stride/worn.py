@@ -96,7 +96,7 @@ def worn(p: AnkleParams, recording: Recording, side: str, options: AnkleOptions 
         options: as of `step`.
 
     Raises:
-        RecordingError: as `ankle_calibration.prepare`; no sensor on that side, or one that does not walk.
+        RecordingError: as `ankle_stride.prepare.prepare`; no sensor on that side, or one that does not walk.
         ValueError: options that cannot be had online.
     """
     check_options(options)

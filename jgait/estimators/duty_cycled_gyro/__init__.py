@@ -1,7 +1,8 @@
 r"""Leg angles from thigh and shank sensors whose gyroscope sleeps most of the time.
 
-Where a gyroscope slept its sagittal rate is filled from what it measured before (`gap_filling`), and the thigh's and
-the shin's Kalman filter (`duty_model`) run over measured and filled rates alike; a filled one is told to be unsurer, by
+Where a gyroscope slept its sagittal rate is filled from what it measured before (`duty_cycle.fillers`), and the
+thigh's and the shin's Kalman filter (`duty_cycled_gyro.model`) run over measured and filled rates alike; a filled one
+is told to be unsurer, by
 `filled_noise`. Where too little was measured to fill from, the last value is held and flagged; the filters are not told
 it, for over a gap it would turn the segment over: they go on by gravity, the rigid link and a loose pull to the
 vertical. What the sleep saves comes from `power`.
@@ -26,7 +27,8 @@ Deviations from the paper:
         "replicate" looks a stride period back. On `tripod` after the paper's protocol their errors at duty 40 and 10 %
         are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/udaya2010`).
     14. The paper judges the gyroscope's rate; here angles come out as well. One axis of the gyroscope knows no turns,
-        see `duty_model`; for angles on walks with turns fill the recording (`gap_recording`) and take `leg_ekf`.
+        see `duty_cycled_gyro.model`; for angles on walks with turns fill the recording (`duty_cycle.recording`) and
+        take `leg_ekf`.
 """
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model

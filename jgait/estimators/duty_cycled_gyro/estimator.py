@@ -267,7 +267,7 @@ def estimate(
         An `Estimate`; `diagnostics` as of `run` and `energy`, `notes`, `standing`.
 
     Raises:
-        RecordingError: see `duty_gyro_calibration.prepare`.
+        RecordingError: see `duty_cycled_gyro.prepare.prepare`.
         ValueError: a parameter outside its range, those of another filler, a duty cycle outside (0, 1], a wake-up
             longer than the on-time, a mask of the wrong shape.
     """

@@ -257,7 +257,7 @@ class PlanarSegment(NamedTuple):
 
 
 class DutyInputs(NamedTuple):
-    """All that `duty_model.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+    """All that `duty_cycled_gyro.model.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
 
     Attributes:
         thigh: the thigh's sensor, or None.
@@ -312,7 +312,7 @@ class DutyEstimate(NamedTuple):
 
 
 def planar(segment: Segment, gyro_on: Values | None = None, excess: Values | None = None) -> PlanarSegment:
-    """The sagittal plane of a leg's segment, as `leg_calibration` gives it, under a gyroscope mask.
+    """The sagittal plane of a leg's segment, as `mounting.leg` gives it, under a gyroscope mask.
 
     Args:
         segment: in segment axes (forward, left, up).

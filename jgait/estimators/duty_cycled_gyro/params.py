@@ -53,8 +53,9 @@ class DutyCycledOptions(NamedTuple):
     """Which parts are on.
 
     Attributes:
-        filler: of the gaps, by name, see `gap_filling.fillers`; all but "ridge_later" are causal. The usual one is the
-            best of them on a treadmill and for a shank alone; over ground with the thigh's sensor "blend" errs less.
+        filler: of the gaps, by name, see `duty_cycle.fillers.fillers`; all but "ridge_later" are causal. The usual one
+            is the best of them on a treadmill and for a shank alone; over ground with the thigh's sensor "blend" errs
+            less.
         schedule: that hides samples as if asleep, a `power.Schedule` or a duty cycle [1]; None: what is masked only.
         asleep: which segments follow the schedule, "shank", "thigh" or both.
         warm_up: how long gyroscopes are on before the schedule, which is then off first [s]; fillers need two strides,
@@ -110,7 +111,7 @@ def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
 
 
 def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
-    """The parameters with a person's own lengths put in, see `leg_params.with_body`; sensors keep their share."""
+    """The parameters with a person's own lengths put in, see `leg_ekf.params.with_body`; sensors keep their share."""
     return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)
 
 

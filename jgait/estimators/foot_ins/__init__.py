@@ -7,7 +7,7 @@ stride. Jolts are measured worse than slow motion, so the process noise grows wi
 
 Source: the filter that M. Potter, K. Liu, M. Selamet and G. Kumaravelu, "EKF estimation of stride width from
 individual IMU-based foot trajectory estimates", take from L. Ojeda and J. Borenstein, "Non-GPS navigation for security
-personnel and first responders", Journal of Navigation 60(3), 2007, section II there; equations in `foot_model`.
+personnel and first responders", Journal of Navigation 60(3), 2007, section II there; equations in `foot_ins.model`.
 
 Sensors:
     `foot_right` or `foot_left` or both, on one clock, gyroscope and accelerometer, 45 Hz or more, mounted in any way.

@@ -225,7 +225,7 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
-    """A long recording window by window, see `foot_windows`; None where one run will do, or windows will not."""
+    """A long recording window by window, see `foot_ins.windows`; None where one run will do, or windows will not."""
     _check_options(options)
     if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None

@@ -5,7 +5,7 @@ sensors put right, inclination from gravity, kinematic closure, standing, smooth
 which the stance leg carries the hip. Each of these is an argument (`LegOptions`), and `PAPER` turns all of them off.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
-distance", ACC 2013. The model is in `leg_model`, decisions about a recording in `leg_calibration`.
+distance", ACC 2013. The model is in `leg_ekf.model`, decisions about a recording in `mounting.leg`.
 
 Sensors:
     `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers where there are;

@@ -183,7 +183,7 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covar
 
 
 def walked(p: LegParams, legs: Legs, still: Flags, options: LegOptions) -> Values:
-    """Distance walked [m] at every sample; see `leg_distance`."""
+    """Distance walked [m] at every sample; see `leg_ekf.readout`."""
     if options.distance == "stance":
         return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
     if options.distance not in ("accumulate", "forward"):

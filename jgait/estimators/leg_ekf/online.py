@@ -1,7 +1,7 @@
 """The leg estimator a sample at a time, for a device that shows angles while the person walks.
 
 The same filter steps as `leg_ekf.run` without smoothing, with the same results; what the host decides beforehand
-(axes, signs, biases at rest) comes from a calibration recording through `leg_calibration.prepare`.
+(axes, signs, biases at rest) comes from a calibration recording through `leg_ekf.prepare`.
 """
 
 from functools import partial

@@ -5,7 +5,8 @@ A range that the feet hear only while one passes the other ties them together: i
 the walk, and that they are side by side along it.
 
 Source: M. Potter, K. Liu, M. Selamet, G. Kumaravelu, "EKF estimation of stride width from individual IMU-based foot
-trajectory estimates". The model is in `stride_width_model`, decisions about a recording in `stride_width_calibration`.
+trajectory estimates". The model is in `stride_width_ekf.model`, decisions about a recording in
+`stride_width_ekf.prepare`.
 
 Sensors:
     `foot_right` and `foot_left`, as of `foot_ins`, or both feet's trajectories with the middles of their stances by any
@@ -35,7 +36,7 @@ Deviations from the paper; `experiments/potter/literal.py` has the first one's s
     2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:
        within a stride displacements add up exactly, so the result is the same, some twenty times sooner.
     3. R, the noise of the displacements, grows with the way moved, and that of the heading comes with each stride.
-    4. How far each foot has moved since it stood is part of the state, see `stride_width_model`.
+    4. How far each foot has moved since it stood is part of the state, see `stride_width_ekf.model`.
     5. Readings of one passing count once, at the middle of when the feet hear each other; those unlike their
        neighbours are left out. Positions are taken at the time of the reading, not at the nearest sample.
     6. Updates are iterated: where little is known of the start, the first range moves the feet so far that one

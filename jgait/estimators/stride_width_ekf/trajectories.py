@@ -68,7 +68,7 @@ def checked_feet(
     """Both feet, or what is wrong with them; and notes.
 
     Raises:
-        RecordingError: see `stride_width_calibration.prepare_from_feet`.
+        RecordingError: see `stride_width_ekf.prepare.prepare_from_feet`.
     """
     time = np.asarray(time, np.float64)
     if time.ndim != 1 or time.size < 3:

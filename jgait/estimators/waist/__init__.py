@@ -2,7 +2,7 @@ r"""Heel strikes and walked distance from one inertial sensor at the waist.
 
 The sensor tells which way it is worn; a gravity filter takes gravity off; contacts of both feet are read off the
 forward and upward accelerations. The distance is that of a state-space model over speed, the accelerometer's bias and
-the pendulum's constant (`waist_model`), a row a step, with the steps of an inverted pendulum as observations and zero
+the pendulum's constant (`waist.model`), a row a step, with the steps of an inverted pendulum as observations and zero
 speed while standing. The paper's own way is an option: direct and reverse integration of every cycle with a velocity
 update (`velocity_update`).
 

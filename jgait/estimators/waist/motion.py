@@ -1,6 +1,6 @@
 r"""How the trunk moves, from one sensor on it: accelerations forward, to the left and upwards, and its turning.
 
-With the attitude of `waist_orientation`, u up in the trunk's axes and x the trunk's axis forward,
+With the attitude of `waist.orientation`, u up in the trunk's axes and x the trunk's axis forward,
 
     h = (x − (x·u) u) / |…|,    l = u × h,    a_f = f·h,  a_l = f·l,  a_u = f·u − g,    ω_u = ω·u.
 

@@ -110,7 +110,7 @@ class WaistOptions(NamedTuple):
     Attributes:
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
             "update": the paper's (direct and reverse integration with the velocity update).
-        detector: of initial contacts, see `trunk_events`: "soft", "peaks", "paper" or "literal".
+        detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
         site: the placement; "auto": whichever there is.
         updated: "fused" also hears the velocity update where the walk began from standing.
         smooth: Rauch–Tung–Striebel smoothing (offline).
@@ -129,7 +129,7 @@ DEFAULT = WaistOptions()
 """The best pipeline."""
 
 PAPER = WaistOptions(distance="update", detector="paper")
-"""The paper's pipeline, in the readings of `trunk_events` and `velocity_update`."""
+"""The paper's pipeline, in the readings of `events.trunk` and `velocity_update`."""
 
 
 def check_options(options: WaistOptions) -> None:

@@ -1,6 +1,6 @@
 r"""How far each interval between nodes leads, by each of the ways of the waist's estimator.
 
-"fused": `waist_model`; "pendulum": its steps alone; "update": the paper's, every bout anew from the speed with which
+"fused": `waist.model`; "pendulum": its steps alone; "update": the paper's, every bout anew from the speed with which
 it begins, zero from standing.
 """
 
