@@ -1,5 +1,6 @@
 """From the ankle's filter, or a method of `ankle_stride.length`, to strides and their flags; JAX, smooth given the
-events."""
+events.
+"""
 
 from typing import Any, NamedTuple
 
