@@ -12,6 +12,7 @@ from made.notes import texts
 from jgait import filtering, params
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model, readout
+from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.filtering import CKF, EKF, UKF
 from jgait.simulate import protocols
 from jgait.types import Feet, FootTrajectory, RangeReadings
