@@ -1,6 +1,6 @@
 """Facts that readers, estimators and commands notice about a recording, as records that programs can read.
 
-A kind of fact is declared once, beside the code that notices it: `LOST = Kind("samples_lost", "check", "{placement}:
+A kind of fact is declared once, in the module that detects it: `LOST = Kind("samples_lost", "check", "{placement}:
 {lost} samples are lost", "…")`. Calling the kind with the values of one recording gives the note:
 `LOST(placement="waist", lost=3)`. Programs read `code`, `severity` and `values`; people read `text` and `meaning`.
 """
@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, cast
 Severity = Literal["stop", "check", "corrected", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("stop", "check", "corrected", "info")
-"""From the gravest: a result must not be used, has a reason for doubt, was corrected, has a fact about its origin."""
+"""Gravest first: do not use the result, doubt the result, an error was corrected, a fact about the data's origin."""
 
 Value = str | int | float | bool | tuple[str, ...]
 
@@ -22,7 +22,7 @@ class Kind(NamedTuple):
     """A kind of fact; calling it with the values of one recording gives a `Note`.
 
     Attributes:
-        code: what programs call the fact, in snake_case; no two kinds share a code.
+        code: name of the fact for programs, in snake_case; no two kinds share a code.
         severity: one of `SEVERITIES`.
         text: the sentence, with the values in braces as in `str.format`.
         meaning: what the fact means for the results, in one or two sentences.
@@ -37,17 +37,17 @@ class Kind(NamedTuple):
         """The fact about one recording.
 
         Args:
-            values: one for every name in braces; NumPy scalars become Python's, sequences become tuples of text.
+            values: one value for every name in braces; NumPy scalars become Python scalars, sequences tuples of text.
         """
         return Note(self, {name: _plain(value) for name, value in values.items()})
 
 
 @dataclass(frozen=True)
 class Note:
-    """One fact about one recording or result; unlike a NamedTuple no pytree, so that JAX takes it as one leaf.
+    """One fact about one recording or result; not a pytree (a NamedTuple would be one), so JAX treats it as one leaf.
 
     Attributes:
-        kind: which kind of fact it is.
+        kind: the kind of fact.
         values: name → value, such as a placement or a number of samples.
     """
 
@@ -56,7 +56,7 @@ class Note:
 
     @property
     def code(self) -> str:
-        """What programs call the fact."""
+        """The name of the fact for programs."""
         return self.kind.code
 
     @property
@@ -90,10 +90,10 @@ class Note:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, object]) -> "Note":
-        """The note that `to_dict` wrote, with the sentence that was written, whatever its kind says today.
+        """The note that `to_dict` wrote, with the stored sentence, even if the kind's text has changed since.
 
         Raises:
-            KeyError: if a part of the note is not there.
+            KeyError: if a part of the note is missing.
         """
         text = str(content["text"]).replace("{", "{{").replace("}", "}}")
         severity = cast(Severity, content["severity"])
@@ -102,7 +102,7 @@ class Note:
 
 
 def to_json(notes: Iterable[Note]) -> str:
-    """Notes as one text, for a cell of a table."""
+    """Notes as one JSON text, for a cell of a table."""
     return json.dumps([note.to_dict() for note in notes], ensure_ascii=False)
 
 
@@ -119,7 +119,7 @@ def from_json(text: str) -> tuple[Note, ...]:
 
 
 def _plain(value: object) -> Value:
-    """A value as JSON has it; a sequence as a tuple of text."""
+    """A value of a type that JSON can store; a sequence becomes a tuple of text."""
     if hasattr(value, "item"):
         return cast(Value, value.item())
     if isinstance(value, str | bool | int | float):
@@ -130,7 +130,7 @@ def _plain(value: object) -> Value:
 
 
 DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
-"""Meaning of kinds that report what a reader deduced."""
+"""Meaning of kinds that report a property that a reader computed from the numbers of a file."""
 
 LOSSES = (
     "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
@@ -148,13 +148,13 @@ WRONG_PLACE = (
     "Sensors seem not to be where their labels say. Check how they were worn: with wrong labels, sides or segments are "
     "mixed up."
 )
-"""Meaning of kinds that report sensors in other places, or other directions, than their labels."""
+"""Meaning of kinds that report sensors whose place or direction does not match their labels."""
 
 NO_RANGE = (
     "Without distances measured between the feet, the positions of the two feet relative to each other are not known: "
     "stride widths and step lengths are missing or worthless."
 )
-"""Meaning of kinds that report that there is no range between the feet."""
+"""Meaning of kinds that report that the distance between the feet was not measured."""
 
 FEW_RESTS = (
     "Standing still shows the sensors' zero and what upright is. With little or none of it, angles and directions are "
@@ -178,19 +178,19 @@ DEFAULT_MEASURE = (
     "A measure of the person was not given, and a usual one is used: lengths and distances are off as much as the "
     "person differs from it. Measure it and compute the result again."
 )
-"""Meaning of kinds that report a default in the place of a measured length."""
+"""Meaning of kinds that report a default value in place of a measured length."""
 
 CORRECTED = "The error was found in the data and corrected; nothing needs to be done."
-"""Meaning of kinds that report what was corrected."""
+"""Meaning of kinds that report an error in the data that was corrected."""
 
 SCALE = (
     "The accelerometer's scale is a little off, as it often is; the moments of rest show by how much, and the error "
     "was corrected."
 )
-"""Meaning of kinds that report the accelerometer's scale at rest."""
+"""Meaning of kinds that report an error of the accelerometer's scale, measured at rest."""
 
 ORIGIN = "This says how the data were read; no result is less certain for it."
-"""Meaning of kinds that describe where data come from and how they were read."""
+"""Meaning of kinds that describe the source of the data and how the data were read."""
 
 LEFT_OUT = "These parts of the data were not used; results that would need them are missing."
-"""Meaning of kinds that report what was left out of a recording or its reference."""
+"""Meaning of kinds that report parts that were left out of a recording or its reference."""

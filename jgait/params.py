@@ -1,6 +1,6 @@
 """Parameters in natural units, and the transforms that map them to the real line for an optimiser.
 
-A parameter set is a NamedTuple of scalars (or arrays) in natural units. A second tuple of the same type holds a
+A parameter set is a NamedTuple of scalars (or arrays) in natural units. A second NamedTuple of the same type holds a
 `Transform` for each field. `unconstrain` maps parameters to the whole real line and drops fixed parameters;
 `constrain` maps back. A fixed parameter never reaches the optimiser.
 """
@@ -17,7 +17,7 @@ from jaxtyping import PyTree, PyTreeDef
 from jgait.types import Scalar, Values
 
 type Param = Scalar | Any
-"""A parameter of a record: a number; in a record of transforms, the transform of that number."""
+"""A field of a parameter record: a number; in a record of transforms, the transform of that number."""
 
 
 class Transform(NamedTuple):
@@ -51,11 +51,11 @@ positive = Transform("positive", jnp.log, jnp.exp, low=0.0)
 """Greater than zero; the free value is the natural logarithm."""
 
 fixed = Transform("fixed", None, None)
-"""Kept at its value; the optimiser never changes it."""
+"""The parameter keeps its value; the optimiser never changes it."""
 
 
 def interval(low: float, high: float) -> Transform:
-    """Between `low` and `high`, both excluded; the free value is the logit of the relative position.
+    """A range from `low` to `high`, both excluded; the free value is the logit of the relative position in it.
 
     Raises:
         ValueError: if `low` is not below `high`, or either is not finite.
@@ -73,16 +73,16 @@ def interval(low: float, high: float) -> Transform:
 
 
 def per_subject(transform: Transform) -> Transform:
-    """The same range, with a separate value for each subject; `per_subject(fixed)`: a known measure of each."""
+    """The same range, with a separate value for each subject; `per_subject(fixed)`: a known measure of each subject."""
     return transform._replace(name=f"{transform.name}, per subject", own=True)
 
 
 class Parameter(NamedTuple):
-    """What a field of a parameter tuple declares beside its default: `Annotated[Values, Parameter(…)] = 0.1`.
+    """The declaration of a field of a parameter tuple, with its default: `Annotated[Values, Parameter(…)] = 0.1`.
 
     Attributes:
-        transform: the range; None for a tuple of parameters that declares its own.
-        unit: of the value, "1" where it has none.
+        transform: the range; None where the field is a tuple of parameters with declarations of its fields.
+        unit: unit of the value; "1" where the value has no unit.
         meaning: what the parameter is, in words.
     """
 
@@ -99,7 +99,7 @@ def declared(of: type[Any]) -> dict[str, Parameter]:
 
 
 def documented[C](of: type[C]) -> type[C]:
-    """A decorator: the docstring lists the declared parameters with their units."""
+    """A decorator that adds the declared parameters and their units to the docstring of a class."""
     lines = [f"    {name}: {one.meaning}{f' [{one.unit}]' if one.unit else ''}." for name, one in declared(of).items()]
     of.__doc__ = "\n".join([of.__doc__ or "", "", "Attributes:", *lines])
     return of
@@ -109,8 +109,8 @@ def ranges[P](p: P) -> P:
     """The declared transforms of parameters, in the same type.
 
     Args:
-        p: NamedTuple of parameters, as a rule the default ones. A tuple of parameters within declares its own ranges;
-            a tuple without declarations, such as a value for each leg, has the range of its field.
+        p: NamedTuple of parameters, as a rule the default parameters. An inner tuple of parameters declares the ranges
+            of its fields; a tuple without declarations, such as a value for each leg, has the range of its field.
     """
     tuple_of: Any = type(p)
 
@@ -125,7 +125,7 @@ def ranges[P](p: P) -> P:
 
 
 def units(p: Any) -> dict[str, str]:
-    """Name of every parameter, such as "thigh_length.right" → its declared unit."""
+    """The declared unit of every parameter, by the parameter's name, such as "thigh_length.right"."""
     found: dict[str, str] = {}
     for name, one in declared(type(p)).items():
         value = getattr(p, name)
@@ -139,11 +139,11 @@ def units(p: Any) -> dict[str, str]:
 
 
 class Prior(NamedTuple):
-    """The knowledge about a parameter before the data.
+    """The probability density of a parameter before any data are used.
 
     Attributes:
         name: the name of the prior in tables, for example "normal(0.43, 0.02)".
-        penalty: natural value → minus the logarithm of its density, up to a constant [nat]; pure JAX.
+        penalty: natural value → minus the logarithm of the prior density, up to a constant [nat]; pure JAX.
     """
 
     name: str
@@ -162,7 +162,7 @@ def normal(mean: float, stddev: float) -> Prior:
 
 
 def lognormal(median: float, factor: float) -> Prior:
-    """A prior normal in the logarithm: within `factor` of `median`, up or down, with a probability of 68 %.
+    """A normal prior of the logarithm: with a probability of 68 % the value is in [median / factor, median · factor].
 
     Raises:
         ValueError: if `median` is not positive or `factor` not above 1.
@@ -180,7 +180,7 @@ def _is_transform(node: object) -> bool:
 
 
 def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[Any], list[Transform], PyTreeDef]:
-    """Names, values and transforms side by side; raises where they do not match."""
+    """Names, values and transforms in the same order; raises if `params` and `transforms` do not match."""
     treedef: PyTreeDef
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
     if not all(_is_transform(t) for t in flat):
@@ -234,7 +234,7 @@ def check_params(params: PyTree, transforms: PyTree) -> None:
     for name, value, transform in zip(names, values, flat, strict=True):
         if value is None or isinstance(value, jax.core.Tracer):
             continue
-        array = np.asarray(value)  # on the host: inside jit, jnp would trace concrete values too
+        array = np.asarray(value)  # NumPy: inside jit, jnp would trace concrete values too
         if not np.all(np.isfinite(array)):
             raise ValueError(f"parameter '{name}' must be finite; got {value}")
         if not np.all((array > transform.low) & (array < transform.high)):
@@ -242,14 +242,14 @@ def check_params(params: PyTree, transforms: PyTree) -> None:
 
 
 def unconstrain[P](params: P, transforms: P) -> P:
-    """Map parameters to free values on the real line; fixed ones become None.
+    """Map parameters to free values on the real line; a fixed parameter becomes None.
 
     Args:
         params: NamedTuple of parameters in natural units.
         transforms: the same type, holding a `Transform` for each.
 
     Returns:
-        The same type with free values; a fixed parameter is None, so that it is no leaf of the pytree.
+        The same type with free values; a fixed parameter is None and therefore not a leaf of the pytree.
     """
     _, values, flat, treedef = _pairs(params, transforms)
     return jax.tree.unflatten(
@@ -262,12 +262,12 @@ def unconstrain[P](params: P, transforms: P) -> P:
 
 
 def constrain[P](free: P, transforms: P, params: P) -> P:
-    """Map free values back to natural units; fixed ones are taken from `params`.
+    """Map free values back to natural units; fixed parameters are taken from `params`.
 
     Args:
         free: free values, as `unconstrain` returns them.
         transforms: the same tuple of transforms.
-        params: parameters in natural units, the source of the fixed ones.
+        params: parameters in natural units, the source of the fixed parameters.
 
     Returns:
         Parameters in natural units.

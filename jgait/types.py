@@ -1,8 +1,8 @@
-"""The records that all parts of jgait exchange: sensors, recordings, strides, estimates; and a vocabulary of types.
+"""The records that all parts of jgait exchange (sensors, recordings, strides, estimates), and the array types.
 
-Inside the library everything is SI: seconds, metres, radians, rad/s, m/s². Signals are called `gyr` and `acc`;
-an accelerometer at rest reads +9.81 along the axis that points up. A reference has the type of an
-estimate: a simulator, motion capture and an estimator all return an `Estimate`, so an error is a function of two.
+Inside the library all units are SI: seconds, metres, radians, rad/s, m/s². The gyroscope signal is `gyr`, the
+accelerometer signal `acc`; an accelerometer at rest reads +9.81 along the axis that points up. A simulator, motion
+capture and an estimator all return an `Estimate`; an error measure compares two estimates.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jgait.notes import Note
 
 AnyArray = Array | np.ndarray
-"""An array of JAX, or of NumPy on the host: `Float[AnyArray, "time 3"]`."""
+"""A JAX array, or a NumPy array on the host: `Float[AnyArray, "time 3"]`."""
 
 Scalar = Float[AnyArray, ""] | float | np.floating
 """One number: a Python float, or an array without axes."""
@@ -22,7 +22,7 @@ Scalar = Float[AnyArray, ""] | float | np.floating
 Integer = Int[AnyArray, ""] | int | np.integer
 """One whole number: a Python int, or an array without axes."""
 
-if TYPE_CHECKING:  # whether it has axes, is traced or a Python number depends on the caller: checked while tests run
+if TYPE_CHECKING:  # array, tracer or Python number: the caller decides, so the shapes are checked when the tests run
     type Values = Any
     type Flags = Any
     type Counts = Any
@@ -30,10 +30,10 @@ else:
     Values = Float[AnyArray, "..."] | float | np.floating
     Flags = Bool[AnyArray, "..."] | bool | np.bool_
     Counts = Int[AnyArray, "..."] | int | np.integer
-"""`Values`: numbers of any one shape, for elementwise functions; `Flags`: truth values; `Counts`: whole numbers."""
+"""`Values`: numbers of any shape, for elementwise functions; `Flags`: truth values; `Counts`: whole numbers."""
 
 type Maybe[T] = T | Any
-"""A field that can be None; its record says when. Code that reads the field must know that it is not None."""
+"""A field that can be None; the record's docstring states when. Code must not read the field where it is None."""
 
 # Fields of the records below. Records of several recordings are stacked along leading axes, `*batch`.
 Series = Float[AnyArray, "*batch time"]
@@ -47,7 +47,7 @@ PLACEMENTS = (
     "head", "sternum", "lower_back", "pelvis", "waist",
     *(f"{segment}_{side}" for segment in ("wrist", "thigh", "shank", "ankle", "foot") for side in SIDES),
 )  # fmt: skip
-"""Where a sensor can sit. `shank` is the middle of the shank, `ankle` its lower end just above the malleoli."""
+"""Places of a sensor. `shank` is the middle of the shank, `ankle` its lower end just above the malleoli."""
 
 
 class Imu(NamedTuple):
@@ -67,7 +67,7 @@ class Imu(NamedTuple):
 
 
 class RangeReadings(NamedTuple):
-    """Distances between two places.
+    """Distances between two places, as a range sensor measures them.
 
     Attributes:
         time: (T,) [s], on the clock of the inertial sensors.
@@ -88,7 +88,7 @@ class Recording(NamedTuple):
         sampling_rate_hz: nominal rate of the sensors [Hz].
         name: the name of the recording in tables and figures.
         subject: identifier of the person; all recordings of a subject are in the same part of a split.
-        notes: what a reader noticed or changed (unit conversions, dropped samples).
+        notes: facts that the reader of the file noticed or changed (unit conversions, dropped samples).
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
     """
 
@@ -101,7 +101,7 @@ class Recording(NamedTuple):
 
 
 class LegTrajectory(NamedTuple):
-    """One leg in its sagittal plane, forward to the right, the hip at the origin.
+    """One leg in its sagittal plane, seen with forward to the right; the hip is the origin.
 
     Attributes:
         hip_angle: (T,) [rad] thigh from the downward vertical, flexion (knee forward) positive.
@@ -117,19 +117,19 @@ class LegTrajectory(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """Both legs, each a `LegTrajectory`, or None where it was not measured."""
+    """Both legs, each a `LegTrajectory`, or None where the leg was not measured."""
 
     right: LegTrajectory | None
     left: LegTrajectory | None
 
 
 class FootTrajectory(NamedTuple):
-    """The trajectory of one foot's sensor; of a standard deviation, `orientation` is (T, 3), a rotation vector.
+    """The trajectory of one foot's sensor; for standard deviations, `orientation` is (T, 3), a rotation vector.
 
     Attributes:
         position: (T, 3) [m] in the world, z up.
         velocity: (T, 3) [m/s].
-        orientation: (T, 4) unit quaternion q_ws, w first: takes vectors of the sensor to the world.
+        orientation: (T, 4) unit quaternion q_ws, w first: rotates vectors from the sensor frame to the world frame.
     """
 
     position: Series3
@@ -138,37 +138,37 @@ class FootTrajectory(NamedTuple):
 
 
 class Feet(NamedTuple):
-    """Both feet, each a `FootTrajectory`, or None where it was not measured."""
+    """Both feet, each a `FootTrajectory`, or None where the foot was not measured."""
 
     right: FootTrajectory | None
     left: FootTrajectory | None
 
 
 class Strides(NamedTuple):
-    """Strides of both feet, each from one initial contact of a foot to its next; every field is (n,).
+    """Strides of both feet, each from one initial contact of a foot to its next initial contact; every field is (n,).
 
-    As standard deviations: the same fields, None or 0 where none is stated, `side` and `valid` repeated.
+    As standard deviations: the same fields, None or 0 where none is given; `side` and `valid` are repeated.
 
     Attributes:
         side: 0 right, 1 left; the order of `SIDES`.
-        start: initial contact at which the stride begins [s]; for a first stride from standing, when the toes leave.
-        final_contact: when the toes leave the ground [s].
-        end: initial contact at which it ends [s].
+        start: initial contact at which the stride begins [s]; the toe-off for a first stride from standing.
+        final_contact: time at which the toes leave the ground [s].
+        end: initial contact at which the stride ends [s].
         length: horizontal distance between the two footholds [m].
-        width: distance of the other foot's foothold between them from the line through both [m].
+        width: distance from the line through the two footholds to the other foot's foothold between them [m].
         height: rise from one foothold to the next [m].
-        valid: bool; False for a row that is no stride (padding).
-        standing: when the foot is stillest on its first foothold [s].
-        standing_end: when it is stillest on its second [s].
-        speed: length over the time from contact to contact, of a first stride from standing to standing [m/s].
+        valid: bool; False for a padding row.
+        standing: time at which the foot moves least on its first foothold [s].
+        standing_end: time at which the foot moves least on its second foothold [s].
+        speed: length over the time between the contacts; for a first stride `standing` to `standing_end` [m/s].
         turn: change of the foot's heading, left positive [rad].
-        lift: how far the foot's sensor rises above the higher of its two footholds [m].
-        contact_angle: pitch of the foot at the contact that ends the stride, against standing, toes up positive [rad].
-        push_off_angle: pitch of the foot at the final contact, toes up positive, so that it is negative [rad].
-        step_length: the other foot's foothold between them, along the stride from its start [m].
+        lift: largest height of the foot's sensor above the higher of its two footholds [m].
+        contact_angle: pitch of the foot at `end`, relative to standing, toes up positive [rad].
+        push_off_angle: pitch of the foot at the final contact, toes up positive, so that the angle is negative [rad].
+        step_length: distance from the first foothold to the other foot's foothold between them, along the stride [m].
 
-    The fields after `valid` are None where the source does not give them; NaN in `width` and `step_length` means that
-    the other foot did not stand in between, or was not measured.
+    A field after `valid` is None where the source does not give it; NaN in `width` and `step_length` means that
+    the other foot had no foothold between the two footholds, or was not measured.
     """
 
     side: Int[AnyArray, "*batch row"]
@@ -195,14 +195,14 @@ class Estimate(NamedTuple):
     Attributes:
         time: (T,) [s].
         legs: joint angles and foot position.
-        stddev: standard deviations in the type of `legs`, or None where the source gives none.
+        stddev: standard deviations of `legs` in the same type, or None where the source gives none.
         distance: (T,) [m] distance walked since the start, or None.
         valid: (T,) bool; False where the values are not usable (padding, no data yet).
         diagnostics: name → scalar, array or other measure of the quality of the result.
         strides: `Strides`, or None where the source gives none.
         feet: trajectories of the feet's sensors, `Feet`, or None.
         feet_stddev: standard deviations of `feet` in the same type, or None.
-        strides_stddev: standard deviations of the strides in the type of `strides`, or None.
+        strides_stddev: standard deviations of `strides` in the same type, or None.
     """
 
     time: Series
@@ -222,7 +222,7 @@ class Walk(NamedTuple):
 
     Attributes:
         recording: the sensor signals.
-        reference: an independent measurement, in the type of an estimate; None where there is none.
+        reference: an independent measurement of the walk as an `Estimate`, or None.
         info: further information; the module of each data set lists the keys.
     """
 
@@ -235,9 +235,9 @@ class RecordingError(ValueError):
     """A recording cannot be used; the message names the expected and the actual content.
 
     Attributes:
-        template: the message, with `{argument}` where it names the argument of a reader that would help.
-        argument: the argument, such as "gyr_unit"; empty: none would help.
-        value: what the argument should be; empty: that is for the caller to know.
+        template: the message, with `{argument}` for the argument of a reader that would prevent the error.
+        argument: the argument, such as "gyr_unit"; empty: no argument prevents the error.
+        value: value that the argument should have; empty: only the caller can know the value.
     """
 
     def __init__(self, template: str, *, argument: str = "", value: str | dict[str, str] = "") -> None:
@@ -250,7 +250,7 @@ class RecordingError(ValueError):
 
 
 def reason_of(error: BaseException) -> str:
-    """Why something failed, in one line: the message of an error of data or files, else its class as well."""
+    """The reason for an error in one line: its message; unless it is an error of data or files, its class as well."""
     text = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())
 
@@ -270,5 +270,5 @@ def leg_of(legs: Legs, side: str) -> LegTrajectory:
 
 
 def as_float(values: npt.ArrayLike) -> Float[np.ndarray, "..."]:
-    """A float64 NumPy array of array-like values: the type of recordings on the host."""
+    """A float64 NumPy array of array-like values: the type of the signals of recordings on the host."""
     return np.asarray(values, dtype=np.float64)
