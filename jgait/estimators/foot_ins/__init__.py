@@ -1,9 +1,9 @@
 r"""Foot trajectories and strides from an inertial sensor on each shoe.
 
-An error-state filter integrates the sensor and corrects it wherever the foot stands; the smoother carries what each
-stance tells back into the swing before it. A foot that counts as standing still rolls over the ground, heel to toe:
-its velocity is that of a turn about a point on the ground below, which takes away a bias of three centimetres a
-stride. Jolts are measured worse than slow motion, so the process noise grows with the change between samples.
+An error-state filter integrates the sensor's signals and corrects the state at each stance; the smoother applies the
+correction of each stance to the swing before it as well. In stance the foot rolls over the ground from heel to toe:
+the model gives it the velocity of a rotation about a point on the ground, which removes a bias of three centimetres
+a stride. Sensors measure jolts less accurately than slow motion, so process noise grows with the change of the signal.
 
 Source: the filter that M. Potter, K. Liu, M. Selamet and G. Kumaravelu, "EKF estimation of stride width from
 individual IMU-based foot trajectory estimates", take from L. Ojeda and J. Borenstein, "Non-GPS navigation for security
@@ -11,12 +11,12 @@ personnel and first responders", Journal of Navigation 60(3), 2007, section II t
 
 Sensors:
     `foot_right` or `foot_left` or both, on one clock, gyroscope and accelerometer, 45 Hz or more, mounted in any way.
-    Half a second of quiet standing anywhere gives the gyroscope's bias.
+    The gyroscope bias is measured in quiet standing of half a second or more at any time of the recording.
 
 Outputs:
     Position, velocity and attitude of each sensor, x along the first stride and z up, with standard deviations; strides
     with length, height, speed, turn, lift and the foot's pitch at contact and push-off, with standard deviations. Each
-    foot has a world of its own: where the other foot is, `stride_width_ekf` says.
+    foot has a separate world frame: `stride_width_ekf` estimates the position of one foot relative to the other.
 
 Deviations from the paper (which names its filter but does not print it); effects by `experiments/foot_ins`:
     1. The foot turns about a pivot while it stands (`pivot_height`); 0 brings the still foot back.
@@ -25,8 +25,8 @@ Deviations from the paper (which names its filter but does not print it); effect
     4. The filter takes the ground for level only if `level` says so.
     5. Smoothing; `smooth=False` gives the filter.
 
-Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter the belief at the start alone, and what
-decides (stances, footholds, contacts) has none.
+Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only the belief at the start; the detection
+of stances, footholds and contacts has no gradient.
 """
 
 from jgait.estimators.foot_ins.estimator import (

@@ -1,4 +1,4 @@
-"""What the foot estimator states about itself."""
+"""The `About` record of the foot estimator."""
 
 import numpy as np
 from jaxtyping import PyTree
@@ -11,7 +11,7 @@ from jgait.types import Estimate
 
 
 def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """Numbers of the whole recording; medians over the valid strides."""
+    """Totals of a recording, with medians over the valid strides."""
     rows = np.flatnonzero(np.asarray(estimate.strides.valid, bool))
     return [{
         "duration_s": duration(estimate), "distance_m": distance(estimate), "strides": str(rows.size),

@@ -1,4 +1,4 @@
-"""From prepared inputs to foot paths and strides."""
+"""Foot trajectories and strides from prepared inputs."""
 
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from jgait.geometry.vectors import Vector, vector
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
 
 LONG = 2**15
-"""[samples] From here on "auto" smooths over components: ten times as fast, after twice as long a compilation."""
+"""[samples] From this length on "auto" uses "fast": computes ten times as fast, compiles twice as long."""
 
 __all__ = [
     "DEFAULT",
@@ -51,7 +51,7 @@ def model_params(p: FootParams) -> FootModelParams:
 
 
 def controls(p: FootParams, foot: FootSignals) -> FootControl:
-    """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
+    """Signals and noise densities for the filter: an error that is constant over an interval h has the density σ² h."""
     h = foot.dt
     return FootControl(
         gyr=vector(foot.gyr),
@@ -64,10 +64,10 @@ def controls(p: FootParams, foot: FootSignals) -> FootControl:
 
 
 def prior_of(p: FootParams, foot: FootSignals) -> Belief:
-    """The belief at the first stance: level, at rest, the gyroscope's bias as it was read at rest.
+    """The belief at the first stance: sensor at rest, tilt from gravity, gyroscope bias as measured at rest.
 
-    Gravity corrects a bias about horizontal axes and nothing one about the vertical: there a foot that turned unseen
-    while it seemed to rest would count, so the bias is known best about the vertical.
+    Gravity corrects the gyroscope bias about horizontal axes, but not about the vertical axis. So the bias about the
+    vertical gets the smaller variance, which includes a slow rotation of the foot during rest (`sway`).
     """
     dtype = foot.gyr.dtype
     zero = jnp.zeros((), dtype)
@@ -89,7 +89,7 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     )
     attitude = Quaternion(*(foot.attitude[i] for i in range(4)))
     belief = foot_model.standing_belief(attitude, vector(foot.gyr_bias), variances)
-    # an accelerometer that is off by so much along the vertical is likely off as much across it
+    # the horizontal accelerometer bias is assumed to be as large as the measured vertical bias
     return Belief(belief.mean._replace(acc_bias=vector(foot.acc_bias)), belief.cov.with_entries(bias))
 
 
@@ -114,11 +114,11 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     Args:
         p: parameters.
         inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
-        options: which parts are on; static under jit.
+        options: which parts of the method are used; static under jit.
 
     Returns:
-        `feet`, `strides` and their standard deviations; `distance` is the mean way of the feet worn, along their
-        footholds; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
+        `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
+        of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
     _check_options(options)
     found = []
@@ -137,7 +137,7 @@ def _check_options(options: FootOptions) -> None:
 def _one_foot(
     p: FootParams, foot: FootSignals, time: Values, options: FootOptions
 ) -> tuple[Path, dict[str, Values], Values]:
-    """One foot's way, what the filter says of itself, and where that holds."""
+    """Path of one foot, diagnostics of the filter, and (T,) bool of valid samples."""
     found = _foot(p, foot, options)
     path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
     valid = foot.valid & foot.known & found.filtered.valid
@@ -145,7 +145,7 @@ def _one_foot(
 
 
 class _Found(NamedTuple):
-    """One foot's part of the estimate; `rows` of its strides are real."""
+    """One foot's part of the estimate; `rows` of its strides are not padding."""
 
     side: int
     path: Path
@@ -155,7 +155,7 @@ class _Found(NamedTuple):
 
 
 def _assembled(time: Values, found: list[_Found]) -> Estimate:
-    """Both feet, or one, as an estimate."""
+    """The estimate of one or two feet."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
     strides, deviations, ways = [], [], []
@@ -184,7 +184,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     """This estimator as a record of functions."""
 
     def ready(recording: Recording) -> Prepared[FootInputs]:
-        # a detector has done its work then: the program does not depend on it
+        # the detector is used only in `prepare`, so all detectors share one compiled program
         return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
 
     return Estimator(
@@ -204,11 +204,11 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
     Args:
         p: parameters.
         recording: sensors on one or both feet.
-        options: which parts are on.
+        options: which parts of the method are used.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `footholds_right` and `footholds_left`
-        are the samples at which each foot stands stillest.
+        An `Estimate`; `diagnostics["notes"]` lists decisions made in `prepare`, `footholds_right` and `footholds_left`
+        are the samples at which each foot moves least in each stance.
 
     Raises:
         RecordingError: see `prepare`.
@@ -225,7 +225,7 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
-    """A long recording window by window, see `foot_ins.windows`; None where one run will do, or windows will not."""
+    """A long recording in windows, see `foot_ins.windows`; None if it is short or cannot be cut into windows."""
     _check_options(options)
     if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
         return None

@@ -1,4 +1,4 @@
-"""What the foot estimator takes: signals and decisions of one or two feet, as arrays that pad, stack and map."""
+"""Inputs of the foot estimator: signals, stances and footholds of one or two feet, as arrays."""
 
 from typing import Annotated, NamedTuple
 
@@ -8,46 +8,46 @@ from jgait.estimators.axes import Axis, Held, Sampled, Times
 from jgait.types import Counts, Values
 
 SHORTEST_STANCE_TO_STANCE = 20
-"""[samples] Less than from one stance to the next at the lowest rate; see `capacity`."""
+"""[samples] Lower limit of the time between two stances, for the lowest sampling rate; see `capacity`."""
 
 
 def capacity(samples: int) -> int:
-    """How many footholds there is room for in a recording of some samples."""
+    """Number of rows for footholds in a recording of `samples` samples."""
     return samples // SHORTEST_STANCE_TO_STANCE + 2
 
 
 type PerFoothold = Annotated[Values, Axis("hold", capacity)]
-"""(K,), one entry a foothold; the last one goes on behind it."""
+"""(K,), one entry a foothold; padding repeats the last entry."""
 
 
 class FootSignals(NamedTuple):
-    """One foot's sensor, and what was decided about it.
+    """Signals of one foot's sensor, with its stances and footholds.
 
     Attributes:
         gyr: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
         acc: (T, 3) mean specific force over it, scaled to gravity at rest [m/s²].
-        gyr_jump: (T,) change of the rate from sample to sample, the largest near by [rad/s].
-        acc_jump: (T,) the same of the specific force [m/s²].
+        gyr_jump: (T,) change of the rate from sample to sample, the largest over a short window [rad/s].
+        acc_jump: (T,) change of the specific force from sample to sample, likewise [m/s²].
         gyr_doubt: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
-        acc_doubt: (T,) the same of the specific force [m/s²].
+        acc_doubt: (T,) standard deviation of the specific force, likewise [m/s²].
         rate: (T,) magnitude of the rate, without bias [rad/s].
-        stands: (T,) bool, the foot stands.
-        restart: (T,) 1 at the sample after a foothold's, else 0; in floats.
-        dt: (T,) since the sample before [s]; 0 up to the first stance, where the filter starts.
+        stands: (T,) bool, True in stance.
+        restart: (T,) float, 1 at the sample after each foothold, else 0.
+        dt: (T,) time since the previous sample [s]; 0 up to the first stance, where the filter starts.
         valid: (T,) bool; False before the first stance and in padding.
         attitude: (4,) q_ws at the first stance, w first, its heading arbitrary.
-        gyr_bias: (3,) at rest [rad/s].
-        acc_bias: (3,) of the accelerometer, as far as gravity at rest tells it [m/s²].
+        gyr_bias: (3,) gyroscope bias at rest [rad/s].
+        acc_bias: (3,) accelerometer bias along the vertical, measured from gravity at rest [m/s²].
         up: (3,) the vertical at the first stance, in the sensor's axes [1].
-        still_time: how long the foot stood still for the bias [s].
-        foothold: (K,) samples of the footholds, in order; the last repeated.
-        leaves: (K,) sample at which it is last seen to stand there.
-        arrives: (K,) sample at which it is first seen to stand there.
-        final_contact: (K,) sample of the final contact after it.
+        still_time: duration of rest over which the gyroscope bias was measured [s].
+        foothold: (K,) samples of the footholds, in order; padding repeats the last.
+        leaves: (K,) sample at or before the end of the stance, at which the timing of the next stride starts.
+        arrives: (K,) sample at or after the start of the stance, at which the timing of the last stride ends.
+        final_contact: (K,) sample of the final contact after the foothold.
         initial_contact: (K,) sample of the next initial contact.
-        whole: (K,) bool; False where too much is lost between a foothold and the next for a stride to be told.
-        known: (T,) bool; False there.
-        count: how many footholds there are.
+        whole: (K,) bool; False where too many samples are lost up to the next foothold to estimate a stride.
+        known: (T,) bool; False in the strides that `whole` excludes.
+        count: number of footholds.
     """
 
     gyr: Held
@@ -77,7 +77,7 @@ class FootSignals(NamedTuple):
 
 
 class FootInputs(NamedTuple):
-    """All that `foot_ins.run` needs; every leaf is an array.
+    """Inputs of `foot_ins.run`; every leaf is an array.
 
     Attributes:
         time: (T,) [s].

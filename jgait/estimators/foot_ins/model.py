@@ -1,23 +1,23 @@
-r"""One foot's inertial sensor as a state-space model: strapdown integration, and a foot that stands.
+r"""State-space model of one foot's inertial sensor: strapdown integration in swing, a constraint in stance.
 
-State: where the sensor is and how it moves in a world with z up, its attitude, and what its gyroscope and
-accelerometer read too much. Errors of the attitude are rotation vectors in the world, δ with q' = exp(δ) q.
+State: position and velocity of the sensor in a world with z up, its attitude, and the biases of its gyroscope and
+accelerometer. Errors of the attitude are rotation vectors in the world, δ with q' = exp(δ) q.
 
     p' = p + h v + h²/2 a        a = R(q ω̃ half an interval on) (f − b_a) − g
     v' = v + h a
     q' = q exp(h (ω − b_g))
 
-Where the foot stands it turns about a point on the ground, a height r under the sensor, and the ground is level:
+In stance the foot rotates about a point on the ground, at height r below the sensor, and the ground is level:
 
     v − ω_w × (0, 0, r) = 0,    p_z = 0
 
-Positions are counted from the last foothold: at each the position starts again at zero. Nothing observes where the
-walk is as a whole, so nothing is lost; the belief at the next foothold is that of the stride, with its covariance,
-and numbers stay small enough for float32 however long the walk.
+Positions are relative to the last foothold: the position is set to zero at each foothold. No sensor observes the
+absolute position, so no information is lost; the position at the next foothold, with its covariance, is that of the
+stride, and its values stay small enough for float32 in recordings of any length.
 
 Source: error-state navigation with zero-velocity updates after E. Foxlin, "Pedestrian tracking with shoe-mounted
 inertial sensors", IEEE CG&A 25(6), 2005, and the smoother's use in gait after Potter et al., who name such a filter as
-the source of their foot trajectories. The pivot and noise that follows the signal are this library's own.
+the source of their foot trajectories. The pivot and the noise that grows with the signal are additions of this library.
 """
 
 from typing import NamedTuple
@@ -39,7 +39,7 @@ class FootState(NamedTuple):
 
 
 class FootError(NamedTuple):
-    """Its error: as `FootState`, the attitude's a rotation vector in the world [rad]."""
+    """Error of a `FootState`; the attitude error is a rotation vector in the world [rad]."""
 
     position: Vector
     velocity: Vector
@@ -49,15 +49,15 @@ class FootError(NamedTuple):
 
 
 class FootControl(NamedTuple):
-    """What the sensor reads over one interval, and how far to trust it.
+    """Signals of the sensor over one interval, and the variances of their errors.
 
     Attributes:
         gyr: mean angular rate [rad/s].
         acc: mean specific force [m/s²].
         gyr_density: spectral density of the rate's error [rad²/s].
         acc_density: spectral density of the force's error [m²/s³].
-        velocity_variance: of the zero velocity at this sample [m²/s²].
-        restart: 1 where the interval begins at a foothold from which positions count anew, else 0.
+        velocity_variance: of the zero-velocity observation at this sample [m²/s²].
+        restart: 1 where the interval begins at a foothold, at which the position is set to zero; else 0.
     """
 
     gyr: Vector
@@ -69,20 +69,20 @@ class FootControl(NamedTuple):
 
 
 class FootObservation(NamedTuple):
-    """What holds while a foot stands: velocity beside that of the pivot [m/s], height [m]; both zero."""
+    """Observation in stance: velocity minus that of the rotation about the pivot [m/s], and height [m]; both zero."""
 
     velocity: Vector
     height: Values
 
 
 class FootModelParams(NamedTuple):
-    """What the model needs to know.
+    """Parameters of the model.
 
     Attributes:
-        pivot_height: r, of the sensor over the point that it turns about while standing [m].
-        gyr_bias_walk: spectral density of the bias's walk [rad²/s³].
-        acc_bias_walk: the same of the accelerometer [m²/s⁵].
-        height_variance: of level ground from one foothold to the next [m²].
+        pivot_height: r, height of the sensor above the point that the foot rotates about in stance [m].
+        gyr_bias_walk: spectral density of the random walk of the gyroscope bias [rad²/s³].
+        acc_bias_walk: spectral density of the random walk of the accelerometer bias [m²/s⁵].
+        height_variance: variance of the height of level ground from one foothold to the next [m²].
     """
 
     pivot_height: Values
@@ -92,11 +92,11 @@ class FootModelParams(NamedTuple):
 
 
 AGAIN = 1e-12
-"""Variance of the position where it starts anew [m²]: a micrometre, so that covariances keep their rank."""
+"""Variance of the position after it is set to zero [m²]: one micrometre squared keeps the covariance regular."""
 
 
 def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> FootState:
-    """Strapdown integration over one interval, the force turned by the attitude half way."""
+    """Strapdown integration over one interval; the attitude at mid-interval rotates the specific force."""
     del p
     half, middle, force = _midway(s, u, dt)
     acceleration = Vector(force.x, force.y, force.z - GRAVITY)
@@ -112,14 +112,14 @@ def transition(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> 
 
 
 def _midway(s: FootState, u: FootControl, dt: Values) -> tuple[Quaternion, Quaternion, Vector]:
-    """The turn of half an interval, the attitude after it, and the specific force there, in the world."""
+    """The rotation of half an interval, and at mid-interval the attitude and the specific force in the world."""
     half = _small_turn(scale(0.5 * dt, subtract(u.gyr, s.gyr_bias)))
     middle = product(s.attitude, half)
     return half, middle, rotated(middle, subtract(u.acc, s.acc_bias))
 
 
 def _small_turn(v: Vector) -> Quaternion:
-    """`rotation.exponential` of less than a radian, to 1e-10 of it; what its length is off is left to the caller."""
+    """`rotation.exponential` for less than a radian, exact to 1e-10 of it; the caller normalises the quaternion."""
     a = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
     half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
     w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
@@ -127,13 +127,13 @@ def _small_turn(v: Vector) -> Quaternion:
 
 
 def _near_unit(q: Quaternion) -> Quaternion:
-    """A quaternion of nearly unit length at unit length, by Newton's step to 1/√: no root, no quotient."""
+    """Normalise a quaternion of nearly unit length by one Newton step for 1/√, without root and division."""
     factor = 1.5 - 0.5 * (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
     return Quaternion(factor * q.w, factor * q.x, factor * q.y, factor * q.z)
 
 
 def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
-    """First the velocity's error and half of the position's, δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
+    """First part, velocity and half of the position: δ_v' = δ_v + h δ_a, δ_p' = (1 − restart) δ_p + h/2 δ_v.
 
     With φ = h (ω − b_g) and R half way, δ_a = δ_θm × R (f − b_a) − R δ_ba, δ_θm = δ_θ − h R (1/2 − φ×/8 + φ×²/48) δ_bg.
     """
@@ -151,7 +151,7 @@ def turn_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
 
 
 def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, dt: Values) -> FootError:
-    """Then the rest: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
+    """Second part, the rest of the errors: δ_p' = δ_p + h/2 δ_v, and δ_θ' = δ_θ − h R (1 + φ×²/24) δ_bg."""
     del p
     _, middle, _ = _midway(s, u, dt)
     phi = scale(dt, subtract(u.gyr, s.gyr_bias))
@@ -163,7 +163,7 @@ def move_error(p: FootModelParams, s: FootState, e: FootError, u: FootControl, d
 
 
 def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Values) -> Covariance:
-    """White noise of both sensors, the same in all directions, and walking biases."""
+    """White noise of both sensors, the same in all directions, and random walks of their biases."""
     del s
     a = u.acc_density * dt
     every = FootError(
@@ -178,7 +178,7 @@ def transition_noise(p: FootModelParams, s: FootState, u: FootControl, dt: Value
 
 
 def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
-    """Velocity beside that of a foot which turns about its pivot, and height over the last foothold."""
+    """Velocity minus that of the rotation about the pivot, and height above the last foothold."""
     rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
     r = p.pivot_height
     v = s.velocity
@@ -186,7 +186,7 @@ def observation(p: FootModelParams, s: FootState, u: FootControl) -> FootObserva
 
 
 def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootControl) -> FootObservation:
-    """By how much an error changes the observation: δ_ω = δ_θ × R (ω − b_g) − R δ_bg shows in the pivot's velocity."""
+    """Change of the observation by an error: δ_ω = δ_θ × R (ω − b_g) − R δ_bg changes the velocity of the pivot."""
     rate = rotated(s.attitude, subtract(u.gyr, s.gyr_bias))
     change = subtract(cross(e.attitude, rate), rotated(s.attitude, e.gyr_bias))
     r = p.pivot_height
@@ -195,13 +195,13 @@ def error_observation(p: FootModelParams, s: FootState, e: FootError, u: FootCon
 
 
 def observation_noise(p: FootModelParams, s: FootState, u: FootControl) -> FootObservation:
-    """Of the zero velocity as it comes, and of the level ground."""
+    """Variances of the zero velocity, from the control, and of the height of level ground."""
     del s
     return FootObservation(_three(u.velocity_variance), p.height_variance)
 
 
 def retract(s: FootState, e: FootError) -> FootState:
-    """The state at an error from another."""
+    """The state that differs from `s` by the error `e`."""
     return FootState(
         add(s.position, e.position),
         add(s.velocity, e.velocity),
@@ -212,7 +212,7 @@ def retract(s: FootState, e: FootError) -> FootState:
 
 
 def local(reference: FootState, s: FootState) -> FootError:
-    """The error of a state about another."""
+    """The error of the state `s` relative to `reference`."""
     return FootError(
         subtract(s.position, reference.position),
         subtract(s.velocity, reference.velocity),
@@ -223,7 +223,7 @@ def local(reference: FootState, s: FootState) -> FootError:
 
 
 def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootError:
-    """An error beside another: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ).
+    """The error `e` on top of the error `delta`: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ).
 
     J = I + (1 − cos θ)/θ² δ× + (θ − sin θ)/θ³ δ×² with θ = |δ|, as series of θ²: to 1e-6 up to 1 rad.
     """
@@ -237,7 +237,7 @@ def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootErr
 
 
 def initial(p: FootModelParams) -> Belief:
-    """At rest and level, with the sensor's z axis up."""
+    """The belief of a sensor at rest with its z axis vertical."""
     del p
     return standing_belief(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), FootError(*map(_three, _START)))
 
@@ -265,4 +265,4 @@ MODEL = Model(
     initial, transition, transition_noise, observation, observation_noise, retract, local, None,
     (turn_error, move_error), error_observation, error_shift,
 )  # fmt: skip
-"""One foot."""
+"""State-space model of one foot."""

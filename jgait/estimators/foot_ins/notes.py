@@ -1,4 +1,4 @@
-"""Kinds of facts that `foot_ins` notices about a recording."""
+"""Kinds of notes of `foot_ins` about a recording."""
 
 from jgait.notes import FEW_RESTS, Kind
 

@@ -60,18 +60,18 @@ TRANSFORMS = ranges(FootParams())
 
 
 class FootOptions(NamedTuple):
-    """Which parts are on.
+    """Which parts of the method are used.
 
     Attributes:
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        level: True: the ground is level, the filter knows it; False: nothing is known of it; "auto": as False, but
-            where strides rise by less than 1.5 cm on average and 8 cm each, which is what errors make of level ground,
-            the trajectory's footholds are put at one height. Strides keep the heights that were measured.
-        detector: "adaptive": a threshold that follows the stride, see `jgait.events.foot`; or a detector of
-            `jgait.events.zero_velocity` by name, with its default threshold and the adaptive one's footholds.
+        level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
+            if strides rise by less than 1.5 cm on average and 8 cm each, as errors do on level ground, all footholds
+            of the trajectory get one height. Strides keep their measured heights.
+        detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or the name of a detector
+            of `jgait.events.zero_velocity`, with its default threshold and the footholds of the adaptive detector.
         method: how the filter linearises, see `jgait.filtering`.
-        execution: how the filter computes, see `jgait.filtering`; "auto" takes "fast" for recordings of three minutes
-            and more, whose smoothed values differ by some micrometres from those of "dense".
+        execution: how the filter computes, see `jgait.filtering`; "auto" uses "fast" for recordings of three minutes
+            and more; their smoothed values differ by some micrometres from those of "dense".
     """
 
     smooth: bool = True
@@ -82,20 +82,20 @@ class FootOptions(NamedTuple):
 
 
 DEFAULT = FootOptions()
-"""The best pipeline."""
+"""The default pipeline, the most accurate one."""
 
 TEXTBOOK = FootParams(pivot_height=0.0, rate_noise=1e-9, acc_jump_noise=1e-9, gyr_jump_noise=1e-9)
-"""Without the pivot and without noise that follows the signal: the filter as it is usually written."""
+"""Parameters of the standard filter: no pivot, and noise that does not depend on the signal."""
 
 
 def with_body(p: FootParams, body: dict[str, Any]) -> FootParams:
-    """The parameters with a person's own measure put in.
+    """The parameters with the pivot height of a person.
 
     Args:
         p: parameters.
-        body: "pivot_height" [m], if known.
+        body: "pivot_height" [m], or empty.
 
     Raises:
-        ValueError: if it names anything else.
+        ValueError: if `body` contains another name.
     """
     return with_measures("the foot estimator", ("pivot_height",), p, body)

@@ -1,7 +1,7 @@
-"""From a recording to what the foot estimator takes: stances, scale, level, footholds. NumPy, on the host.
+"""Inputs of the foot estimator from a recording: stances, scale, attitude, footholds. NumPy, on the host.
 
-Everything here is a decision: which samples stand, where footholds are, what the gyroscope reads at rest. Nothing
-here carries a gradient; what follows (`foot_ins.run`) is smooth given these decisions.
+This module detects stances and footholds and measures the gyroscope bias at rest. It has no gradient; `foot_ins.run`
+is differentiable for given stances and footholds.
 """
 
 import itertools
@@ -21,38 +21,38 @@ from jgait.notes import Note
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SLOWEST_HZ = 45.0
-"""A heel strike lasts some 30 ms: below this rate the jolt falls between samples."""
+"""[Hz] Lowest sampling rate; a lower rate does not sample the jolt of a heel strike, which lasts some 30 ms."""
 
 OFF_SCALE = 0.12
-"""The accelerometer at rest may differ from gravity by this share [1]; beyond it the unit is in doubt."""
+"""[1] Largest relative difference of the specific force at rest from gravity; a larger one raises an error."""
 
 SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
-"""[1], [m/s²] What accelerometers usually err by: a difference at rest is shared out between scale and bias so."""
+"""[1], [m/s²] Usual errors of accelerometers, by which a difference from gravity is divided into scale and bias."""
 
 LOST_RATE, LOST_FORCE = 2.0, 15.0
-"""[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
+"""[rad/s], [m/s²] Standard deviation of the signals that are interpolated linearly over lost samples."""
 
 LONGEST_LOSS = 0.25
-"""[s] A stride of which more is lost is none: a swing takes half a second."""
+"""[s] A stride with more lost samples than this is left out; half the duration of a swing."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
-"""[rad/s], [m/s²] How wrong a clipped reading may be."""
+"""[rad/s], [m/s²] Standard deviation of a clipped sample."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
-"""[rad/s], [m/s²] Equal readings in a row at the top of the range count as clipped from here on."""
+"""[rad/s], [m/s²] Consecutive equal samples at an axis's maximum count as clipped only above this value."""
 
 REST_STEP = 20.0
-"""[s] Footholds of a foot that rests are this far apart."""
+"""[s] Time between the footholds of a foot at rest."""
 
 REACH = 0.3
-"""[s] A stride is timed from at most this long before the foot is seen to leave, to as long after it arrives."""
+"""[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
 
 
 def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, ...]:
-    """The sides whose foot wears a sensor.
+    """The sides with a foot sensor.
 
     Raises:
-        RecordingError: if neither does.
+        RecordingError: if neither foot has a sensor.
     """
     sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
     if not sides:
@@ -70,8 +70,8 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
         detector: see `FootOptions`.
 
     Raises:
-        RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, too slow, a unit in doubt, or a foot
-            that never stands.
+        RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, sampling rate too low, wrong unit,
+            or no stance of a foot.
     """
     sides = worn_sides(recording)
     time = _checked_clock(recording, sides)
@@ -86,7 +86,7 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
 
 
 def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
-    """The time that all feet share, checked together with the signals."""
+    """The common time of all feet; the signals are checked as well."""
     time = as_float(recording.sensors[f"foot_{sides[0]}"].time)
     if time.size < 3:
         raise RecordingError(f"foot_ins needs a walk; 'foot_{sides[0]}' has {time.size} samples")
@@ -99,7 +99,7 @@ def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
 
 
 def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Lost samples on a straight line between their neighbours."""
+    """The signals, with lost samples interpolated linearly."""
     if mask.all():
         return values
     index, there = np.arange(len(values)), np.flatnonzero(mask)
@@ -107,7 +107,7 @@ def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _largest(values: np.ndarray, size: int) -> np.ndarray:
-    """The largest of a centred window of an odd number of samples."""
+    """The maximum over a centred window of `size` samples, an odd number."""
     padded = np.pad(values, size // 2, mode="edge")
     largest = padded[: len(values)]
     for shift in range(1, size):
@@ -116,7 +116,7 @@ def _largest(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _clipped(values: np.ndarray, above: float) -> np.ndarray:
-    """(T,) bool: two equal readings in a row, at the top of what the axis reads and above a limit."""
+    """(T,) bool: two consecutive equal samples at the maximum of the axis, above a limit."""
     top = np.abs(values).max(axis=0)
     flat = (np.diff(values, axis=0, prepend=np.nan) == 0.0) & (np.abs(values) >= 0.999 * top) & (top > above)
     flat[:-1] |= flat[1:]
@@ -130,7 +130,7 @@ def _mean_over_interval(values: np.ndarray) -> np.ndarray:
 def _foot(
     imu: Imu, time: np.ndarray, name: str, detector: str
 ) -> tuple[FootSignals, list[Note], tuple[int, int] | None]:
-    """One foot's signals and decisions, what was noticed, and its longest rest."""
+    """Inputs of one foot, notes, and the longest rest as a half-open range of samples."""
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
@@ -194,9 +194,9 @@ def _foot(
 
 
 def _errors(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
-    """What the accelerometer is multiplied by, and its bias along the vertical [m/s²].
+    """Scale factor of the accelerometer, and its bias along the vertical [m/s²].
 
-    One attitude cannot tell a scale from a bias; the difference is shared out by what is usual.
+    One attitude cannot separate scale from bias; the difference is divided by the usual sizes of both errors.
     """
     if not at_rest.windows:
         notes.append(NEVER_RESTS(placement=name))
@@ -217,7 +217,7 @@ def _errors(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
 def _standing(
     gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, found: events.Stances, hz: float, detector: str
 ) -> np.ndarray:
-    """(T,) bool: where the foot's velocity is taken to be zero."""
+    """(T,) bool: samples with a zero-velocity update."""
     if detector == "adaptive":
         return events.inside(found, len(gyr))
     flags = zero_velocity.zero_velocity(gyr, acc, hz, detector=detector, mask=mask)
@@ -225,7 +225,7 @@ def _standing(
 
 
 def level(up: np.ndarray) -> np.ndarray:
-    """(4,) the shortest rotation q_ws that takes a direction in the sensor's axes to the world's z."""
+    """(4,) the shortest rotation q_ws from a direction in sensor axes to the z axis of the world."""
     x, y, z = up / np.linalg.norm(up)
     if z < -0.999999:
         return np.array([0.0, 1.0, 0.0, 0.0])
@@ -234,7 +234,7 @@ def level(up: np.ndarray) -> np.ndarray:
 
 
 def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
-    """A foot that stands for minutes has a foothold every `REST_STEP`: strides of no length, which are none."""
+    """Add a foothold every `REST_STEP` to a long stance; their strides have no length and are invalid."""
     step = int(REST_STEP * hz)
     rows = []
     for start, end, stillest, rate in zip(*found, strict=True):
@@ -247,7 +247,7 @@ def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
 
 
 def _whole(found: events.Stances, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """After which footholds (n,) a stride can be told, and the samples (T,) that lie in none that cannot."""
+    """Footholds (n,) whose next stride can be estimated, and samples (T,) outside the strides that cannot be."""
     total = np.concatenate([[0.0], np.cumsum(lost)])
     ends = np.append(found.stillest[1:], len(lost) - 1)
     whole = total[ends + 1] - total[found.stillest + 1] <= LONGEST_LOSS
@@ -258,7 +258,7 @@ def _whole(found: events.Stances, lost: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _footholds(gyr: np.ndarray, found: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
-    """Samples of footholds and contacts, filled up to `capacity` with the last."""
+    """Samples of footholds and contacts, padded to `capacity` with the last."""
     rows, reach = capacity(samples), int(REACH * hz)
     final, initial = events.contacts(gyr, found, hz)
     last = found.end - 1

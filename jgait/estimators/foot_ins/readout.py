@@ -1,4 +1,4 @@
-"""From one foot's smoothed states to its strides, each with a standard deviation; JAX, smooth given the footholds."""
+"""Strides of one foot with standard deviations, from its smoothed states; differentiable for given footholds."""
 
 from typing import NamedTuple
 
@@ -14,25 +14,25 @@ from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST = 0.1
-"""[m] From foothold to foothold; less is a foot that is set down again where it stood."""
+"""[m] Smallest length of a stride; a shorter one is a foot that is lifted and set down in place."""
 
 STRAIGHT_FROM = 0.4
-"""[m] From this length on a stride tells where the foot's front is."""
+"""[m] Strides of this length and more are used to estimate the forward direction of the foot."""
 
 
 TIMING = 0.02
-"""[s] Standard deviation of the duration of a stride, two contacts of 15 ms each."""
+"""[s] Standard deviation of the duration of a stride, from 15 ms for each of its two contacts."""
 
 
 class Path(NamedTuple):
-    """One foot's whole way.
+    """Trajectory and strides of one foot.
 
     Attributes:
-        trajectory: position from the first foothold, velocity, attitude, x along the first stride.
-        stddev: of the position since the last foothold, the velocity, and the attitude (a rotation vector).
-        strides: one row for each foothold that another follows.
-        strides_stddev: standard deviations of them.
-        pitch: (T,) pitch of the foot against standing, toes up positive [rad].
+        trajectory: position from the first foothold, velocity, attitude; x along the first stride.
+        stddev: standard deviations of position since the last foothold, velocity, and attitude (a rotation vector).
+        strides: one row for each pair of consecutive footholds.
+        strides_stddev: standard deviations of the strides.
+        pitch: (T,) pitch of the foot relative to stance, toes up positive [rad].
     """
 
     trajectory: FootTrajectory
@@ -43,7 +43,7 @@ class Path(NamedTuple):
 
 
 FLAT_RISE, FLAT_STEP = 0.015, 0.08
-"""[m] Ground whose strides rise by less than this on average, and by less than that each, cannot be told from level."""
+"""[m] Ground counts as level if strides rise by less than `FLAT_RISE` on average and `FLAT_STEP` each."""
 
 
 def path_of(
@@ -53,12 +53,12 @@ def path_of(
 
     Args:
         p: parameters.
-        foot: its inputs.
+        foot: inputs of the foot.
         time: (T,) [s].
         state: smoothed (or filtered) states, (T,) leaves; positions from the last foothold.
-        cov: their covariance.
+        cov: covariance of the states.
         side: 0 right, 1 left.
-        flatten: where the ground cannot be told from level, put footholds at one height in the trajectory.
+        flatten: give all footholds of the trajectory one height where the ground counts as level.
     """
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
@@ -88,11 +88,11 @@ def path_of(
 
 
 def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
-    """Way along the footholds (T,) [m], each stride's length spread evenly over its swing.
+    """Distance along the footholds (T,) [m]; it increases linearly over the swing of each stride.
 
     Args:
         strides: of one foot, in order.
-        rows: how many of them are real.
+        rows: number of strides that are not padding.
         time: (T,) [s].
     """
     if not strides.length.shape[0]:
@@ -102,7 +102,7 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
     done = jnp.cumsum(lengths)
     values = jnp.stack([done - lengths, done], axis=1).ravel()
     real = jnp.arange(lengths.shape[0], dtype=jnp.int32).repeat(2) < rows
-    # behind the last stride the knots go on, each a little later, where nothing more is walked
+    # knots of padding lie after the recording, at increasing times, with the total distance
     beyond = time[-1] + 1.0 + jnp.arange(knots.shape[0]).astype(time.dtype)
     total = jnp.where(real, values, done[jnp.maximum(rows - 1, 0)])
     return jnp.interp(time, jnp.where(real, knots, beyond), total)
@@ -129,7 +129,7 @@ def _strides(
     yaw_variance = cov["attitude.z", "attitude.z"]
     pitch_deviation = root(_across(cov, axis))
     departs, lands = time[foot.leaves[:-1]], time[foot.arrives[1:]]
-    # the stride before this one ended with this one's first contact; a first stride starts when the toes leave
+    # a stride starts at the initial contact that ends the stride before it; a first stride starts at final contact
     start = jnp.concatenate([time[final[:1]], time[initial[:-1]]])
     began = jnp.concatenate([jnp.zeros_like(valid[:1]), valid[:-1]])
     start = jnp.where(began, start, time[final])
@@ -154,19 +154,19 @@ def _strides(
 
 
 def _flattened(height: Values, foot: FootSignals, time: Values, rise: Values, valid: Flags) -> Values:
-    """Heights (T,) with every foothold at zero, if the ground cannot be told from level."""
+    """Heights (T,), with every foothold at zero if the ground counts as level."""
     count = jnp.maximum(jnp.sum(valid), 1).astype(rise.dtype)
     mean = jnp.sum(jnp.where(valid, rise, 0.0)) / count
     most = jnp.max(jnp.where(valid, jnp.abs(rise), 0.0))
     flat = (jnp.abs(mean) < FLAT_RISE) & (most < FLAT_STEP)
-    # rows behind the last foothold repeat it: an interpolation needs times that grow
+    # padding repeats the last foothold, but an interpolation needs increasing times
     behind = jnp.maximum(jnp.arange(foot.foothold.shape[0], dtype=jnp.int32) - foot.count + 1, 0)
     knots = time[foot.foothold] + behind.astype(time.dtype)
     return height - jnp.where(flat, jnp.interp(time, knots, height[foot.foothold]), 0.0)
 
 
 def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
-    """How far the sensor rises above the higher foothold of each stride (K − 1,) [m]."""
+    """Largest height of the sensor above the higher foothold of each stride (K − 1,) [m]."""
     rows = foot.foothold.shape[0]
     stride = jnp.cumsum(foot.restart).astype(jnp.int32)
     highest = jnp.zeros(rows + 1, height.dtype).at[jnp.clip(stride, 0, rows)].max(jnp.where(foot.valid, height, 0.0))
@@ -174,7 +174,7 @@ def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
 
 
 def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, straight: Values) -> Vector:
-    """The foot's front in the sensor's axes: the mean direction of its strides as it stands before them."""
+    """Forward direction of the foot in sensor axes: mean direction of its strides, at the stance before each stride."""
     unit = jnp.maximum(length, SHORTEST)
     ahead = Vector(way.x / unit, way.y / unit, jnp.zeros_like(way.x))
     own = rotated(conjugate(_at(attitude, here)), ahead)
@@ -196,7 +196,7 @@ def _accumulated(position: Vector, foot: FootSignals) -> Vector:
 
 
 def _turned(v: Vector, heading: Values) -> Vector:
-    """In a world whose x axis lies along a heading."""
+    """A vector in a world whose x axis lies along a heading."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return Vector(c * v.x + s * v.y, c * v.y - s * v.x, v.z)
 
@@ -207,7 +207,7 @@ def _yawed(q: Quaternion, heading: Values) -> Quaternion:
 
 
 def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
-    """Standard deviations along the axes of the world that `_turned` gives."""
+    """Standard deviations along the world axes of `_turned`."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     xx, yy, xy = (cov[f"{part}.{a}", f"{part}.{b}"] for a, b in ("xx", "yy", "xy"))
     return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),

@@ -1,10 +1,10 @@
-"""Long recordings of a foot in windows that overlap: as much memory as one takes, and every core at work.
+"""Long recordings of a foot in overlapping windows, which limits memory and uses every core.
 
-A stride's length is told by its own stances and a few around it; heading and position only add up. So a recording of
-an hour is cut at footholds into windows that overlap by `OVERLAP`, each is estimated by itself, and their middles are
-put together: each next world is turned and shifted onto the one before at a foothold that both have seen for half the
-overlap. Lengths differ from those of one run over all of it by a tenth of a millimetre, at worst one. What a window
-learns of the gyroscope's bias is not carried into the next: headings drift, and are stated to drift, somewhat more.
+The length of a stride depends on its two stances and a few neighbours; heading and position only accumulate. So a
+recording of an hour is cut at footholds into windows that overlap by `OVERLAP`; each window is estimated separately
+and the middle parts are joined: each window is rotated and shifted onto the window before it, at a foothold in the
+middle of the overlap. Stride lengths differ from those of one run over the recording by 0.1 mm, at most 1 mm. The
+gyroscope bias of a window is not passed to the next: headings, and their standard deviations, drift somewhat more.
 """
 
 import os
@@ -22,24 +22,24 @@ from jgait.estimators.foot_ins.readout import Path
 from jgait.types import FootTrajectory, Values
 
 WINDOW = 2**16
-"""[samples] Five minutes and a half at 200 Hz."""
+"""[samples] Length of a window; five and a half minutes at 200 Hz."""
 
 OVERLAP = 4096
-"""[samples] Some twenty strides at 200 Hz."""
+"""[samples] Overlap of two windows; some twenty strides at 200 Hz."""
 
 _TIMES = ("start", "final_contact", "end", "standing", "standing_end")
 
 
 class Window(NamedTuple):
-    """A part of a recording.
+    """A window of a recording; only its middle part goes into the joined estimate.
 
     Attributes:
-        start: first sample.
-        stop: one past the last.
-        first: first sample that is taken.
-        last: one past the last that is taken.
-        holds: indices of the footholds in it.
-        join: index of the foothold at which the part that is taken begins.
+        start: first sample of the window.
+        stop: one past the last sample of the window.
+        first: first sample of the middle part.
+        last: one past the last sample of the middle part.
+        holds: indices of the footholds in the window.
+        join: index of the foothold at which the middle part begins.
     """
 
     start: int
@@ -51,10 +51,10 @@ class Window(NamedTuple):
 
 
 def windows(foot: FootSignals, samples: int) -> list[Window] | None:
-    """How a recording is cut; None if it cannot be, because the foot does not stand for most of a window.
+    """The windows of a recording; None if a window has too few footholds for a join.
 
     Args:
-        foot: of T samples, on the host.
+        foot: inputs of T samples, on the host.
         samples: T.
     """
     count = int(foot.count)
@@ -77,11 +77,11 @@ def windows(foot: FootSignals, samples: int) -> list[Window] | None:
 
 
 def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndarray]) -> FootSignals:
-    """The inputs of a window, all of one size.
+    """The inputs of one window, padded to the size of all windows.
 
     Args:
-        foot: of the whole recording.
-        window: which part.
+        foot: inputs of the whole recording.
+        window: the window.
         level: specific force → q_ws.
     """
     part = slice(window.start, window.stop)
@@ -109,7 +109,7 @@ def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndar
 
 
 class Joined(NamedTuple):
-    """What windows come to: a `Path` on the host, and how far the filter's innovations are from what it expects."""
+    """The joined estimate: a `Path` on the host, the mean normalised innovation squared, and valid samples (T,)."""
 
     path: Path
     nis: float
@@ -120,14 +120,14 @@ def joined(
     foot: FootSignals, time: np.ndarray, parts: list[Window], level: Callable[[np.ndarray], np.ndarray],
     estimate: Callable[[FootSignals, np.ndarray], tuple[Path, Values, Values]],
 ) -> Joined:  # fmt: skip
-    """Estimate every window, as many at once as there are cores, and put them together.
+    """Estimate all windows, in parallel on all cores, and join them.
 
     Args:
-        foot: of the whole recording.
+        foot: inputs of the whole recording.
         time: (T,) [s].
         parts: from `windows`.
         level: specific force → q_ws.
-        estimate: (inputs of a window, its times) → path, nis, valid (T,); compiled once.
+        estimate: (inputs and times of a window) → path, nis, valid (T,); compiled once.
     """
 
     def one(window: Window) -> PyTree:
@@ -143,7 +143,7 @@ def joined(
 
 
 class _Pose(NamedTuple):
-    """Where the foot is at a join, how it is turned, and how unsure its heading is [rad]."""
+    """Position and attitude of the foot at a join, and standard deviation of its heading [rad]."""
 
     position: np.ndarray
     orientation: np.ndarray
@@ -186,7 +186,7 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
 
 
 def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:
-    """The turn about the vertical that takes one attitude to another of the same tilt [rad]."""
+    """The rotation about the vertical from attitude `q` to attitude `wanted` of the same tilt [rad]."""
     w = wanted @ q
     z = wanted[3] * q[0] - wanted[0] * q[3] + wanted[2] * q[1] - wanted[1] * q[2]
     return float(2.0 * np.arctan2(z, w))
