@@ -1,4 +1,4 @@
-"""How good an estimate is, for one recording and for a cohort; on the host, in NumPy and pandas."""
+"""Errors and agreement of estimates, for one recording and for a cohort; on the host, in NumPy and pandas."""
 
 from jgait.evaluate.cohort import cohort
 from jgait.evaluate.consistency import Consistency, Whiteness, nees_consistency, nis_consistency, whiteness

@@ -1,4 +1,4 @@
-"""Ragged recordings through one compiled program a bucket: prepared beside the computation, padded, stacked, mapped."""
+"""Recordings in batches of one padded length: a thread reads and prepares them while a compiled program runs."""
 
 import functools
 import queue
@@ -23,14 +23,14 @@ from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, reason_of
 
 SHORTEST = 512
-"""Samples that the shortest bucket holds."""
+"""Shortest padded length [samples]."""
 
 WAITING = 3
-"""Batches of recordings that may wait for their buckets to fill, before the fullest runs as it is."""
+"""Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
 
 
 class CohortJob(NamedTuple):
-    """What is done with each recording; see `cohort`."""
+    """How each recording is read, estimated and scored; see `cohort`."""
 
     estimator: Estimator[PyTree, PyTree]
     params: PyTree
@@ -51,17 +51,17 @@ class Failed(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A recording that waits to be run.
+    """A prepared recording that waits for its batch.
 
     Attributes:
-        name: what tables call it.
-        walk: its recording without the sensors, so that many can wait.
+        name: the recording's name in the tables.
+        walk: the walk; its recording has no sensor data, so that many recordings fit in memory.
         time: (T,) [s] in float64.
-        inputs: of the estimator, padded, in the precision of the computation.
-        params: the same, as arrays.
-        options: what decides the program.
-        notes: of the recording and of its preparation.
-        bucket: what can be stacked with it has the same.
+        inputs: the estimator's inputs, padded, in the precision of the computation.
+        params: the estimator's parameters, as arrays in the same precision.
+        options: the estimator's options; each set of options is compiled separately.
+        notes: notes of the recording and of its preparation.
+        bucket: recordings with equal `bucket` can be stacked in one batch.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Ready(NamedTuple):
 
 
 def padded_length(samples: int) -> int:
-    """The next length that recordings are padded to: 2ᵏ times 1, 1.25, 1.5 or 1.75, and 512 at least."""
+    """The smallest padded length that holds the samples: 2ᵏ times 1, 1.25, 1.5 or 1.75, and 512 at least."""
     if samples <= SHORTEST:
         return SHORTEST
     quarter = 1 << (samples - 1).bit_length() - 3
@@ -83,9 +83,9 @@ def padded_length(samples: int) -> int:
 
 
 def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
-    """Read and prepare one recording; whatever is wrong with it is its own failure.
+    """Read and prepare one recording; an exception becomes a `Failed` of this recording.
 
-    A missing package is the installation's fault and not the recording's, so ImportError passes through.
+    ImportError is raised: a missing package is an error of the installation and not of the recording.
     """
     subject = ""
     try:
@@ -121,19 +121,19 @@ def _params(job: CohortJob, walk: Walk) -> PyTree:
 
 
 def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
-    """A leaf in the precision in which JAX computes; whole numbers of Python are floating-point parameters."""
+    """A leaf in JAX's floating-point precision; Python's integers become floating-point numbers."""
     array = np.asarray(leaf)
     kind = array.dtype if array.dtype.kind == "b" or isinstance(leaf, np.ndarray | jax.Array) else np.float64
     return array.astype(jax.dtypes.canonicalize_dtype(kind), copy=False)
 
 
 def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
-    """The same things, made in a thread beside the caller, up to `room` in advance; errors come through.
+    """The items of `source`, computed in a thread up to `room` items in advance; its exceptions are raised here.
 
     Args:
-        source: iterated in the thread.
-        room: how many wait at most.
-        x64: JAX's precision in the thread, which has its own.
+        source: the iterable that the thread iterates.
+        room: largest number of items that wait.
+        x64: JAX's precision in the thread; JAX sets the precision for each thread.
     """
     waiting: queue.Queue[tuple[str, PyTree]] = queue.Queue(maxsize=max(1, room))
     stop = threading.Event()
@@ -154,7 +154,7 @@ def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
                     if not put("value", value):
                         return
             put("end", None)
-        except BaseException as error:  # to be raised where the values are taken
+        except BaseException as error:  # raised again in the thread that takes the values
             put("error", error)
 
     thread = threading.Thread(target=work, name="jgait-cohort", daemon=True)
@@ -173,9 +173,9 @@ def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
 
 
 def evaluated(job: CohortJob, items: Iterable[tuple[str, PyTree]]) -> Generator[Cohort]:
-    """Run named items; the tables of each batch as soon as it is finished.
+    """Run named items; yields the tables of each batch as soon as the batch is finished.
 
-    While one batch computes, the next is read and prepared, and the one before is scored.
+    While one batch computes, the next batch is read and prepared, and the previous batch is scored.
     """
     failures: list[Failed] = []
     before: tuple[list[Ready], PyTree] | None = None
@@ -196,7 +196,7 @@ def evaluated(job: CohortJob, items: Iterable[tuple[str, PyTree]]) -> Generator[
 
 
 def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Failed]) -> Generator[list[Ready]]:
-    """Buckets as they fill; at the end, or when too many wait, the rest as they are."""
+    """Yields each bucket when it is full; unfilled buckets at the end, or when too many recordings wait."""
     waiting: dict[PyTree, list[Ready]] = {}
     with closing(ahead((prepared(job, *item) for item in items), job.batch, job.x64)) as ready:
         for recording in ready:
@@ -214,20 +214,20 @@ def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Fa
 
 @functools.lru_cache(maxsize=64)
 def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) -> Callable[..., PyTree]:
-    """The compiled estimator over a batch; the same for the same arguments, so that nothing is compiled twice."""
+    """The compiled estimator over a batch; cached for equal arguments, so that no program is compiled twice."""
     mapped = jax.vmap(lambda params, inputs: run(params, inputs, options))
     return compiled(mapped if mesh is None else sharded(mapped, mesh))
 
 
 def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:
-    """Begin to compute a batch; a small one is filled up with copies."""
+    """Begin to compute a batch; an unfilled batch is filled with copies of a recording."""
     rows = bucket + [bucket[0]] * (job.batch - len(bucket))
     params, inputs = jax.tree.map(lambda *leaves: np.stack(leaves), *((row.params, row.inputs) for row in rows))
     return program(job.estimator.run, bucket[0].options, job.mesh)(params, inputs)
 
 
 def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: list[Failed]) -> Cohort:
-    """Score a batch when it is computed; takes the failures along."""
+    """Wait for a batch and score it; its tables also contain `failures`, which is then emptied."""
     result = jax.device_get(result)
     good: list[tuple[Ready, Estimate, Scores]] = []
     for number, ready in enumerate(bucket):
@@ -249,7 +249,7 @@ def _finished(job: CohortJob, bucket: list[Ready], result: PyTree, failures: lis
 
 
 def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
-    """The estimate at the recording's own samples; time as it was recorded, not rounded to the computation's."""
+    """The estimate without padding; its time is the recorded time in float64, not in the computation's precision."""
     samples, padded = ready.time.size, padded_length(ready.time.size)
 
     def cut(leaf: npt.ArrayLike) -> np.ndarray:
@@ -261,7 +261,7 @@ def _unpadded(estimate: Estimate, ready: Ready) -> Estimate:
 
 
 def _unusable(estimate: Estimate) -> str | None:
-    """Why an estimate is a failure, or None."""
+    """The reason why an estimate cannot be used; None where it can."""
     valid = np.asarray(estimate.valid, bool)
     if not valid.any():
         return "the estimate is valid at no sample"
@@ -275,7 +275,7 @@ def _unusable(estimate: Estimate) -> str | None:
 
 
 def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -> Cohort:
-    """The rows of a batch."""
+    """The tables of a batch: estimates with their scores, and failures."""
     from jgait.evaluate.statistics import with_errors
 
     recordings = [

@@ -1,4 +1,4 @@
-"""An estimator on a whole cohort: bad recordings stop no other, interrupted runs continue, machines share work."""
+"""One estimator on a cohort: a bad recording does not stop the others, and an interrupted run can be continued."""
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import closing
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Progress = Callable[[int, int], None]
-"""Called after every batch with the recordings finished in this run, and those among them that failed."""
+"""Called after every batch with the number of recordings finished in this run, and the number that failed."""
 
 
 def cohort(
@@ -42,13 +42,13 @@ def cohort(
     """Run an estimator on many recordings, and compare each with its reference.
 
     Recordings are padded to a few lengths, and as many as `batch` of one length run together, compiled once a length.
-    They are read one at a time beside the computation, and forgotten when scored: a cohort may be larger than memory.
+    They are read one at a time during the computation, and freed when scored: a cohort may be larger than memory.
     A recording that cannot be read, prepared, estimated or scored is a row of `failures` with its reason.
 
-    In float32 unless JAX is set to float64; a run is repeated exactly on the same devices with the same `batch`.
+    The precision is float32 unless JAX is set to float64; on the same devices with the same `batch`, results are equal.
 
-    With `out` every finished batch is on disk at once. Started again after a kill, with the same arguments, what is
-    finished (failures included) is not read again, and the tables are those of a run that was not interrupted.
+    With `out` every finished batch is written to disk at once. If an interrupted run is started again with the same
+    arguments, finished recordings (failures included) are not read again, and the final tables are the same.
 
     On several devices of one process, `mesh=jax.make_mesh((n,), ("recordings",))` divides each batch among them.
 
@@ -58,28 +58,28 @@ def cohort(
         jax.distributed.initialize()  # finds SLURM's settings
         tables = evaluate.cohort(estimator, paths, read=load, out="/shared/results")
 
-    or Dask hands them out, a task for each `batch` of items, and repeats what a lost worker had::
+    or Dask distributes the items, `batch` items a task, and repeats the tasks of a lost worker::
 
         cluster = dask_jobqueue.SLURMCluster(cores=2, memory="8GB", walltime="02:00:00")
         cluster.scale(jobs=50)
         tables = evaluate.cohort(estimator, paths, read=load, out="results", client=distributed.Client(cluster))
 
-    Give paths and `read` then, since walks themselves would be sent over the network, and sort them by length: a task
-    runs each length that it meets. Set `jax_compilation_cache_dir` to a folder that all share, and compile once.
+    With Dask, give paths and `read`, since walks would be sent over the network. Sort the paths by length: a task
+    compiles every length in it. Set `jax_compilation_cache_dir` to a folder that all workers share: it compiles once.
 
     Args:
         estimator: from `jgait.estimators`.
-        items: walks, or whatever `read` makes a walk of (paths, names); any iterable, taken one by one. A walk is
-            called by its recording's name, anything else by `str(item)`; no two may be called the same.
-        params: of the estimator, natural units; None for its own; or walk → parameters.
+        items: walks, or items that `read` converts to walks (paths, names); any iterable, taken one by one. The name
+            of a walk is its recording's name, that of another item is `str(item)`; names must be unique.
+        params: the estimator's parameters, natural units; None for its defaults; or walk → parameters.
         own: walk → body measures to put into the parameters by `estimator.own`, for example
-            `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None leaves them as they are.
+            `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
         read: item → walk.
-        score: (estimate, walk) → `Scores`, on the host; the estimate without padding, the walk without its sensors.
+        score: (estimate, walk) → `Scores`, on the host; the estimate has no padding, the walk no sensor data.
         out: folder for the results; None keeps them in memory.
-        batch: how many recordings run at once; memory grows with it. The last batch of each length is filled up with
-            copies. Rounded up to a multiple of the devices of `mesh`.
-        mesh: one axis; devices that share each batch.
+        batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
+            with copies. Rounded up to a multiple of the number of devices of `mesh`.
+        mesh: devices that share each batch; it has one axis.
         client: a `dask.distributed.Client` (the extra `cluster`); `estimator`, `read` and `score` are sent by
             cloudpickle.
         progress: called after every batch.
@@ -88,9 +88,9 @@ def cohort(
         Tables, see `Cohort`.
 
     Raises:
-        ValueError: if two items have one name, a parameter is outside its range, `out` holds results of something
-            else, several processes have no `out`, or arguments contradict each other.
-        TypeError: if an item is no walk and there is no `read`, or an argument has another type than it should.
+        ValueError: if two items have one name, a parameter is outside its range, `out` holds results of another
+            evaluation, several processes have no `out`, or arguments contradict each other.
+        TypeError: if an item is no walk and `read` is None, or an argument has the wrong type.
     """
     if not isinstance(estimator, Estimator):
         raise TypeError(
@@ -135,7 +135,7 @@ def cohort(
 def _named(
     items: Iterable[PyTree], can_read: bool, done: frozenset[str], rank: int, processes: int
 ) -> Iterator[tuple[str, PyTree]]:
-    """This process's share of the items that are not done, each with its name."""
+    """This process's share of the unfinished items, each with its name."""
     names: set[str] = set()
     for number, item in enumerate(items):
         if not can_read and not isinstance(item, Walk):
@@ -149,7 +149,7 @@ def _named(
 
 
 def _description(job: CohortJob) -> dict[str, str]:
-    """What the results in a folder depend on, in words; how they are computed (batch, devices) is not part of it."""
+    """The settings on which the results in a folder depend, as text; batch size and devices are not among them."""
     estimator = job.estimator
     return {
         "jgait": __version__,

@@ -1,8 +1,8 @@
-"""Does a filter keep to its own statement? Chi-square tests of its innovations and of its errors, and whiteness.
+"""Consistency of a filter: chi-square tests of its innovations and of its errors, and whiteness of its innovations.
 
-If model and noise are right, innovations are zero-mean, white and as large as the filter states. A filter that is too
-sure of itself shows normalised squares above the band, one that is too modest below it. On the host, in NumPy; the
-quantiles need scipy (the extra `io`).
+If model and noise are right, innovations are zero-mean and white, and the filter's innovation covariance is theirs.
+If the filter's covariance is too small, the normalised squares lie above the band; if it is too large, below the band.
+On the host, in NumPy; the quantiles need scipy (the extra `io`).
 
 Source:
     Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (Wiley 2001), section 5.4.
@@ -23,12 +23,12 @@ class Consistency(NamedTuple):
 
     Attributes:
         mean: sum of squares over degrees of freedom [1]; expected 1.
-        low: lower end of where it lies with the given probability, if the filter is right [1].
-        high: upper end.
-        share_inside: share of steps whose own square lies in its own chi-square band [1]; expected `level`.
-        n: steps that count.
-        freedom: their degrees of freedom.
-        consistent: whether `mean` lies in its band.
+        low: lower end of the band that contains `mean` with probability `level`, if the filter is right [1].
+        high: upper end of that band.
+        share_inside: share of steps whose normalised square lies in the step's chi-square band [1]; expected `level`.
+        n: number of steps used.
+        freedom: degrees of freedom of these steps, summed.
+        consistent: whether `mean` lies between `low` and `high`.
     """
 
     mean: float
@@ -44,12 +44,12 @@ class Whiteness(NamedTuple):
     """Autocorrelation of innovations against that of white noise.
 
     Attributes:
-        autocorrelation: (lags, m) of each component at lag 1, 2, … [1]; NaN where no pair of samples is that far apart.
-        band: (lags, m) half-width z/√pairs within which each lies if white [1].
-        share_inside: share of them inside [1]; expected `level`.
-        statistic: of Ljung and Box, summed over components.
-        p_value: probability of one as large or larger if white.
-        n: (m,) samples of each component.
+        autocorrelation: (lags, m) of each component at lag 1, 2, … [1]; NaN where no pair of samples has that lag.
+        band: (lags, m) half-width z/√pairs of the band of the autocorrelation of white noise [1].
+        share_inside: share of the autocorrelations inside the band [1]; expected `level`.
+        statistic: statistic of Ljung and Box, summed over components.
+        p_value: probability that white noise has a statistic as large or larger.
+        n: (m,) number of samples of each component.
         consistent: whether `p_value` is at least 1 − level.
     """
 
@@ -65,16 +65,16 @@ class Whiteness(NamedTuple):
 def nis_consistency(
     nis: npt.ArrayLike, count: npt.ArrayLike, *, mask: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Consistency:
-    """Are innovations as large as the filter states? Their normalised squares ν'S⁻¹ν add up to a chi-square.
+    """Chi-square test of the innovations ν against the filter's covariance S: the sum of ν'S⁻¹ν is chi-square.
 
     Args:
         nis: (T,) normalised innovation squared, as in the posterior of `jgait.filtering`.
-        count: (T,) or a number: how many components were observed in each step.
-        mask: (T,) bool, False where a step is not to count; steps with count 0 or a NaN never do.
-        level: probability that a right filter lies inside each band [1].
+        count: (T,) or a number: number of components that were observed in each step.
+        mask: (T,) bool, False where a step is left out; steps with count 0 or a NaN are always left out.
+        level: probability that a consistent filter lies inside each band [1].
 
     Raises:
-        ValueError: if shapes do not fit or no step counts.
+        ValueError: if shapes do not fit or no step remains.
     """
     squares = as_float(nis)
     if squares.ndim != 1 or np.shape(count) not in ((), squares.shape):
@@ -92,21 +92,21 @@ def nees_consistency(
     mask: npt.ArrayLike | None = None,
     level: float = 0.95,
 ) -> Consistency:
-    """Are estimates as far from the truth as the filter states? Normalised estimation errors squared e'P⁻¹e.
+    """Chi-square test of the estimation errors e against the filter's covariance P: the sum of e'P⁻¹e is chi-square.
 
     The band is for independent rows: the same instant of many runs or people. Errors of successive samples of one run
-    hang together, and their mean leaves the band more often than 1 − level though the filter be right.
+    are correlated, and their mean leaves the band more often than 1 − level, even if the filter is right.
 
     Args:
         error: (N, n) estimate − truth, or (N,) of one state.
-        covariance: (N, n, n) that the filter states; either this
-        stddev: (N, n), or (N,), where it states no more; errors of different states are then taken for independent.
-        mask: (N,) bool, False where a row is not to count; rows with a NaN never do.
-        level: probability that a right filter lies inside each band [1].
+        covariance: (N, n, n) the filter's covariance; give either `covariance` or `stddev`.
+        stddev: (N, n), or (N,), the filter's standard deviations; errors of the states are then assumed independent.
+        mask: (N,) bool, False where a row is left out; rows with a NaN are always left out.
+        level: probability that a consistent filter lies inside each band [1].
 
     Raises:
-        ValueError: if not exactly one of the two statements is given, shapes do not fit, a statement is no covariance
-            (not positive), or no row counts.
+        ValueError: if not exactly one of `covariance` and `stddev` is given, shapes do not fit, a covariance is not
+            positive definite, or no row remains.
     """
     errors = as_float(error)
     errors = errors[:, None] if errors.ndim == 1 else errors
@@ -164,21 +164,21 @@ def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: st
 def whiteness(
     innovations: npt.ArrayLike, *, lags: int = 20, mask: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Whiteness:
-    """Does an innovation predict the next one? Autocorrelations up to a lag, and Ljung and Box's test of them all.
+    """Whiteness of innovations: autocorrelations up to a lag, and Ljung and Box's test of all of them.
 
-    r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the pairs of samples k apart that
-    are both there; without gaps this is Ljung and Box's n (n + 2) Σ r_k²/(n − k). The mean is not taken off: the
-    innovations of a right filter have none, and a bias is to show.
+    r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the number of pairs of observed
+    samples k apart; without gaps this is Ljung and Box's n (n + 2) Σ r_k²/(n − k). The mean is not subtracted: the
+    innovations of a consistent filter have mean 0, and the test is to detect a bias.
 
     Args:
-        innovations: (T, m) or (T,), evenly spaced; best divided by their standard deviations where these change.
-            Components are tested as if independent: whiten those that are correlated within a step.
-        lags: how many.
+        innovations: (T, m) or (T,), evenly spaced; divide them by their standard deviations where these change.
+            Components are tested as if independent: whiten components that are correlated within a step.
+        lags: number of lags.
         mask: (T, m), (T,) or as the innovations, bool, False where there was no observation; NaN is no observation.
-        level: probability that white noise is called consistent [1].
+        level: probability that white noise passes the test [1].
 
     Raises:
-        ValueError: if shapes do not fit, there are not more samples than lags, or a component is 0 throughout.
+        ValueError: if shapes do not fit, a component has no more samples than lags, or is 0 throughout.
     """
     from scipy import stats
 

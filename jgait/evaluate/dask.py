@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 QUEUED = 3
-"""Tasks for each thread of the cluster that are submitted at a time; the other items wait unread."""
+"""Tasks submitted at a time for each thread of the cluster; the other items are not read yet."""
 
 
 def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
@@ -24,16 +24,16 @@ def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
 
 
 def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
-    """A task for each group of `job.batch` items; the tables of each as it is finished.
+    """Submit a task for each group of `job.batch` items; yields the tables of each task when it is finished.
 
-    A task whose worker dies is run again by Dask, elsewhere. If its workers keep dying, its items are tried one by
-    one at the end, alone on the cluster, so that only the one that kills is lost.
+    If a worker dies, Dask runs its task on another worker. If the workers of a task die repeatedly, its items are run
+    one by one at the end, with no other task on the cluster, so that only the item that kills the worker is lost.
     """
     from distributed import as_completed
 
     rest = iter(items)
     groups = iter(lambda: list(islice(rest, job.batch)), [])
-    # The worker keeps the job, and with it what it has compiled.
+    # The worker keeps the job, and with the job its compiled programs.
     shared = client.submit(_same, job, pure=False)
     sent: dict[PyTree, list[tuple[str, PyTree]]] = {}
 
@@ -70,7 +70,7 @@ def _threads(client: "Client") -> int:
 
 
 def _result(future: "Future[Cohort]") -> Cohort | None:
-    """What a task gave; None if its workers died of it."""
+    """The tables of a task; None if its workers died."""
     from distributed import KilledWorker
 
     try:

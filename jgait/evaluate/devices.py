@@ -13,7 +13,7 @@ def checked_mesh(mesh: Mesh | None) -> Mesh | None:
     """The devices of a mesh that belong to this process.
 
     Raises:
-        ValueError: if the mesh has more than one axis, or no device here.
+        ValueError: if the mesh has more than one axis, or no device of this process.
     """
     if mesh is None:
         return None
@@ -26,23 +26,23 @@ def checked_mesh(mesh: Mesh | None) -> Mesh | None:
 
 
 def sharded(mapped: Callable[..., PyTree], mesh: Mesh) -> Callable[..., PyTree]:
-    """A function over batches with the batch divided among the devices of a mesh; they exchange nothing."""
+    """A function over batches, each batch divided among the devices of a mesh; devices exchange no data."""
     along = PartitionSpec(mesh.axis_names[0])
-    # A scan's carry starts with constants, the same on every device, and ends different: that is meant.
+    # The carry of a scan begins with constants, equal on all devices, and ends different: this is intended.
     return jax.shard_map(mapped, mesh=mesh, in_specs=along, out_specs=along, check_vma=False)
 
 
 PATIENCE = 7 * 24 * 3600
-"""How long a process waits for the others [s]; one that dies is noticed sooner."""
+"""Longest time that a process waits for the others [s]; the death of a process is detected sooner."""
 
 _barriers = itertools.count()
 
 
 def barrier(name: str) -> None:
-    """Wait until every process has come here, however much longer the others take."""
+    """Wait until every process has called this function, up to `PATIENCE`."""
     if jax.process_count() == 1:
         return
-    # JAX's public `sync_global_devices` is a collective, which on CPUs gives up when another is half a minute late.
+    # JAX's public `sync_global_devices` is a collective; on CPUs it fails if another process is half a minute late.
     client = distributed.global_state.client
     if client is None:
         raise RuntimeError("several processes need jax.distributed.initialize()")

@@ -1,4 +1,4 @@
-"""How far an estimate is from a reference, in the units that papers print; on the host, in NumPy and pandas."""
+"""Errors of an estimate against a reference, in the units that papers print; on the host, in NumPy and pandas."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Window = tuple[float, float] | np.ndarray | None
-"""A stretch of the reference: its ends [s], both included; a mask (T,) over its samples; or None for all."""
+"""An interval of the reference: its ends [s], both included; a mask (T,) over its samples; or None for all."""
 
 FIELDS = {
     "hip_deg": ("hip_angle", 180.0 / np.pi),
@@ -18,17 +18,17 @@ FIELDS = {
     "x_cm": ("x", 100.0),
     "y_cm": ("y", 100.0),
 }
-"""Column → field of a `LegTrajectory` and what its SI unit is multiplied by."""
+"""Column → field of a `LegTrajectory`, and the factor from the field's SI unit to the column's unit."""
 
 
 class DistanceError(NamedTuple):
-    """Distance walked while both are valid; errors are estimate − reference.
+    """Distance walked while estimate and reference are both valid; errors are estimate − reference.
 
     Attributes:
-        estimate: [m].
-        reference: [m].
-        error: [m].
-        abs_error: [m].
+        estimate: estimated distance [m].
+        reference: distance by the reference [m].
+        error: estimate − reference [m].
+        abs_error: |error| [m].
         rel_error: error / reference [1].
         rmse: root mean square difference of the two distances over the walk [m], each from 0 at its start.
     """
@@ -42,11 +42,11 @@ class DistanceError(NamedTuple):
 
 
 class PositionError(NamedTuple):
-    """Root mean square distance of two ways of a foot [m].
+    """Root mean square distance between two trajectories of a foot [m].
 
     Attributes:
-        plan: seen from above, after the turn about the vertical and the shift that fit best.
-        height: after the shift that fits best.
+        plan: in the horizontal plane, after the best-fitting turn about the vertical and shift.
+        height: in height, after the best-fitting shift.
     """
 
     plan: float
@@ -57,19 +57,19 @@ def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
     """Which samples of the reference are valid and lie between valid samples of the estimate.
 
     Args:
-        estimate: at its own times.
-        reference: (T,) times.
+        estimate: the estimate, at any times.
+        reference: the reference, at times (T,).
 
     Returns:
-        (T,) bool, True somewhere.
+        (T,) bool, with at least one True.
 
     Raises:
-        ValueError: if a time runs backwards or stands still, or they share none that is valid.
+        ValueError: if times do not increase, or no sample is valid in both.
     """
     ours, theirs = as_float(estimate.time), as_float(reference.time)
     valid = np.asarray(estimate.valid, bool)
     for name, time in (("estimate", ours), ("reference", theirs)):
-        # an estimate at moments may have two values for one of them
+        # an estimate at single instants may have two values at one instant
         if time.ndim != 1 or time.size < 2 or not np.all(np.diff(time) >= 0) or time[-1] == time[0]:
             raise ValueError(f"the {name}'s time must be (T,) with T >= 2 and must not run backwards")
     inside = np.interp(theirs, ours, valid.astype(float), left=0.0, right=0.0) > 1.0 - 1e-9
@@ -109,16 +109,16 @@ def trajectory_errors(
     The estimate is interpolated onto the reference's times.
 
     Args:
-        estimate: what to judge.
-        reference: what to judge it by.
-        window: stretch of the reference to judge on.
-        relative_to: stretch (of standing) whose mean is taken off each of the two first; None for absolute.
+        estimate: the estimate.
+        reference: motion capture or simulated truth.
+        window: interval of the reference over which errors are computed.
+        relative_to: interval of standing whose mean is first subtracted from each of both; None for absolute errors.
 
     Returns:
         One row for each leg that both have (index `side`); columns `hip_deg knee_deg x_cm y_cm`.
 
     Raises:
-        ValueError: if they share no leg, no time, or no sample of a window.
+        ValueError: if estimate and reference have no leg, no time, or no sample of a window in common.
     """
     import pandas as pd
 
@@ -146,15 +146,15 @@ def trajectory_errors(
 
 
 def distance_error(estimate: Estimate, reference: Estimate, window: Window = None) -> DistanceError:
-    """Error of the distance walked between the first and the last time at which both are valid.
+    """Error of the distance walked from the first to the last time at which estimate and reference are valid.
 
     Args:
         estimate: with `distance` (T,) [m].
         reference: with `distance` (T,) [m].
-        window: stretch of the reference to judge on; None for all of it.
+        window: interval of the reference over which the error is computed; None for all of it.
 
     Raises:
-        ValueError: if either has no distance, they share no time, or the reference did not move.
+        ValueError: if either has no distance, they have no time in common, or the reference did not move.
     """
     for name, estimated in (("estimate", estimate), ("reference", reference)):
         if estimated.distance is None:
@@ -175,22 +175,22 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
 def foot_position_error(
     estimate: Estimate, reference: Estimate, side: str, window: Window = None
 ) -> PositionError | None:
-    """How far one foot's place is off, after turning the estimate about the vertical and shifting it.
+    """Error of one foot's position, after the estimate is turned about the vertical and shifted onto the reference.
 
-    Neither heading nor place of the world is known to a sensor on a foot, so neither counts. Where one of the two
-    speaks of fewer moments, both are compared at those.
+    A sensor on a foot measures neither heading nor position in the laboratory, so both are fitted. If one of the two
+    trajectories has fewer instants, both are compared at these instants.
 
     Args:
-        estimate: with `feet` as trajectories or at single moments.
-        reference: the same.
+        estimate: with `feet` as trajectories or at single instants.
+        reference: with `feet`, likewise.
         side: "right" or "left".
-        window: stretch of the reference to judge on; None for all of it.
+        window: interval of the reference over which the error is computed; None for all of it.
 
     Returns:
-        The error; None where one of them does not have that foot.
+        The error; None where estimate or reference does not have that foot.
 
     Raises:
-        ValueError: if they share no time, or no sample of the window.
+        ValueError: if they have no time, or no sample of the window, in common.
     """
     if estimate.feet is None or reference.feet is None:
         return None
@@ -218,14 +218,14 @@ def foot_position_error(
 
 
 def yaw_aligned(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Places turned about the vertical and shifted so that they come nearest to others, in the least squares sense.
+    """Positions turned about the vertical and shifted onto other positions by least squares.
 
     Args:
-        ours: (n, 3) [m].
-        theirs: (n, 3) [m].
+        ours: (n, 3) [m] positions to move.
+        theirs: (n, 3) [m] positions to fit.
 
     Returns:
-        (n, 3) [m].
+        (n, 3) [m] the moved positions.
     """
     a, b = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
     along = np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])

@@ -1,4 +1,4 @@
-"""How far an estimate and its reference are interchangeable: intraclass correlation and limits of agreement.
+"""Agreement of an estimate with its reference: intraclass correlation and limits of agreement.
 
 On the host, in NumPy; quantiles of distributions need scipy, names of subjects pandas (the extra `io`).
 
@@ -19,7 +19,7 @@ from jgait.types import Values, as_float
 
 
 class Icc(NamedTuple):
-    """Intraclass correlation of n targets [1], with its interval; NaN where the targets do not differ at all."""
+    """Intraclass correlation of n targets [1], with its confidence interval; NaN where all targets are equal."""
 
     value: float
     low: float
@@ -32,17 +32,17 @@ class Limits(NamedTuple):
 
     Attributes:
         bias: mean of estimate − reference.
-        bias_low: lower end of its interval.
-        bias_high: upper end.
+        bias_low: lower end of the interval of the bias.
+        bias_high: upper end of the interval of the bias.
         sd: standard deviation of a single difference, of any measurement of any subject.
         lower: lower limit of agreement.
-        lower_low: lower end of its interval.
-        lower_high: upper end.
+        lower_low: lower end of the interval of the lower limit.
+        lower_high: upper end of the interval of the lower limit.
         upper: upper limit of agreement.
-        upper_low: lower end of its interval.
-        upper_high: upper end.
-        n: differences.
-        n_subjects: subjects; n where each difference is a subject of its own.
+        upper_low: lower end of the interval of the upper limit.
+        upper_high: upper end of the interval of the upper limit.
+        n: number of differences.
+        n_subjects: number of subjects; n where each difference is of another subject.
     """
 
     bias: float
@@ -62,11 +62,11 @@ class Limits(NamedTuple):
 def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
     """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
 
-    ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), of the mean squares of rows, columns and the rest.
+    ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), with the mean squares of rows, columns and residual.
 
     Args:
         ratings: (n, k), one row a target, one column a rater; finite.
-        level: probability that the interval is to cover [1]. It takes the targets for independent.
+        level: coverage probability of the interval [1], which assumes independent targets.
 
     Raises:
         ValueError: if there are not at least two targets and two raters, or a rating is not finite.
@@ -89,7 +89,7 @@ def icc21(ratings: npt.ArrayLike, *, level: float = 0.95) -> Icc:
 
 
 def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
-    """ICC(2,1) from the mean squares of targets, raters and the rest, NaN where all are 0; see `icc21`."""
+    """ICC(2,1) from the mean squares of targets, raters and residual; NaN where all are 0; see `icc21`."""
     total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
     return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
 
@@ -97,10 +97,10 @@ def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: 
 def _icc_interval(
     value: float, between: float, raters: float, rest: float, n: int, k: int, level: float
 ) -> tuple[float, float]:
-    """McGraw and Wong's interval; Satterthwaite's degrees of freedom can vanish at negative values, then NaN."""
+    """McGraw and Wong's interval; NaN where Satterthwaite's degrees of freedom are 0, possible if ICC < 0."""
     from scipy import stats
 
-    if not value < 1.0:  # all agree exactly, or nothing differs: there is no noise from which an interval follows
+    if not value < 1.0:  # all ratings agree exactly, or all are equal: without noise no interval can be computed
         return value, value
     a = k * value / (n * (1.0 - value))
     parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
@@ -131,18 +131,18 @@ def icc(estimate: npt.ArrayLike, reference: npt.ArrayLike, *, level: float = 0.9
 def limits_of_agreement(
     estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Limits:
-    """Bland and Altman's limits: where the share `level` of differences estimate − reference lies.
+    """Bland and Altman's limits, which contain the share `level` of the differences estimate − reference.
 
-    limits = bias ± z √(σ_B² + σ_W²). Between and within subjects are separated by an unbalanced one-way analysis of
-    variance, σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²), m the rows of each of n subjects, and not below 0.
+    limits = bias ± z √(σ_B² + σ_W²). An unbalanced one-way analysis of variance gives σ_W² within subjects and
+    σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²) between subjects, m the rows of each of n subjects, and not below 0.
     The intervals add the variances of the bias and of z times the standard deviation, with t of n − 1; with 15
-    subjects of 1 to 11 rows those of the bias cover 95 % of the time and those of the limits 90 %.
+    subjects of 1 to 11 rows, the intervals of the bias cover in 95 % of cases and those of the limits in 90 %.
 
     Args:
         estimate: (N,), finite.
         reference: (N,), finite.
-        subjects: (N,) who each row is of; None where each is of another.
-        level: share of differences between the limits, and probability that each interval is to cover [1].
+        subjects: (N,) the subject of each row; None where each row is of another subject.
+        level: share of differences between the limits, and coverage probability of each interval [1].
 
     Raises:
         ValueError: if lengths differ, a value is not finite, or there are fewer than two subjects.
@@ -173,7 +173,7 @@ def limits_of_agreement(
 
 
 def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> tuple[float, float, float]:
-    """Variance of one difference, of their mean and of the standard deviation."""
+    """Variances of one difference, of the mean difference, and of the estimated standard deviation."""
     n, total = sizes.size, difference.size
     means = np.bincount(codes, difference) / sizes
     between = float(np.sum(sizes * (means - difference.mean()) ** 2) / (n - 1))
@@ -191,13 +191,13 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
 
 
 def check_level(level: float) -> None:
-    """Refuse a probability that is none, such as 95."""
+    """Refuse a level outside (0, 1), such as 95."""
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie in (0, 1); got {level!r}")
 
 
 def number_subjects(labels: npt.ArrayLike) -> tuple[np.ndarray, int]:
-    """Each row's subject as a number in order of appearance, and how many subjects there are."""
+    """The subject of each row as a number in order of appearance, and the number of subjects."""
     import pandas as pd
 
     codes, names = pd.factorize(np.asarray(labels))

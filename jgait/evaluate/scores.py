@@ -1,4 +1,4 @@
-"""What one recording adds to a cohort: its quantities and its strides, estimate against reference; in NumPy, lean."""
+"""Scores of one recording for a cohort: quantities and strides, estimate beside reference; in NumPy."""
 
 from typing import Any, NamedTuple
 
@@ -21,20 +21,20 @@ STRIDE_QUANTITIES: dict[str, tuple[str, float]] = {
     "contact_angle_deg": ("contact_angle", DEGREES),
     "push_off_angle_deg": ("push_off_angle", DEGREES),
 }
-"""Quantity of a stride → field of `Strides` and what its SI unit is multiplied by; the duration is end − start. The
-length is also read from `distance`, see `stride_rows`."""
+"""Quantity of a stride → field of `Strides`, and the factor from its SI unit to the quantity's unit; the duration is
+end − start. The length is also computed from `distance`, see `stride_rows`."""
 
 WITHIN = 100.0 * 0.9544997361
 """Share of a normal distribution within two standard deviations [%]."""
 
 
 class Scores(NamedTuple):
-    """What one recording adds to a cohort; errors are formed from it later.
+    """Scores of one recording for a cohort; errors are computed from them later.
 
     Attributes:
-        quantities: name → (estimate, reference); NaN where there is none.
-        strides: columns (n,) `s_id side start end quantity estimate reference`, a row a stride and quantity; empty for
-            none.
+        quantities: name → (estimate, reference); NaN where a value is missing.
+        strides: columns (n,) `s_id side start end quantity estimate reference`, a row a stride and quantity; empty
+            without strides.
     """
 
     quantities: dict[str, tuple[float, float]]
@@ -44,27 +44,27 @@ class Scores(NamedTuple):
 NAN = float("nan")
 
 AS_FAR = 0.1
-"""By how much the way over a stride may differ from the stride, for one to be measured by the other [1]."""
+"""Largest relative difference between distance gained and stride length at which the two are compared [1]."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
-    """What an estimate adds to a cohort, with the reference where the walk has one.
+    """Scores of an estimate for a cohort, with the reference where the walk has one.
 
-    Over the times at which both are valid:
-        distance_m: walked between the first and the last of them.
+    Quantities over the times at which both are valid:
+        distance_m: distance walked from the first to the last of these times.
         hip_rmse_deg_right …: root mean square error of each angle and of the foot path of each leg that both have;
-            its reference is 0, so that bias and limits of agreement are those of the RMSE over recordings. That of a
-            whole walk is absolute: offsets while standing are in it.
-        foot_rmse_cm_right, foot_height_rmse_cm_right …: of the place of each foot that both have, seen from above and
-            in height, the estimate turned about the vertical and shifted to fit.
-        stride_length_within_2sd_percent …: how many strides of the reference lie within two standard deviations of
-            the estimate's, where it states them; its reference is the share of a normal distribution.
-    Every single number among the estimate's diagnostics (`nis_right`, `log_likelihood_right` …), with the reference's
-    of the same name. Every valid stride of the reference, see `stride_rows`.
+            its reference is 0, so that bias and limits of agreement are those of the RMSE over recordings. The error
+            of a whole walk is absolute: it includes the offsets while standing.
+        foot_rmse_cm_right, foot_height_rmse_cm_right …: root mean square error of the position of each foot that both
+            have, in the horizontal plane and in height, after the best-fitting turn about the vertical and shift.
+        stride_length_within_2sd_percent …: share of the strides whose error is within two standard deviations of the
+            estimate, where it has standard deviations; its reference is the share of a normal distribution.
+    Also every scalar diagnostic of the estimate (`nis_right`, `log_likelihood_right` …), with the reference's
+    diagnostic of the same name, and every valid stride of the reference, see `stride_rows`.
 
     Args:
         estimate: on the host, without padding.
-        walk: what was recorded; its recording may come without sensors.
+        walk: the walk; its recording may have no sensor data.
 
     Returns:
         See `Scores`.
@@ -95,7 +95,7 @@ def _is_number(value: npt.ArrayLike | None) -> bool:
 
 
 def _on(reference: Estimate, estimate: Estimate, values: npt.ArrayLike) -> np.ndarray:
-    """An estimate's values (T,) at the times of the reference."""
+    """Values of an estimate (T,) interpolated at the times of the reference."""
     theirs, ours = as_float(reference.time), as_float(estimate.time)
     return as_float(values) if np.array_equal(theirs, ours) else np.interp(theirs, ours, as_float(values))
 
@@ -138,13 +138,13 @@ def _places(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, f
 def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
     """A row for each valid stride of the reference and each quantity that both have.
 
-    Where the estimate has strides, a stride of the reference goes with that of the same foot whose middle is nearest,
-    if each is the other's nearest and they are less than half a stride apart; every quantity that both have anywhere
-    is compared. Where it has none, its length is what `distance` gains between the stride's start and end, the
-    estimate valid all the while: from one contact to the next on a straight way, the hip goes as far as the foot. It
-    does not in the first stride from standing, in the last that closes up, and in tight turns: where the reference's
-    own distance gains another length than the foot's by a tenth and more, there is no comparison. NaN for a stride
-    that the estimate does not have or cannot be compared in.
+    If the estimate has strides, a stride of the reference is matched with the estimated stride of the same foot whose
+    middle is nearest, if each is the other's nearest and they are less than half a stride apart; every quantity that
+    both have in any stride is compared. If it has none, its stride length is the gain of `distance` from the stride's
+    start to its end, valid throughout: between two contacts on a straight path, the hip moves as far as the foot. This
+    does not hold in the first stride from standing, in the last before standing, and in tight turns: the stride is not
+    compared where the gain of the reference's distance differs from the foot's stride length by more than a tenth.
+    Strides that the estimate lacks, or that are not compared, are NaN.
 
     Returns:
         Columns as of `Scores.strides`; `s_id` counts the strides of the reference in the order in which they start.
@@ -181,7 +181,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, Any]:
 
 
 def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[float, float]]:
-    """For each quantity of the strides the share of errors within two stated standard deviations [%], and `WITHIN`."""
+    """Quantity of the strides → share of errors within two standard deviations of the estimate [%], and `WITHIN`."""
     if estimate.strides is None or estimate.strides_stddev is None or reference.strides is None:
         return {}
     ours, theirs = _ordered(estimate.strides), _ordered(reference.strides)
@@ -203,7 +203,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
 
 
 def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
-    """A quantity of every stride in the unit that its name ends with; None where the source does not give it."""
+    """A quantity of every stride, in the unit at the end of its name; None where `strides` lacks the quantity."""
     field, scale = STRIDE_QUANTITIES[quantity]
     if field:
         values = getattr(strides, field)
@@ -214,7 +214,7 @@ def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
 
 
 def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
-    """The valid strides, in the order in which they start; or in that in which those of another table do."""
+    """The valid strides in the order of their start, or, with `like`, in the order of the strides of `like`."""
     by = strides if like is None else like
     valid = np.flatnonzero(np.asarray(by.valid, bool))
     order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
@@ -224,7 +224,7 @@ def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
 
 
 def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:
-    """From when to when strides last [s]: from contact to contact, or from standing to standing."""
+    """Start and end of each stride [s]: from contact to contact, or from standing to standing."""
     return (
         (as_float(strides.standing), as_float(strides.standing_end))
         if standing
@@ -233,10 +233,10 @@ def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched(ours: Strides, theirs: Strides) -> np.ndarray:
-    """For each stride of the second which one of the first it goes with, −1 for none; see `stride_rows`.
+    """For each stride of `theirs`, the index of the matching stride of `ours`, −1 for none; see `stride_rows`.
 
-    Strides are compared from standing to standing where both state when that is, and else from contact to contact; a
-    source without contacts is compared by its standing.
+    Strides are compared from standing to standing if both tables have times of standing, else from contact to contact;
+    a table without contacts is compared by its times of standing.
     """
     none = np.full(theirs.side.size, -1)
     if not ours.side.size:
@@ -252,7 +252,7 @@ def matched(ours: Strides, theirs: Strides) -> np.ndarray:
 
 
 def _as_far(reference: Estimate, strides: Strides) -> np.ndarray:
-    """Over which strides the way walked was as long as the stride, by the reference; all, if it states none."""
+    """(strides,) True where the reference's distance gains the stride's length; all True if it has no distance."""
     if reference.distance is None:
         return np.ones(strides.start.size, bool)
     with np.errstate(invalid="ignore"):
@@ -260,7 +260,7 @@ def _as_far(reference: Estimate, strides: Strides) -> np.ndarray:
 
 
 def _gained(estimate: Estimate, strides: Strides) -> np.ndarray:
-    """How far an estimate's distance grows over each stride [m]; NaN where it is not valid throughout."""
+    """Gain of an estimate's distance over each stride [m]; NaN where the estimate is not valid throughout."""
     time, valid = as_float(estimate.time), np.asarray(estimate.valid, bool)
     first = np.searchsorted(time, strides.start, side="right") - 1
     last = np.searchsorted(time, strides.end, side="left")

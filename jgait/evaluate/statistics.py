@@ -1,7 +1,7 @@
-"""Statistics of a cohort's errors: intervals over subjects, agreement with a reference, before against after.
+"""Statistics of a cohort's errors: intervals over subjects, agreement with a reference, change of errors.
 
-Strides of one person are not independent: every statement about people is resampled, or its variance taken, over
-people. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
+Strides of one person are not independent: confidence intervals are computed by resampling subjects, or from the
+variance over subjects. On the host, in NumPy and pandas; quantiles of distributions need scipy (the extra `io`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,15 +34,15 @@ AGREEMENT = (
 
 
 class PairedDifference(NamedTuple):
-    """How errors changed from before to after; below 0 is better.
+    """Change of errors, after − before; a negative change is an improvement.
 
     Attributes:
         estimate: statistic over subjects of their mean change, after − before, in the unit of the errors.
-        low: lower end of its interval.
-        high: upper end.
-        n: subjects.
-        better: subjects whose errors fell.
-        worse: subjects whose errors rose.
+        low: lower end of the interval of `estimate`.
+        high: upper end of the interval of `estimate`.
+        n: number of subjects.
+        better: number of subjects whose errors decreased.
+        worse: number of subjects whose errors increased.
     """
 
     estimate: float
@@ -54,12 +54,12 @@ class PairedDifference(NamedTuple):
 
     @property
     def worse_beyond_noise(self) -> bool:
-        """Whether the whole interval is on the worse side."""
+        """Whether the whole interval is above 0: errors increased."""
         return self.low > 0.0
 
 
 def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
-    """Median, worst, mean and number of each numeric column.
+    """Median, worst value, mean and number of values of each numeric column.
 
     Args:
         errors: a table with one row a leg or recording, or several `DistanceError`.
@@ -69,7 +69,7 @@ def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
         with its sign; missing values do not count.
 
     Raises:
-        ValueError: if there is nothing to summarise.
+        ValueError: if the table has no row or no numeric column.
     """
     import pandas as pd
 
@@ -87,7 +87,7 @@ def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
 
 
 def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.ndarray]:
-    """Which of `count` things each resample holds, (count,) a time."""
+    """Yields the indices (count,) of each bootstrap resample."""
     check_level(level)
     if resamples < 1:
         raise ValueError(f"resamples must be positive; got {resamples!r}")
@@ -96,7 +96,7 @@ def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.n
 
 
 def _ends(values: npt.ArrayLike, level: float) -> tuple[float, float]:
-    """Lower and upper end of the middle share `level` of the finite values."""
+    """Lower and upper quantile that enclose the central share `level` of the finite values."""
     values = as_float(values)
     values = values[np.isfinite(values)]
     if not values.size:
@@ -113,17 +113,17 @@ def bootstrap_interval(
     level: float = 0.95,
     resamples: int = 2000,
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic of independent values; one value a person, not a sample.
+    """Percentile bootstrap interval of a statistic of independent values; give one value a person, not a sample.
 
     Args:
         values: (n,), finite.
         statistic: (n,) → scalar.
-        seed: of the resampling; the same seed gives the same interval.
-        level: probability that the interval is to cover [1].
-        resamples: how many.
+        seed: seed of the resampling; the same seed gives the same interval.
+        level: coverage probability of the interval [1].
+        resamples: number of resamples.
 
     Returns:
-        Lower and upper end, in the unit of the statistic.
+        Lower and upper end of the interval, in the unit of the statistic.
 
     Raises:
         ValueError: if there are fewer than two values, one is not finite, or `level` is not inside (0, 1).
@@ -147,18 +147,18 @@ def cluster_bootstrap(
 
     Args:
         table: any number of rows a subject.
-        statistic: table → scalar. In the tables it is given, column `by` is the number of the draw (0 … n − 1): a
-            subject drawn twice is two subjects, also to a statistic that groups.
+        statistic: table → scalar. In a resampled table, column `by` is the number of the draw (0 … n − 1): a subject
+            drawn twice is two subjects, also for a statistic that groups by subject.
         by: column that names the subject.
-        seed: of the resampling; the same seed gives the same interval.
-        level: probability that the interval is to cover [1].
-        resamples: how many.
+        seed: seed of the resampling; the same seed gives the same interval.
+        level: coverage probability of the interval [1].
+        resamples: number of resamples.
 
     Returns:
-        Lower and upper end, in the unit of the statistic.
+        Lower and upper end of the interval, in the unit of the statistic.
 
     Raises:
-        ValueError: if there is no such column, fewer than two subjects, or the statistic of a resample is not finite.
+        ValueError: if column `by` is missing, there are fewer than two subjects, or a statistic is not finite.
     """
     require_columns(table, (by,))
     codes, count = number_subjects(table[by])
@@ -187,16 +187,16 @@ def paired_difference(
     level: float = 0.95,
     resamples: int = 2000,
 ) -> PairedDifference:
-    """Whether errors changed by more than the choice of subjects explains, every subject counted once.
+    """Paired change of errors, with an interval over subjects; every subject has the same weight.
 
     Args:
         before: (n,) sizes of errors, finite.
-        after: (n,) of the same recordings in the same order.
-        subjects: (n,) who each row is of; a subject with several rows has their mean change.
-        seed: of the resampling of subjects.
+        after: (n,) sizes of errors of the same recordings in the same order.
+        subjects: (n,) the subject of each row; the changes of a subject's rows are averaged.
+        seed: seed of the resampling of subjects.
         statistic: changes of the subjects → scalar; `np.median` or `np.mean`.
-        level: probability that the interval is to cover [1].
-        resamples: how many.
+        level: coverage probability of the interval [1].
+        resamples: number of resamples.
 
     Raises:
         ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
@@ -214,7 +214,7 @@ def paired_difference(
 
 
 def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
-    """Refuse a table without some columns."""
+    """Refuse a table that lacks one of the columns."""
     missing = [name for name in names if name not in table.columns]
     if missing:
         raise ValueError(f"the table needs the columns {list(names)}; it has {list(table.columns)}: {missing} missing")
@@ -227,7 +227,7 @@ def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
         table: with columns `estimate` and `reference`; where the reference is 0, `rel_error` is NaN.
 
     Raises:
-        ValueError: if one of them is missing.
+        ValueError: if one of these columns is missing.
     """
     require_columns(table, ("estimate", "reference"))
     estimate, reference = (table[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
@@ -245,19 +245,19 @@ def agreement(
     level: float = 0.95,
     resamples: int = 2000,
 ) -> "pd.DataFrame":
-    """How well estimates agree with their reference, one row a quantity.
+    """Agreement of estimates with their reference, one row a quantity.
 
-    Bias and limits are those of `limits_of_agreement` with the rows' subjects; the mean absolute error's interval is
-    bootstrapped over subjects, and so is that of ICC(2,1) unless every row is of another subject, for the F-based one
-    takes rows for independent. What cannot be computed (one subject, one row) is NaN.
+    Bias and limits are those of `limits_of_agreement` with the rows' subjects; the interval of the mean absolute error
+    is bootstrapped over subjects. The interval of ICC(2,1) is bootstrapped if a subject has several rows, because the
+    F-based interval assumes independent rows. Values that cannot be computed (one subject, one row) are NaN.
 
     Args:
         table: long, with columns `quantity`, `estimate`, `reference` and `by`.
         by: column that names the subject.
-        quantities: which, in this order; None for all in order of appearance.
-        seed: of the resampling of subjects.
-        level: share of differences between the limits, and probability that each interval is to cover [1].
-        resamples: how many.
+        quantities: names of the quantities, in this order; None for all in order of appearance.
+        seed: seed of the resampling of subjects.
+        level: share of differences between the limits, and coverage probability of each interval [1].
+        resamples: number of resamples.
 
     Returns:
         Index `quantity`; columns `AGREEMENT`, in the quantity's unit. Rows that are not finite are left out and counted
@@ -283,14 +283,14 @@ def agreement(
         )
         rows[name] = row | {"n_dropped": int(np.sum(~finite))}
     whole = {"n": int, "n_subjects": int, "n_dropped": int}
-    made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # of no rows, too
+    made = pd.DataFrame.from_dict(rows, orient="index").reindex(columns=list(AGREEMENT))  # also with no rows
     return made.rename_axis("quantity").astype(whole)
 
 
 def _agreement(
     pairs: np.ndarray, codes: np.ndarray, count: int, *, seed: int, level: float, resamples: int
 ) -> dict[str, float]:
-    """One row of the table of agreement, of finite pairs (n, 2)."""
+    """One row of the table of agreement, from finite pairs (estimate, reference) (n, 2)."""
     nan = float("nan")
     n, error = len(pairs), pairs[:, 0] - pairs[:, 1]
     row = dict.fromkeys(AGREEMENT, nan) | {"n": n, "n_subjects": count}
@@ -318,7 +318,7 @@ def _agreement(
 
 
 def _moments(pairs: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """Of each subject n, Σ|x − y|, Σx, Σy, Σx², Σy², Σ(x + y)²; sums of them make every resample's statistics."""
+    """(subjects, 7) n, Σ|x − y|, Σx, Σy, Σx², Σy², Σ(x + y)²; their sums over a resample give its statistics."""
     x, y = (pairs - pairs.mean()).T
     columns = (np.ones_like(x), np.abs(x - y), x, y, x**2, y**2, (x + y) ** 2)
     return np.stack([np.bincount(codes, column) for column in columns], axis=1)

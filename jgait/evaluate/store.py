@@ -1,7 +1,7 @@
-"""Tables of a cohort, and the folder in which they grow: batches are appended whole, and a killed run goes on.
+"""Tables of a cohort, and the folder that stores them: batches are appended whole, and a killed run can be continued.
 
-Every finished batch is a folder of CSV files, written under a name that begins with a dot and then renamed, which the
-file system does at once or not at all: a kill at any moment loses the batch at work and nothing else.
+Every finished batch is a folder of CSV files, written under a name that begins with a dot and then renamed. Renaming
+is atomic: if the process is killed at any moment, only the unfinished batch is lost.
 """
 
 import functools
@@ -43,15 +43,15 @@ class OtherEvaluationError(ValueError):
 
 
 class Cohort(NamedTuple):
-    """How an estimator did on a cohort; pandas tables, sorted by recording.
+    """Results of an estimator on a cohort; pandas tables, sorted by recording.
 
     Attributes:
         recordings: a row a recording: `recording subject n_samples seconds valid notes`; `valid` is the share of
             samples with an estimate [1]; `notes` are JSON, read by `jgait.notes.from_json`.
         quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
-            rel_error`, in the unit that the quantity's name ends with; NaN where there is no reference.
+            rel_error`, in the unit at the end of the quantity's name; NaN where there is no reference.
         strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s].
-        failures: `recording subject reason` of every recording that gave no result.
+        failures: `recording subject reason` of every recording without a result.
     """
 
     recordings: "pd.DataFrame"
@@ -87,7 +87,7 @@ class Cohort(NamedTuple):
 
 
 def frame(table: str, rows: "dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
-    """Columns as the table of that name, in the types that it has in memory and on disk alike."""
+    """A data frame with the columns of the named table, in their types, equal in memory and on disk."""
     import pandas as pd
 
     made = pd.DataFrame(rows, columns=list(COLUMNS[table]))
@@ -96,7 +96,7 @@ def frame(table: str, rows: "dict[str, Any] | pd.DataFrame") -> "pd.DataFrame":
 
 
 def joined(parts: Iterable[Cohort]) -> Cohort:
-    """Several cohorts as one, sorted by recording; what belongs to one recording keeps its order."""
+    """Several cohorts as one, sorted by recording; the rows of one recording keep their order."""
     import pandas as pd
 
     parts = list(parts)
@@ -131,15 +131,15 @@ class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
     def __init__(self, path: Path, description: dict[str, str], rank: int = 0) -> None:
-        """Make the folder, or take up the one that an earlier run of the same description left.
+        """Make the folder, or continue the folder of an earlier run with the same description.
 
         Args:
             path: the folder.
-            description: what the results depend on, in words.
-            rank: number of this process among those that write here.
+            description: the settings on which the results depend, as text.
+            rank: number of this process among those that write to the folder.
 
         Raises:
-            ValueError: if it holds results of another description, or something else.
+            ValueError: if the folder holds results of another description, or other files.
         """
         self._path, self._rank = Path(path), rank
         self._path.mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ class Folder:
         )
 
     def append(self, part: Cohort) -> None:
-        """Add the rows of a batch, all of them or, if killed on the way, none."""
+        """Add the rows of a batch: all rows, or none if the process is killed meanwhile."""
         name = f"part-{self._rank}-{self._next:06d}"
         hidden = self._path / f".{self._rank}-{name}"
         hidden.mkdir()
@@ -200,21 +200,21 @@ def _write(path: Path, text: str) -> None:
 def _read(part: Path, table: str) -> "pd.DataFrame":
     import pandas as pd
 
-    # As text, and numbers from it by Python: exact in every version of pandas; and a subject may be called NA.
+    # Cells are read as text and converted by Python: exact in every version of pandas, and a subject may be named NA.
     text = pd.read_csv(part / f"{table}.csv", dtype=str, keep_default_na=False, encoding="utf-8")
     plain = {name: text[name].to_numpy(dtype=object) for name in COLUMNS[table]}
     return frame(table, {n: v if n in _TEXT else v.astype("i8" if n in _WHOLE else "f8") for n, v in plain.items()})
 
 
 def described(value: object) -> str:
-    """In words, the same in every process: a function by name, code and what it closes over; arrays by content."""
+    """Text equal in every process: a function by name, code and closure; arrays by content."""
     if isinstance(value, functools.partial):
         return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
     if inspect.isfunction(value):
         held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
         inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
         text = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")
-        # Two lambdas have one name.
+        # All lambdas have the same name, so the code is part of the text.
         return f"{text} {_digest(_code(value))}" if "<" in value.__qualname__ else text
     if callable(value) and not isinstance(value, type) and not hasattr(value, "_fields"):
         return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
@@ -234,7 +234,7 @@ def described(value: object) -> str:
 
 
 def _held(value: object) -> str:
-    """What a function closes over; what may change while it runs (counters, caches, tables) by its type alone."""
+    """A value in a function's closure as text; an object that may change (counter, cache, table) by its type alone."""
     plain = isinstance(value, tuple | str | bytes | int | float | Path | jax.Array | np.ndarray | np.generic)
     return described(value) if plain or value is None or inspect.isfunction(value) else type(value).__name__
 

@@ -13,8 +13,8 @@ class Judged(NamedTuple):
 
     Attributes:
         rmse: side → column → root mean square error, relative to standing.
-        distance_error_pct: signed, of the distance walked within the window; None where either has none.
-        within_two_sigma: share of the angle samples inside two stated standard deviations; None without any.
+        distance_error_pct: signed error of the distance walked within the window; None where either has no distance.
+        within_two_sigma: share of the angle samples with errors inside two standard deviations; None without angles.
     """
 
     rmse: dict[str, dict[str, float]]
@@ -25,16 +25,16 @@ class Judged(NamedTuple):
 def judge(
     estimate: Estimate, reference: Estimate, window: tuple[int, int], standing: tuple[int, int] | None = None
 ) -> Judged:
-    """Errors of an estimate over a window of the reference, each relative to its own standing value.
+    """Errors of an estimate over a window of the reference; the mean while standing is subtracted from each signal.
 
     Args:
-        estimate: at any sampling times; interpolated to the reference's.
+        estimate: at any sampling times; interpolated at the times of the reference.
         reference: motion capture or simulated truth.
-        window: half-open sample range of the reference to judge.
-        standing: half-open sample range of quiet standing whose mean is taken off both; None for absolute errors.
+        window: half-open sample range of the reference over which errors are computed.
+        standing: half-open sample range of quiet standing whose mean is subtracted from both; None for absolute errors.
 
     Returns:
-        Errors of every leg that both have.
+        Errors of every leg that estimate and reference have.
     """
     look = _within(window, reference)
     still = None if standing is None else _within(standing, reference)
@@ -51,7 +51,7 @@ def _within(span: tuple[int, int], reference: Estimate) -> np.ndarray:
 
 
 def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, still: np.ndarray | None) -> float | None:
-    """Share of the joint angles inside two stated standard deviations."""
+    """Share of the joint angles with errors inside two standard deviations of the estimate."""
     if estimate.stddev is None:
         return None
     inside = []
