@@ -1,4 +1,4 @@
-"""Parameters from data, by gradient: fit, cross-validation, and the parameters that the data determine."""
+"""Gradient-based estimation of parameters from data: fit, cross-validation, identifiability."""
 
 from jgait.tune.cross_validate import CrossValidation, check_split, cross_validate
 from jgait.tune.fit import Fit, Starts, fit

@@ -1,4 +1,4 @@
-"""The state of a fit on disk. The file is written whole or not at all; only the fit that wrote it continues from it."""
+"""The state of a fit on disk. A file is written completely or not at all; only the same fit can continue from it."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ FORMAT = 1
 
 
 def fingerprint(**parts: object) -> dict[str, str]:
-    """A digest of each part of a fit: numbers by their bytes, everything else by its name or text."""
+    """A digest of each part of a fit: of the bytes of numbers, of the name or text of everything else."""
     return {name: _digest(part) for name, part in parts.items()}
 
 
@@ -36,15 +36,15 @@ def _digest(part: object) -> str:
 
 
 def _text(part: object) -> str:
-    """How something prints, without the addresses that change from run to run."""
+    """The printed form of a part, without the memory addresses, which change from run to run."""
     return re.sub(r"\b0x[0-9a-f]+", "", str(part))
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
-    """Write a pytree of arrays; the file that was there stays whole until the new one is.
+    """Write a pytree of arrays; an existing file stays intact until the new file is complete.
 
     Args:
-        path: of the file.
+        path: path of the file.
         mark: fingerprint of the fit.
         state: pytree of arrays; its structure is not written.
     """
@@ -70,16 +70,16 @@ def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
     """Read what `save` wrote.
 
     Args:
-        path: of the file.
-        mark: fingerprint of the fit that wants to go on.
+        path: path of the file.
+        mark: fingerprint of the fit that continues.
         like: pytree of the same structure.
 
     Returns:
-        The pytree, its leaves NumPy arrays; None if there is no file.
+        The pytree with NumPy arrays as leaves; None if there is no file.
 
     Raises:
-        ValueError: if the file is no checkpoint.
-        OtherFitError: if it is one of another fit; the message states the differences.
+        ValueError: if the file is not a checkpoint.
+        OtherFitError: if the checkpoint is of another fit; the message states the differences.
     """
     if not path.exists():
         return None

@@ -12,7 +12,7 @@ from jgait.types import AnyArray
 
 
 def is_transform(node: object) -> bool:
-    """Where a tree of transforms ends."""
+    """Whether a node of a tree of transforms is a leaf."""
     return isinstance(node, Transform)
 
 
@@ -22,7 +22,7 @@ def transforms_of(transforms: PyTree) -> list[Transform]:
 
 
 def over_transforms(function: Callable[..., PyTree], transforms: PyTree, *trees: PyTree) -> PyTree:
-    """Map over parameters with the transform of each; a subtree is whatever stands where the transform does."""
+    """Map a function of (transform, subtrees) over parameters; a subtree has the place of the transform in its tree."""
     treedef: PyTree
     flat, treedef = jax.tree.flatten(transforms, is_leaf=is_transform)
     columns = [treedef.flatten_up_to(tree) for tree in trees]
@@ -30,15 +30,15 @@ def over_transforms(function: Callable[..., PyTree], transforms: PyTree, *trees:
 
 
 def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
-    """Data as NumPy arrays with a leading axis of items, and how many there are.
+    """Data as NumPy arrays with a leading axis of items, and the number of items.
 
     Args:
         data: pytree of arrays.
-        batched: whether it has that axis; otherwise it is one item.
+        batched: whether `data` has that axis; otherwise `data` is one item.
 
     Raises:
-        TypeError: for anything but numbers.
-        ValueError: if it is empty, or the lengths differ.
+        TypeError: if `data` holds anything but numbers.
+        ValueError: if `data` is empty, or the lengths differ.
     """
     flat, _ = jax.tree_util.tree_flatten_with_path(data)
     if not flat:
@@ -66,10 +66,10 @@ def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
 def numbered(
     subjects: Sequence[Hashable] | AnyArray | None, n: int
 ) -> tuple[tuple[Hashable, ...], Int[np.ndarray, "item"]]:
-    """Subjects in the order in which they appear, and the number of each item's (n,); None: one subject.
+    """Subjects in order of appearance, and the number of each item's subject (n,); None: one subject.
 
     Raises:
-        ValueError: if there is not one for each item.
+        ValueError: if there is not one subject for each item.
     """
     if subjects is None:
         return (), np.zeros(n, np.int32)
@@ -81,11 +81,11 @@ def numbered(
 
 
 def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
-    """Give a value for each subject to every parameter that is each subject's own.
+    """Give every parameter that is declared `per_subject` one value for each subject.
 
     Raises:
-        TypeError, ValueError: see `check_params`; or if there are own parameters and no subjects, or the values given
-            are not one for each.
+        TypeError, ValueError: see `check_params`; or if there are parameters per subject and no subjects, or not one
+            value for each subject.
     """
     check_params(params, transforms)
 
@@ -103,10 +103,10 @@ def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
 
 
 def check_priors(priors: PyTree, transforms: PyTree) -> None:
-    """Refuse priors that do not stand beside the parameters.
+    """Raise if the priors do not have the structure of the parameters.
 
     Raises:
-        TypeError: if the structures differ, or one is no `Prior`.
+        TypeError: if the structures differ, or a leaf is not a `Prior`.
     """
     if priors is None:
         return
@@ -122,7 +122,7 @@ def check_priors(priors: PyTree, transforms: PyTree) -> None:
 
 
 def start(params: PyTree, transforms: PyTree) -> PyTree:
-    """Free coordinates as arrays of one fixed type each, as a scan's carry must have.
+    """Free coordinates as arrays, each of one fixed dtype, as the carry of `lax.scan` requires.
 
     Raises:
         ValueError: if every parameter is fixed.
@@ -139,10 +139,10 @@ def start(params: PyTree, transforms: PyTree) -> PyTree:
 
 
 def check_loss(loss: Callable[..., PyTree], params: PyTree, item: PyTree) -> PyTree:
-    """The type of a loss, for parameters and one item.
+    """The dtype of the loss of one item.
 
     Raises:
-        ValueError: if the loss does not give one floating-point number.
+        ValueError: if the loss does not return one floating-point number.
     """
     out = jax.eval_shape(loss, params, item)
     leaves = jax.tree.leaves(out)

@@ -15,13 +15,13 @@ from jgait.types import AnyArray
 
 
 class Coordinates(NamedTuple):
-    """The free numbers of a parameter set, in the order of its leaves.
+    """The free numbers of a parameter set, in the order of the leaves.
 
     Attributes:
-        names: of each number: "thigh_length.right", "angle_noise", or "level[0]" in an array.
-        transforms: of each number.
-        tree: free values as `jgait.params.unconstrain` gives them, floats of one fixed type each.
-        vector: (p,) the same as one vector.
+        names: name of each number: "thigh_length.right", "angle_noise", or "level[0]" in an array.
+        transforms: transform of each number.
+        tree: free values as `jgait.params.unconstrain` returns them, each a float of one fixed dtype.
+        vector: (p,) the free values as one vector.
     """
 
     names: tuple[str, ...]
@@ -31,7 +31,7 @@ class Coordinates(NamedTuple):
 
 
 def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
-    """Name and line up what is free.
+    """The names and the vector of all free numbers.
 
     Args:
         params: NamedTuple in natural units.
@@ -42,7 +42,7 @@ def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
 
     Raises:
         TypeError: if `params` and `transforms` do not match.
-        ValueError: if a value is outside its range, everything is fixed, or a parameter is each subject's own.
+        ValueError: if a value is outside its range, everything is fixed, or a parameter is declared `per_subject`.
     """
     check_params(params, transforms)
     if any(t.own for t in transforms_of(transforms)):

@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 
 class CrossValidation[P](NamedTuple):
-    """What came of a cross-validation.
+    """The result of a cross-validation.
 
     Attributes:
-        table: one row for each subject (index `subject`), judged by the fit that never saw them: `fold`, `n` (items),
-            `error_before` and `error_after` (means over the subject's items), `change` (after − before).
+        table: one row for each subject (index `subject`), with the errors of the fit that held the subject out: `fold`,
+            `n` (items), `error_before` and `error_after` (means over the subject's items), `change` (after − before).
         items: one row for each item: `item subject fold error_before error_after`.
-        params: the parameters of each fold, natural units; what was free has a leading axis (F,).
-        losses: (F, starts) training loss of every fit; the best start of a fold was chosen by it.
-        left_out: (F,) how many items of a fold's training part did not count, see `tune.fit`.
+        params: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
+        losses: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
+        left_out: (F,) number of items in a fold's training part that were left out, see `tune.fit`.
     """
 
     table: "pd.DataFrame"
@@ -47,14 +47,14 @@ class CrossValidation[P](NamedTuple):
 
 
 def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None:
-    """Refuse folds that cut through a subject: what was learned from a person proves nothing about that person.
+    """Raise if one subject's items are in several folds: the error on a subject in the training part is too low.
 
     Args:
-        subjects: (n,) whose each item is.
+        subjects: (n,) subject of each item.
         folds: (n,) the fold in which each item is held out.
 
     Raises:
-        ValueError: naming the subjects that are in several folds, or if there are fewer than two folds.
+        ValueError: if a subject is in several folds (the message names it), or there are fewer than two folds.
     """
     if len(subjects) != len(folds):
         raise ValueError(f"every item needs a subject and a fold; got {len(subjects)} subjects and {len(folds)} folds")
@@ -70,7 +70,7 @@ def check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> None
 
 
 def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
-    """Refuse one recording under the names of two subjects."""
+    """Raise if the same recording has two different subjects."""
     leaves = [np.ascontiguousarray(leaf) for leaf in jax.tree.leaves(data)]
     seen: dict[bytes, int] = {}
     for item, subject in enumerate(subjects):
@@ -125,27 +125,27 @@ def cross_validate[P](
     progress: Report | None = None,
     chunk: int | None = None,
 ) -> CrossValidation[P]:
-    """Fit on all subjects but some, judge on those, for every fold; all folds and starts side by side in one program.
+    """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program.
 
-    Everything but the folds is as of `tune.fit`. Of several starts a fold takes the one with the lowest loss on the
-    items that it learns from; those held out choose nothing.
+    Everything but the folds is as in `tune.fit`. A fold with several starts uses the start with the lowest training
+    loss; the items held out have no influence on that choice.
 
     Args:
         loss: (params, item) → scalar; pure JAX.
-        params: where to start; also what `error_before` is judged with.
-        transforms: of `params`; known values per subject (`per_subject(fixed)`) are welcome, free ones are refused.
+        params: starting values, with which `error_before` is computed as well.
+        transforms: of `params`; known values per subject (`per_subject(fixed)`) are allowed, free ones raise.
         data: pytree of arrays with a leading axis of n items.
         optimizer: from optax.
-        subjects: (n,) whose each item is.
-        folds: None leaves one subject out at a time; a number k deals the subjects to k folds; or (n,) the fold of
-            each item, which must not cut through a subject.
-        error: (params, item) → scalar by which the table judges, for example a distance error; None for the loss.
-        steps: of each fit.
+        subjects: (n,) subject of each item.
+        folds: None: each subject is one fold; a number k: the subjects are divided into k folds; or (n,) the fold of
+            each item, the same for all items of a subject.
+        error: (params, item) → scalar, the error in the tables, for example a distance error; None for the loss.
+        steps: number of steps of each fit.
         gradient: see `value_and_grad`.
         priors: see `tune.fit`.
-        starts: of each fit.
-        spread: of the starts.
-        minibatch: items a step learns from; None for all.
+        starts: number of starts of each fit.
+        spread: standard deviation of the starts, see `tune.fit`.
+        minibatch: number of training items in each step; None for all.
         key: PRNG key of folds, starts and minibatches.
         checkpoint_file: see `tune.fit`.
         mesh: see `tune.fit`.
@@ -156,7 +156,7 @@ def cross_validate[P](
         Tables, and the parameters of every fold.
 
     Raises:
-        TypeError, ValueError: as `tune.fit`; or if the split leaks a subject, or one recording stands under two names.
+        TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
     """
     data, n = check_data(data, True)
     labels, number = numbered(subjects, n)
@@ -196,10 +196,10 @@ def cross_validate[P](
 
 
 def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[PyTree, np.ndarray, np.ndarray]:
-    """Free coordinates of each fold's best start, (F, starts) losses, and (F,) how many items did not count."""
+    """Free coordinates of each fold's best start, (F, starts) losses, and (F,) the number of items left out."""
     shape = (learned.shape[0], starts)
     losses, counted = carry.best_score.reshape(shape), np.count_nonzero(carry.weights, axis=1).reshape(shape)
-    # Starts that had to leave out more items cannot be compared by their loss.
+    # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
     eligible = (counted == counted.max(axis=1, keepdims=True)) & np.isfinite(losses)
     if not eligible.any(axis=1).all():
         raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
@@ -217,7 +217,7 @@ def _chosen(carry: Carry, learned: np.ndarray, starts: int) -> tuple[PyTree, np.
 def _judged(
     problem: Problem, params: PyTree, free: PyTree, best: PyTree, items: Items, fold: np.ndarray
 ) -> tuple[PyTree, PyTree]:
-    """(n,) error of every item before, and after the fit that never saw it."""
+    """(n,) error of every item with the starting values, and with the fit that held the item out."""
 
     def one(at: PyTree, item: Items) -> PyTree:
         known, mine = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))

@@ -19,12 +19,12 @@ Function = Callable[..., PyTree]
 
 
 class Curvature(NamedTuple):
-    """What a loss does around a point, in free coordinates.
+    """Values and derivatives of a loss at one point, in free coordinates.
 
     Attributes:
-        losses: (items,).
+        losses: (items,) loss of each item.
         scores: (items, p) gradient of each item's loss.
-        hessian: (p, p) second derivatives of the sum of the losses; None if not asked for.
+        hessian: (p, p) second derivatives of the sum of the losses; None if `second` is False.
         prior: value, gradient (p,) and second derivatives (p, p) of the negative log-prior; zeros without one.
     """
 
@@ -43,15 +43,15 @@ def program(
     gradient: str,
     second: bool,
 ) -> Function:
-    """(free, params, data) → `Curvature`, jitted; few are kept, so that calls after the first one compile nothing.
+    """(free, params, data) → `Curvature`, jitted; the last few programs are cached, so later calls compile nothing.
 
     Args:
         loss: (params, item) → scalar.
         priors: `Prior` or None for each of the transforms; or None.
-        leaves: the transforms.
-        treedef: their structure.
-        gradient: one of `GRADIENTS`; "together" takes all pairs of directions at once.
-        second: whether to take second derivatives.
+        leaves: the transforms of the parameters.
+        treedef: tree structure of the transforms.
+        gradient: one of `GRADIENTS`; "together" computes all pairs of directions at once.
+        second: whether to compute second derivatives.
 
     Raises:
         ValueError: for another `gradient`.
@@ -87,7 +87,7 @@ def program(
 def _forward(
     item_loss: Function, flat: Float[Array, "free"], data: PyTree, second: bool, together: bool
 ) -> tuple[Array, Array, Array | None]:
-    """Tangents of tangents: no tape through a filter's scan, and one evaluation to compile."""
+    """Forward over forward mode: nothing is stored along a filter's scan, and one evaluation is compiled."""
     eye = jnp.eye(flat.size, dtype=flat.dtype)
 
     def every(function: Function, over: PyTree) -> PyTree:
@@ -117,7 +117,7 @@ def _forward(
 def _reverse(
     item_loss: Function, flat: Float[Array, "free"], data: PyTree, second: bool, together: bool
 ) -> tuple[Array, Array, Array | None]:
-    """Tangents of adjoints: p of them, for many parameters."""
+    """Forward over reverse mode: p tangents of the gradient; for many parameters."""
 
     def both(vector: Float[Array, "free"]) -> tuple[Array, Array]:
         return jax.vmap(jax.value_and_grad(item_loss), in_axes=(None, 0))(vector, data)

@@ -14,13 +14,13 @@ from jgait.types import Integer, Values
 
 
 class Settings(NamedTuple):
-    """How a fit goes; static.
+    """The settings of a fit; static.
 
     Attributes:
-        steps: at most.
-        minibatch: items a step learns from; None for all.
-        every: steps between two looks at the items to be judged by.
-        patience: looks without a better value after which to stop; None for never.
+        steps: largest number of steps.
+        minibatch: number of training items in each step; None for all.
+        every: number of steps between two computations of the score.
+        patience: number of scores without improvement after which the fit stops; None: it does not stop early.
     """
 
     steps: int
@@ -30,20 +30,20 @@ class Settings(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """Between steps, of one fit; `free` always has a finite loss and gradient.
+    """The state of one fit between two steps; `free` always has a finite loss and gradient.
 
     Attributes:
-        free: where it stands.
+        free: current free coordinates.
         optimizer: state of the optimiser.
-        weights: (n,) of the items; 0 for those that have no finite loss or gradient at the start.
-        loss: here, on the items that the next step learns from.
-        gradient: here, of the same.
-        scale: share of its length that the next step may take.
-        best: the best yet.
-        best_score: of it: the loss on all items, or on those to be judged by.
-        best_step: when it was found.
-        stopped: bool, patience is at its end.
-        taken: steps done.
+        weights: (n,) of the items; 0 for items without a finite loss or gradient at the start.
+        loss: at `free`, over the training items of the next step.
+        gradient: gradient of that loss at `free`.
+        scale: fraction of the optimiser's update that the next step applies.
+        best: free coordinates with the lowest score so far.
+        best_score: score of `best`: its loss on the validation items if there are any, else on all items.
+        best_step: number of the step that led to `best`.
+        stopped: bool, True after `patience` scores without improvement.
+        taken: number of steps done.
     """
 
     free: PyTree
@@ -60,13 +60,13 @@ class Carry(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """One step: what it started from, and what it led to.
+    """The history of one step.
 
     Attributes:
-        loss: before the step.
-        norm: of the gradient before the step.
+        loss: loss before the step.
+        norm: norm of the gradient before the step.
         accepted: whether the step was kept.
-        score: on the items to be judged by, after the step; NaN where they were not looked at.
+        score: score after the step; NaN where it was not computed.
     """
 
     loss: Values
@@ -91,7 +91,7 @@ def _choose(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
 def first(
     free: PyTree, optimizer: optax.GradientTransformation, weights: Float[Array, "item"], dtype: DTypeLike
 ) -> Carry:
-    """Before the start is evaluated."""
+    """The state before the loss of the start is computed."""
     infinite = jnp.full((), jnp.inf, dtype)
     zero = jnp.zeros((), jnp.int32)
     slope = jax.tree.map(jnp.zeros_like, free)
@@ -104,7 +104,7 @@ def first(
 def _batch(
     settings: Settings, context: Context, weights: Float[Array, "item"], step: Int[Array, ""]
 ) -> tuple[Items, Float[Array, "batch"]]:
-    """The items that a step learns from, and their weights: a stretch of a new order each epoch."""
+    """The training items of a step and their weights; each epoch takes the items in a new random order."""
     if settings.minibatch is None:
         return context.items, weights
     n, size = weights.shape[0], settings.minibatch
@@ -117,7 +117,7 @@ def _batch(
 def _score(
     problem: Problem, settings: Settings, context: Context
 ) -> Callable[[PyTree, Float[Array, "item"]], Float[Array, ""]] | None:
-    """(free, weights) → what the best is chosen by, or None where that is the loss of the step itself."""
+    """(free, weights) → score that selects the best step; None where the score is the loss of the step."""
     if context.checked is not None:
         checked = context.checked
 
@@ -136,7 +136,7 @@ def runner(
 ) -> Callable[..., PyTree]:
     """(carry, number of the first step, context) → carry and trace after `size` steps; step −1 evaluates the start.
 
-    Steps past the last one do nothing, so that every stretch of a fit is the same program.
+    Steps after the last one change nothing, so that one program runs every chunk of a fit.
     """
 
     def run(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:
@@ -157,7 +157,7 @@ def runner(
             def here(free: PyTree) -> Float[Array, ""]:
                 return value(problem, free, context.params, items, own, jnp.sum(c.weights))
 
-            # optax counts steps in integers, which a caller's strict promotion would refuse
+            # optax counts steps in integers; JAX's strict dtype promotion raises an error for these
             with jax.numpy_dtype_promotion("standard"):
                 return optimizer.update(c.gradient, c.optimizer, c.free, value=c.loss, grad=c.gradient, value_fn=here)
 
@@ -167,7 +167,7 @@ def runner(
             free = jax.tree.map(lambda f, u: jnp.where(starting, f, f + (c.scale * u).astype(f.dtype)), c.free, update)
             state = _choose(starting, c.optimizer, state)
             loss, gradient, sound = evaluate(free, c.weights, step + 1, starting)
-            if settings.minibatch is not None:  # what counts is decided on all items, not on those of a step
+            if settings.minibatch is not None:  # weights are computed over all items
                 sound = jax.lax.cond(starting, finite_items, lambda _: c.weights > -1.0, free)
             c = c._replace(weights=jnp.where(starting & ~sound, jnp.zeros_like(c.weights), c.weights))
             good = _finite((free, loss, gradient)) & (jnp.sum(c.weights) > 0.0)
@@ -192,7 +192,7 @@ def _keep_best(
     look: Callable[[PyTree, Float[Array, "item"]], Float[Array, ""]] | None,
     settings: Settings,
 ) -> tuple[Carry, Trace]:
-    """The carry after a step, with the best yet and whether patience is at its end."""
+    """The carry after a step, with `best` and `stopped` updated."""
     unknown = jnp.full_like(c.loss, jnp.nan)
     if look is None:
         due, score = jnp.ones((), bool), kept.loss

@@ -1,4 +1,4 @@
-"""Fitting parameters by gradient: optax in a `lax.scan`, in coordinates where every value is allowed."""
+"""Gradient-based fit of parameters: optax in a `lax.scan`, in free coordinates without bounds."""
 
 import warnings
 from collections.abc import Callable, Hashable, Sequence
@@ -24,11 +24,11 @@ from jgait.types import AnyArray, Maybe
 
 
 class Starts[P](NamedTuple):
-    """What came of every start; leaves of `params` that were free have a leading axis (K,).
+    """The results of all starts; free leaves of `params` have a leading axis (K,).
 
     Attributes:
-        params: the best parameters of each.
-        scores: (K,) their loss, on the validation items where there are; infinite where a start led nowhere.
+        params: the best parameters of each start.
+        scores: (K,) loss of `params`, on the validation items if there are any; infinite where no loss was finite.
     """
 
     params: P
@@ -39,21 +39,21 @@ class Fit[P](NamedTuple):
     """A finished fit.
 
     Attributes:
-        params: the best of all steps, natural units; what was fixed is the very object given. Best is what has the
-            lowest loss: on the validation items where there are, else on the items.
+        params: the parameters of the step with the lowest loss, natural units; on the validation items if there are
+            any, else on the training items. A fixed parameter is the same object as in the argument.
         last: the parameters after the last step.
-        free: the best in unconstrained coordinates; None where fixed.
-        losses: (steps,) loss at the start of each step, of a minibatch where there are; finite always.
+        free: `params` in unconstrained coordinates; None where fixed.
+        losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite.
         gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
-        accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was taken back.
-        rejected: how many were taken back.
-        best_loss: what `params` was chosen by.
+        accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone.
+        rejected: number of undone steps.
+        best_loss: the loss that selected `params`.
         last_loss: loss at `last`.
-        validation: (steps,) loss on the validation items after each step, or on all items where there are minibatches;
-            NaN where it was not looked at.
-        left_out: numbers of the items whose loss or gradient was not finite at the start, and which did not count.
+        validation: (steps,) loss on the validation items after each step, or on all items if there are minibatches;
+            NaN where that loss was not computed.
+        left_out: numbers of the items left out, because their loss or gradient was not finite at the start.
         subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
-        starts: what came of every start; this fit is the best of them.
+        starts: the results of all starts; this fit is the best start.
     """
 
     params: P
@@ -72,13 +72,13 @@ class Fit[P](NamedTuple):
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
-    """Starts around one: free coordinates with a leading axis (count,), the first as given, the others moved.
+    """Random starts: free coordinates with a leading axis (count,); the first is `free`, the others have noise added.
 
     Args:
-        key: PRNG key; None where there is only one.
-        free: coordinates to start around.
-        count: how many.
-        spread: standard deviation of the others in free coordinates.
+        key: PRNG key; None if `count` is 1.
+        free: free coordinates of the first start.
+        count: number of starts.
+        spread: standard deviation of the noise, in free coordinates.
     """
     if count == 1:
         return jax.tree.map(lambda leaf: leaf[None], free)
@@ -93,7 +93,7 @@ def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float)
 
 
 def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyTree:
-    """The first update for a gradient of ones: it identifies an optimiser, learning rates included."""
+    """The optimiser's first update for a gradient of ones, which identifies the optimiser and its learning rates."""
     slope = jax.tree.map(jnp.ones_like, free)
 
     def bowl(at: PyTree) -> Float[Array, ""]:
@@ -106,10 +106,10 @@ def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyT
 def check_settings(
     steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int
 ) -> None:
-    """Refuse settings that cannot be.
+    """Raise if a setting is not possible.
 
     Raises:
-        ValueError: naming the one that is wrong.
+        ValueError: if a setting is not possible; the message names it.
     """
     if steps < 1 or (chunk is not None and chunk < 1):
         raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
@@ -122,7 +122,7 @@ def check_settings(
 
 
 def _split(items: Items, validation: AnyArray | None, n: int) -> tuple[Items, Items | None, np.ndarray]:
-    """Items to learn from, items to be judged by, and the numbers of the first."""
+    """Training items, validation items, and the numbers of the training items."""
     if validation is None:
         return items, None, np.arange(n)
     mask = np.asarray(validation)
@@ -137,7 +137,7 @@ def _split(items: Items, validation: AnyArray | None, n: int) -> tuple[Items, It
 
 
 def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
-    """Items and their weights; on a mesh as many as its devices share evenly, the last repeated without weight."""
+    """Items and their weights; copies with weight 0 make the number of items a multiple of the mesh's devices."""
     n = items.subject.shape[0]
     more = 0 if mesh is None else -n % mesh.size
     weights = np.concatenate([np.ones(n), np.zeros(more)])
@@ -147,10 +147,10 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
 
 
 def supported(optimizer: optax.GradientTransformation) -> PyTree:
-    """The optimiser as one that takes extra arguments.
+    """The optimiser with support for extra arguments.
 
     Raises:
-        TypeError: if it is none of optax's.
+        TypeError: if it is not an optax optimiser.
     """
     if not isinstance(optimizer, optax.GradientTransformation):
         raise TypeError(f"optimizer must come from optax, such as optax.adam(0.05); got {optimizer!r}")
@@ -158,7 +158,7 @@ def supported(optimizer: optax.GradientTransformation) -> PyTree:
 
 
 def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
-    """The type of the loss of one item, by its own subject's parameters; refusals as of `check_loss`."""
+    """The dtype of the loss of one item with its subject's parameters; raises like `check_loss`."""
     data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
     return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
 
@@ -189,45 +189,45 @@ def fit[P](
 ) -> Fit[P]:
     """Minimise the mean loss over the items of `data`.
 
-    Every step moves free coordinates (see `jgait.params`) by what the optimizer says. A step that leads to a loss or
-    gradient that is not finite is taken back, the optimizer's state with it, and the next one is tried at half the
-    length; each accepted step doubles the length again, up to the full one. An item whose loss or gradient is not
-    finite at the start is left out, with a warning, and named in the result.
+    Every step adds the optimizer's update to the free coordinates (see `jgait.params`). A step that leads to a loss or
+    gradient that is not finite is undone, the optimizer's state with it, and the next step has half the length; each
+    accepted step doubles the length again, up to the full update. An item whose loss or gradient is not finite at the
+    start is left out, with a warning, and its number is in the result.
 
     Args:
         loss: (params, item) → scalar; pure JAX.
-        params: NamedTuple in natural units, where to start.
+        params: NamedTuple of starting values in natural units.
         transforms: the same type, holding a `Transform` for each; `per_subject(…)` gives every subject a value.
         data: pytree of arrays with a leading axis of n items; one item without that axis if not `batched`.
         optimizer: from optax, for example `optax.adam(0.05)` or `optax.lbfgs()`.
-        steps: how many, at most.
+        steps: largest number of steps.
         batched: whether `data` has an axis of items.
         gradient: how to differentiate, see `value_and_grad`.
-        subjects: (n,) whose each item is; needed for parameters per subject.
+        subjects: (n,) subject of each item; needed for parameters per subject.
         priors: the type of `params`, holding a `jgait.params.Prior` or None for each. Minus the logarithm of their
             density is added, divided by n: with a loss in nats the result is the maximum of the posterior density.
-        starts: how many places to start from, side by side; the first is `params`.
-        spread: standard deviation of the other starts about it, in free coordinates.
-        minibatch: items that a step learns from; None for all. Every epoch takes them in a new order.
-        validation: (n,) bool, items to judge by and not to learn from.
-        every: steps between two looks at the validation items, or at all items where there are minibatches; None for
-            every step, or every epoch.
-        patience: looks without a better one after which to stop; None for never.
+        starts: number of starts, fitted in parallel; the first start is `params`.
+        spread: standard deviation of the other starts about `params`, in free coordinates.
+        minibatch: number of training items in each step; None for all. Every epoch has a new order of the items.
+        validation: (n,) bool, True for validation items: they select the best step and are not trained on.
+        every: number of steps between two computations of the validation loss, or with minibatches of the loss on all
+            items; None for every step, or every epoch.
+        patience: number of such losses without improvement after which the fit stops; None: no early stop.
         key: PRNG key of starts and minibatches.
-        checkpoint_file: where to save how far it is, some twenty times. Started again with the same file, a fit that
-            was killed goes on and ends with the same result; one that was finished gives it at once.
-        mesh: devices of one axis, over which the items are spread; in a run of several processes, each gives the
-            whole `data` and gets the whole result.
-        progress: called on the host after every chunk; it changes nothing in the result.
-        chunk: steps between two calls of `progress` and two saves, 2 at least; None for a twentieth of all.
+        checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
+            continues and ends with the same result; a finished fit returns its result at once.
+        mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
+            the whole `data` and returns the whole result.
+        progress: function called on the host after every chunk; it has no influence on the result.
+        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth of all.
 
     Returns:
-        The best parameters of all steps, and the history.
+        The parameters with the lowest loss, and the history.
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
-        ValueError: if there is nothing to fit or nothing to fit to, a starting value is outside its range, the loss
-            is not a scalar, it is finite for no item at the start, or the checkpoint is of another fit.
+        ValueError: if there is no free parameter or no item, a starting value is outside its range, the loss is not a
+            scalar, the loss is finite for no item at the start, or the checkpoint is of another fit.
     """
     data, n = check_data(data, batched)
     labels, number = numbered(subjects, n)
@@ -261,7 +261,7 @@ def fit[P](
 
 
 def name_of(loss: object) -> str:
-    """What a checkpoint knows a loss by: a function by its name, anything else by how it prints."""
+    """The text that identifies a loss in a checkpoint: the name of a function, the printed form of anything else."""
     return str(getattr(loss, "__qualname__", None) or repr(loss))
 
 
@@ -270,7 +270,7 @@ def _every(minibatch: int | None, n: int) -> int:
 
 
 def _whole(items: Items, mesh: Mesh | None) -> Items:
-    """Items to be judged by, in a number that the devices share evenly."""
+    """The validation items; raises ValueError if their number is not a multiple of the number of devices."""
     if mesh is not None and items.subject.shape[0] % mesh.size:
         raise ValueError(
             f"on {mesh.size} devices the number of validation items must be a multiple of it; "
@@ -280,14 +280,14 @@ def _whole(items: Items, mesh: Mesh | None) -> Items:
 
 
 def lane(tree: PyTree, number: int) -> PyTree:
-    """One of several fits."""
+    """The part of a tree that belongs to one of several fits."""
     return jax.tree.map(lambda leaf: leaf[number], tree)
 
 
 def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Hashable, ...], numbers: np.ndarray) -> Fit[P]:
     carry, trace = lanes
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
-    # Starts that had to leave out more items cannot be compared by their loss.
+    # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
     eligible = (counted == counted.max()) & np.isfinite(carry.best_score)
     if not eligible.any() and np.isfinite(carry.loss).any():
         raise ValueError("the loss of the validation items is not finite: leave out those that cannot be computed")

@@ -1,4 +1,4 @@
-"""Differentiation of a loss: forward mode or reverse mode, whichever is faster for a filter."""
+"""Differentiation of a loss, in the mode (forward or reverse) that is faster for a filter."""
 
 from collections.abc import Callable
 
@@ -8,18 +8,18 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 FORWARD_UP_TO = 12
-"""Free numbers up to which "auto" differentiates forward."""
+"""Largest number of free numbers for which "auto" uses forward mode."""
 
 GRADIENTS = ("auto", "forward", "together", "reverse")
 """Ways to differentiate, see `value_and_grad`."""
 
 
 def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> Callable[..., PyTree]:
-    """`jax.value_and_grad` with respect to the first argument, by the way that suits a filter.
+    """`jax.value_and_grad` with respect to the first argument, in a mode that suits a filter.
 
-        forward    one tangent after another, in constant memory and soonest compiled
-        together   all tangents at once: several times faster than "forward" where the filter runs over components
-                   (see `jgait.filtering.execution`), and slower where it runs on matrices
+        forward    one tangent after another: constant memory, shortest compilation
+        together   all tangents at once: several times faster than "forward" where the filter computes with components
+                   (see `jgait.filtering.execution`), slower where it computes with matrices
         reverse    the same cost for any number of parameters; filters over components store √T beliefs for it
         auto       forward up to `FORWARD_UP_TO` numbers in the first argument, reverse beyond
 
@@ -55,10 +55,10 @@ def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> C
 
 
 def check_mode(gradient: str) -> None:
-    """Refuse what is not one of `GRADIENTS`.
+    """Raise if `gradient` is not one of `GRADIENTS`.
 
     Raises:
-        ValueError: naming those there are.
+        ValueError: the message lists `GRADIENTS`.
     """
     if gradient not in GRADIENTS:
         raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")

@@ -1,7 +1,7 @@
-"""What the data can determine and what they cannot, from the curvature of the loss at the best parameters.
+"""Which parameters the data determine, from the curvature of the loss at the best parameters.
 
-Everything is counted in free coordinates (see `jgait.params`): a standard error of 1 is a factor e for a positive
-parameter, one unit of the logit for an interval, and the parameter's own unit for a real one.
+All standard errors are in free coordinates (see `jgait.params`): a standard error of 1 is a factor e for a positive
+parameter, one unit of the logit for an interval, and one unit of the parameter for a real parameter.
 """
 
 import math
@@ -23,42 +23,42 @@ if TYPE_CHECKING:
     import pandas as pd
 
 INFORMATION = ("hessian", "scores", "sandwich")
-"""Ways to count information, see `identifiability`."""
+"""Ways to compute the information matrix, see `identifiability`."""
 
 TOGETHER = 0.95
-"""Correlation from which on two parameters are reported as correlated."""
+"""Least absolute correlation at which two parameters are reported as correlated."""
 
 ROUNDINGS = 1000.0
-"""Errors of rounding, for each free number, that second derivatives are trusted to have at most."""
+"""Assumed largest rounding error of second derivatives [epsilons of the dtype for each free number]."""
 
 
 class Identifiability(NamedTuple):
     """How well the data determine p free numbers; `sentences` reports it in words, `table()` in rows.
 
     Attributes:
-        names: of the numbers, such as "thigh_length.right" or "level[0]".
+        names: names of the numbers, such as "thigh_length.right" or "level[0]".
         transforms: name of each number's transform.
-        values: (p,) in natural units.
-        free: (p,) in free coordinates.
-        loss: total over the items, with the prior [nat].
-        gradient: (p,) of the total in free coordinates.
-        decrement: gᵀ B⁻¹ g over the determined directions, B the information that the spread rests on: the squared
-            length of the step to the optimum in standard errors. Well below 1 at an optimum.
-        information: (p, p) in free coordinates: second derivatives, or the outer products for "scores".
+        values: (p,) the numbers in natural units.
+        free: (p,) the numbers in free coordinates.
+        loss: sum of the items' losses and the prior's penalty [nat].
+        gradient: (p,) gradient of that sum in free coordinates.
+        decrement: gᵀ B⁻¹ g over the determined directions, B the covariance of the gradient: squared length of the
+            step to the optimum in standard errors. Well below 1 at an optimum.
+        information: (p, p) in free coordinates: second derivatives of the loss; outer products for "scores".
         eigenvalues: (p,) of the information, ascending.
-        eigenvectors: (p, p), one a column.
+        eigenvectors: (p, p), one eigenvector in each column.
         covariance: (p, p) in free coordinates; directions without information have a huge but finite variance.
-        correlation: (p, p); exactly singular pairs show ±1.
-        stderr_free: (p,) in free coordinates; infinite without information.
-        stderr: (p,) in natural units, by the slope of the transform.
-        low: (p,) lower ends in natural units, inside the bounds.
-        high: (p,) upper ends.
+        correlation: (p, p); ±1 for exactly singular pairs.
+        stderr_free: (p,) standard errors in free coordinates; infinite without information.
+        stderr: (p,) standard errors in natural units, by the slope of the transform.
+        low: (p,) lower ends of the confidence intervals in natural units, inside the bounds.
+        high: (p,) upper ends of the confidence intervals.
         determined: (p,) bool, whether the standard error is within the limit.
-        directions: those that are not determined, the worst first.
+        directions: the directions that are not determined, the largest standard deviation first.
         minimum: False where the loss curves downwards or its curvature is not finite.
-        undetermined: names of what is not determined.
-        sentences: all of it in plain words.
-        level: of the intervals.
+        undetermined: names of the numbers that are not determined.
+        sentences: the results in words.
+        level: confidence level of the intervals.
     """
 
     names: tuple[str, ...]
@@ -90,7 +90,7 @@ class Identifiability(NamedTuple):
         return float(np.linalg.norm(self.gradient))
 
     def table(self) -> "pd.DataFrame":
-        """One row a number (index `name`); columns `value stderr low high stderr_free determined moves_with`."""
+        """One row for each number (index `name`); columns `value stderr low high stderr_free determined moves_with`."""
         import pandas as pd
 
         partners = [
@@ -105,11 +105,11 @@ class Identifiability(NamedTuple):
 
 
 class _Spread(NamedTuple):
-    """Covariance in two parts: where there is information, and where there is none.
+    """The covariance in two parts: of the directions with information, and of the directions without.
 
     Attributes:
         known: (p, p) covariance within the directions that have information.
-        unknown: (p, p) covariance of the others, huge; a zero row where a parameter has no share in them.
+        unknown: (p, p) huge covariance of the other directions; a zero row for a parameter that is not in them.
         decrement: see `Identifiability`.
         falling: (k, p) directions along which the loss curves downwards.
     """
@@ -125,15 +125,15 @@ def _partners(correlation: np.ndarray, i: int) -> list[int]:
 
 
 def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float) -> _Spread:
-    """Invert what can be inverted.
+    """Invert the information in the directions whose eigenvalue is positive.
 
-    Scaled to a unit diagonal first, so that what counts as rounding does not depend on the units of the parameters.
+    The matrix is scaled to a unit diagonal first, so that the rounding threshold does not depend on parameter units.
 
     Args:
         information: (p, p) symmetric, finite.
-        noise: (p, p) covariance of the gradient: the information itself, or that of the scores for the sandwich.
+        noise: (p, p) covariance of the gradient: the information, or for the sandwich that of the scores.
         gradient: (p,).
-        rounding: eigenvalues of the scaled matrix below this, relative to the largest, are none.
+        rounding: eigenvalues of the scaled matrix below this fraction of the largest count as zero.
         limit: see `identifiability`.
     """
     scale = np.sqrt(np.abs(np.diag(information)))
@@ -143,8 +143,8 @@ def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, ro
     good = vectors[:, has] / values[has]
     bread = np.outer(scale, scale) * (good @ vectors[:, has].T)
     known = bread @ noise @ bread
-    # Huge against all that is known, so that what has no information shows correlations of ±1; and a share that is
-    # no more than rounding must not reach parameters which have nothing to do with it.
+    # The variance is huge relative to all known ones, so that directions without information give correlations of ±1.
+    # Components at rounding level are set to zero: such a parameter is not part of the direction.
     empty = np.where(np.abs(vectors[:, ~has]) < 1e-5, 0.0, vectors[:, ~has])
     huge = 1e12 * max(1.0, float(np.max(np.diag(known) / scale**2)))
     unknown = huge * np.outer(scale, scale) * (empty @ empty.T)
@@ -153,7 +153,7 @@ def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, ro
     decrement = float(steps @ np.linalg.pinv(meat, hermitian=True) @ steps) if has.any() else 0.0
     along = (scale[:, None] * vectors[:, values < -rounding * np.abs(values).max()]).T
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    # Curvature of a thousandth of what would count as determined is rounding or flatness, and not worth a word.
+    # Negative curvature below a millionth of that of a determined direction is rounding, and not reported.
     falls = np.einsum("ki,ij,kj->k", along, information, along) < -1e-6 / limit**2
     return _Spread(known, unknown, decrement, along[falls])
 
@@ -167,7 +167,7 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Natural values `reach` below and above the free ones; a bound itself where the reach is infinite."""
+    """Natural values at `reach` below and above the free values; the bound where `reach` is infinite."""
     one, other = (natural_numbers(at, vector + sign * reach)[0] for sign in (-1.0, 1.0))
     low, high = (np.array([getattr(t, end) for t in at.transforms]) for end in ("low", "high"))
     one, other = np.where(np.isnan(one), low, one), np.where(np.isnan(other), high, other)
@@ -191,7 +191,7 @@ def _beside(transforms: PyTree, priors: PyTree) -> tuple[PyTree, PyTree, PyTree]
 
 
 def _information(found: Curvature, kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Information, and the covariance of the gradient that the spread rests on."""
+    """The information, and the covariance of the gradient."""
     bent = np.asarray(found.prior[2], float)
     scores = np.asarray(found.scores, float)
     size = scores.shape[1]
@@ -220,38 +220,38 @@ def identifiability(
     limit: float = 1.0,
     priors: PyTree = None,
 ) -> Identifiability:
-    """Say what the data determine at the best parameters, and how well.
+    """Standard errors of the best parameters, and the directions that the data do not determine.
 
-        hessian    observed information Σ ∂²ℓᵢ; covariance its inverse. For a negative log-likelihood.
-        scores     Σ ∂ℓᵢ ∂ℓᵢᵀ; the same at the truth in large samples, by first derivatives only.
-        sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, trajectory errors too. With
-                   few items n it understates standard errors, by a factor of about √(1 − p/n).
+        hessian    observed information Σ ∂²ℓᵢ; its inverse is the covariance. For negative log-likelihoods.
+        scores     Σ ∂ℓᵢ ∂ℓᵢᵀ; equal at the truth in large samples, and needs first derivatives only.
+        sandwich   H⁻¹ (Σ ∂ℓᵢ ∂ℓᵢᵀ) H⁻¹, H = Σ ∂²ℓᵢ; for any loss of independent items, such as trajectory errors. With
+                   few items n the standard errors are too small, by a factor of about √(1 − p/n).
 
     A direction (an eigenvector of the information) is not determined when its standard deviation exceeds `limit` in
-    free coordinates or its eigenvalue is not positive beyond rounding; a parameter when its standard error does.
+    free coordinates or its eigenvalue is not positive beyond rounding; a parameter when its standard error does so.
 
     Args:
         loss: (params, item) → the item's total negative log-likelihood [nat], not a mean over its samples: a loss
-            divided by n makes every standard error √n too large, except for "sandwich", which scale does not touch.
+            divided by n makes every standard error √n too large, except for "sandwich", which has no scale.
             Pure JAX; a function kept between calls is compiled once.
-        params: NamedTuple in natural units, the best ones (`Fit.params`).
+        params: NamedTuple of the best parameters in natural units (`Fit.params`).
         transforms: the same type, holding a `Transform` for each.
         data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
         batched: whether `data` has an axis of items.
-        gradient: how to differentiate. "forward": tangents of tangents, one pair of numbers after another, in
-            constant memory; "together": all pairs at once; "reverse": tangents of adjoints; "auto": forward up to
+        gradient: how to differentiate. "forward": forward over forward mode, one pair of numbers after another, in
+            constant memory; "together": all pairs at once; "reverse": forward over reverse mode; "auto": forward up to
             `FORWARD_UP_TO` numbers.
         information: one of `INFORMATION`.
-        level: of the intervals, which are symmetric in free coordinates and so respect bounds.
+        level: confidence level of the intervals, which are symmetric in free coordinates and so inside the bounds.
         limit: largest standard error in free coordinates that counts as determined.
-        priors: the type of `params`, holding a `jgait.params.Prior` or None for each, as in `fit`; each counted once.
+        priors: the type of `params`, holding a `jgait.params.Prior` or None for each, as in `fit`, each added once.
 
     Returns:
-        The statement.
+        The standard errors, intervals, directions and sentences.
 
     Raises:
         TypeError: if `params`, `transforms` and `priors` do not match, or `data` holds anything but numbers.
-        ValueError: if nothing is free, a value is outside its range, the loss is not one finite scalar there, an
+        ValueError: if nothing is free, a value is outside its range, the loss is not one finite scalar, an
             option is unknown, or there are too few items to compare scores.
 
     Source: White (1982), Econometrica 50, for the sandwich. Tests: tests/tune/test_identifiability.py.
@@ -278,7 +278,7 @@ def _statement(
     at: Coordinates, total: float, slope: np.ndarray, information: np.ndarray, noise: np.ndarray,
     rounding: float, level: float, limit: float,
 ) -> Identifiability:  # fmt: skip
-    """From information to words, on the host."""
+    """The result from the information matrix, computed on the host."""
     finite = bool(np.isfinite(slope).all() and np.isfinite(information).all() and np.isfinite(noise).all())
     usable, gradient = (information, slope) if finite else (np.zeros_like(information), np.zeros_like(slope))
     spread = _spread(usable, noise if finite else usable, gradient, rounding, limit)

@@ -1,4 +1,4 @@
-"""Several fits side by side as one program, in stretches between which the host reports, saves and may stop."""
+"""Several fits as one program, in chunks of steps; between chunks the host reports, saves and may stop."""
 
 import os
 from collections.abc import Callable
@@ -21,14 +21,14 @@ from jgait.types import AnyArray, Integer
 
 
 class Progress(NamedTuple):
-    """How far a fit is; of several, the one that stands best.
+    """The state of a fit; of several fits, of the fit with the best score.
 
     Attributes:
-        done: steps.
-        total: steps at most.
-        loss: now.
-        gradient_norm: now, in unconstrained coordinates.
-        score: the best yet of what the result is chosen by: loss, or loss on the validation items.
+        done: number of steps done.
+        total: largest number of steps.
+        loss: current loss.
+        gradient_norm: current norm of the gradient, in unconstrained coordinates.
+        score: lowest score so far: the loss, or the loss on the validation items.
     """
 
     done: int
@@ -39,15 +39,15 @@ class Progress(NamedTuple):
 
 
 Report = Callable[[Progress], None]
-"""Called on the host between stretches of steps; it changes nothing in the result."""
+"""A function called on the host between chunks of steps; it has no influence on the result."""
 
 
 class Lanes(NamedTuple):
-    """Where several fits ended, on the host; every leaf has a leading axis of fits (L,).
+    """The final states of several fits, on the host; every leaf has a leading axis of fits (L,).
 
     Attributes:
-        carry: the last of each.
-        trace: (L, steps) of each; steps after a fit stopped repeat.
+        carry: last carry of each fit.
+        trace: (L, steps) history of each fit; after a fit stopped, its last values repeat.
     """
 
     carry: Carry
@@ -71,14 +71,14 @@ def descend(
     """Run several fits to their end.
 
     Args:
-        problem: what is minimised.
+        problem: the minimised function.
         optimizer: from optax, with support for extra arguments.
-        settings: of all fits.
-        context: what they read.
-        free: where each starts, leaves (L, …).
-        weights: (L, n) of the items for each.
-        dtype: of the loss.
-        chunk: steps a stretch; None for all at once, or a twentieth where there is something to report or to save.
+        settings: settings of all fits.
+        context: parameters, items and key of all fits.
+        free: starting coordinates of each fit, leaves (L, …).
+        weights: (L, n) of the items for each fit.
+        dtype: dtype of the loss.
+        chunk: steps in a chunk; None for all steps, or a twentieth of them with a report or a file.
         report: called with the progress.
         file: checkpoint, or None.
         mark: fingerprint of the fits.
@@ -86,9 +86,9 @@ def descend(
     Raises:
         ValueError: see `checkpoint.load`.
     """
-    total = settings.steps + 1  # the start is evaluated as step −1, by the same program as every other
+    total = settings.steps + 1  # the same program evaluates the start, as step −1
     chunk = max(2, settings.steps // 20) if chunk is None and (report or file) else chunk
-    # A scan of one step would be unrolled and round differently; two is the least.
+    # XLA unrolls a scan of one step, which then rounds differently; so a chunk has at least two steps.
     size = total if chunk is None else min(total, max(2, chunk))
     run = _in_groups(_program(problem, optimizer, settings, size), _group(settings, weights), problem.mesh is None)
     carry = jax.vmap(lambda f, w: first(f, optimizer, w, dtype))(free, jnp.asarray(weights, dtype))
@@ -118,19 +118,19 @@ def _program(
 
 
 AT_ONCE = 128
-"""Items times fits that one program works on: as many numbers as the processor's nearest memory takes."""
+"""Largest number of items times fits in one program: with more, the numbers do not fit the processor's cache."""
 
 
 def _group(settings: Settings, weights: Float[AnyArray, "lane item"] | Bool[AnyArray, "lane item"]) -> int:
-    """How many fits run side by side in one program."""
+    """The number of fits that run together in one program."""
     return max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
 
 
 def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callable[..., PyTree]:
-    """The same for any number of fits: groups of one size, so that one program is compiled, a thread for each core.
+    """`run` for any number of fits: groups of one size, so that one program is compiled; a thread for each core.
 
-    Fits know nothing of each other, and a program over recordings keeps no more than one core busy. Where devices
-    share the items, groups run in turn: devices must agree on what they do together.
+    Fits are independent, and a program over recordings uses one core only. Where items are distributed over devices,
+    the groups run one after another: all devices must run the same group.
     """
 
     def every(carry: Carry, begin: Integer, context: Context) -> tuple[Carry, Trace]:

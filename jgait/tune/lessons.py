@@ -1,4 +1,4 @@
-"""Walks prepared for `tune.fit`: inputs and reference at the same times, padded to one length and stacked."""
+"""Walks prepared for `tune.fit`: inputs and reference at the same times, padded to the same length and stacked."""
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
@@ -26,11 +26,11 @@ from jgait.types import (
 
 
 class Windows(NamedTuple):
-    """Where a walk is looked at, in samples of the prepared inputs, half-open.
+    """The parts of a walk that a loss uses, in samples of the prepared inputs, half-open.
 
     Attributes:
-        look: what counts; None for all of it.
-        standing: quiet standing, which trajectories are relative to; None for none: they are absolute then.
+        look: samples compared with the reference; None for the whole walk.
+        standing: quiet standing, whose mean is subtracted from trajectories; None: trajectories are absolute.
     """
 
     look: tuple[int, int] | None = None
@@ -38,16 +38,16 @@ class Windows(NamedTuple):
 
 
 class Lesson(NamedTuple):
-    """A walk to learn from; every leaf is an array, so lessons stack and map.
+    """A walk as one item of a fit; every leaf is an array, so lessons can be stacked and mapped over.
 
     Attributes:
-        inputs: of the estimator.
-        reference: at the times of the inputs; None where there is none.
-        look: (T,) bool, where the walk is judged.
-        standing: (T,) bool, the stretch that trajectories are relative to; nowhere True where there is none.
-        first: first sample of the part whose distance is judged.
+        inputs: prepared inputs of the estimator.
+        reference: reference at the times of the inputs, or None.
+        look: (T,) bool, samples that are compared with the reference.
+        standing: (T,) bool, standing whose mean is subtracted from trajectories; all False without standing.
+        first: first sample of the part whose walked distance is compared.
         last: last sample of that part.
-        own: the person's own measures, for `Estimator.own`; empty where there are none.
+        own: body measures of the person, for `Estimator.own`; empty if there are none.
     """
 
     inputs: PyTree
@@ -60,13 +60,13 @@ class Lesson(NamedTuple):
 
 
 class Lessons(NamedTuple):
-    """What came of walks.
+    """The lessons of several walks.
 
     Attributes:
         data: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
-        options: of the estimator, the same for all.
-        subjects: (n,) who walked.
-        names: (n,) of the recordings.
+        options: options of the estimator, the same for all walks.
+        subjects: (n,) subject of each walk.
+        names: (n,) names of the recordings.
         failures: (name, reason) of every walk that could not be used.
     """
 
@@ -77,14 +77,14 @@ class Lessons(NamedTuple):
     failures: tuple[tuple[str, str], ...]
 
     def one(self, number: int) -> Lesson:
-        """A single lesson."""
+        """The lesson with this number."""
         return jax.tree.map(lambda leaf: leaf[number], self.data)
 
 
 def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prepared[PyTree]], Windows]:
-    """Windows by their names in `walk.info["windows"]`, there in samples of the walk's reference.
+    """Windows from their names in `walk.info["windows"]`, which holds them in samples of the walk's reference.
 
-    Where a walk has none for standing, the standing that the estimator found.
+    A walk without a standing window gets the standing that the estimator detected.
     """
 
     def windows(walk: Walk, prepared: Prepared[PyTree]) -> Windows:
@@ -100,7 +100,7 @@ def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prep
 
 
 class _Item(NamedTuple):
-    """A lesson of its own length, and what decides whether it stacks with others."""
+    """A lesson before padding, with the name, subject and options of its walk."""
 
     name: str
     subject: str
@@ -116,11 +116,11 @@ def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
         time: (T,) [s].
 
     Returns:
-        Angles, paths and distance at `time`; valid where it lies between valid samples. Of the diagnostics only single
-        numbers remain; strides stay as they are.
+        Angles, positions and distance at `time`; valid between valid samples. Of the diagnostics only scalars are kept;
+        strides do not change.
     """
     theirs, ours = as_float(estimate.time), as_float(time)
-    # Clocks that agree but for rounding share their ends.
+    # Times that differ by rounding only, at either end, count as equal.
     inside = np.clip(ours, theirs[0], theirs[-1])
     at = np.where(np.abs(ours - inside) < 1e-6, inside, ours)
     valid = np.interp(at, theirs, as_float(estimate.valid), left=0.0, right=0.0) > 1.0 - 1e-6
@@ -136,7 +136,7 @@ def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
 
 
 def _foot(foot: FootTrajectory | None, here: Callable[[npt.ArrayLike], np.ndarray]) -> FootTrajectory | None:
-    """A foot's trajectory at other times; of an attitude's two signs the one that goes on from the sample before."""
+    """A foot's trajectory at other times; a quaternion's sign is that nearest to the quaternion one sample before."""
     if foot is None:
         return None
 
@@ -191,21 +191,21 @@ def _item(
 
 
 def _without_counts(lesson: Lesson) -> Lesson:
-    """The lesson without what may differ between walks that stack."""
+    """The lesson without its stride tables and diagnostics, which may differ between lessons of one stack."""
     if lesson.reference is None:
         return lesson
     return lesson._replace(reference=lesson.reference._replace(diagnostics={}, strides=None))
 
 
 def _kind(item: _Item) -> Hashable:
-    """What can be stacked has the same."""
+    """A key that is equal for lessons that can be stacked."""
     leaves, structure = jax.tree.flatten(_without_counts(item.lesson))
     body = tuple(np.shape(leaf) for leaf in jax.tree.leaves(item.lesson.own))
     return item.options, structure, tuple(np.ndim(leaf) for leaf in leaves), body
 
 
 def _odd(item: _Item, usual: _Item) -> str:
-    """Why a walk does not go with the others."""
+    """The reason why a lesson cannot be stacked with the others."""
     mine, theirs = item.options, usual.options
     if mine != theirs:
         fields = getattr(mine, "_fields", ()) if type(mine) is type(theirs) else ()
@@ -227,7 +227,7 @@ def _odd(item: _Item, usual: _Item) -> str:
 def _padded(
     estimator: Estimator[PyTree, PyTree], lesson: Lesson, samples: int, strides: "_Rows | None", known: set[str]
 ) -> Lesson:
-    """A lesson with invalid samples behind it, rows that are no strides, and what all have of both."""
+    """A lesson padded with invalid samples and stride rows, with only the diagnostics and fields of all lessons."""
     more = samples - lesson.look.size
     inputs = estimator.pad(lesson.inputs, samples)
     truth = lesson.reference
@@ -244,7 +244,7 @@ def _padded(
 
 
 class _Rows(NamedTuple):
-    """What the strides of all references have in common: how many rows the longest has, and the fields of all."""
+    """The shape of the padded stride tables: the rows of the longest table, and the fields that all tables have."""
 
     rows: int
     fields: frozenset[str]
@@ -258,7 +258,7 @@ def _rows(tables: list[Strides]) -> _Rows | None:
 
 
 def _strides(strides: Strides | None, common: _Rows) -> Strides:
-    """Strides with rows that are none behind them, and no field that another reference lacks."""
+    """Strides with padding rows at the end, without fields that another reference lacks."""
     columns = {} if strides is None else strides._asdict()
     kinds = {"side": np.zeros(0, int), "valid": np.zeros(0, bool)}
     held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in common.fields}
@@ -276,23 +276,23 @@ def lessons(
     reference: bool = True,
     samples: int | None = None,
 ) -> Lessons:
-    """Prepare walks to be learned from; one that cannot be used costs no other.
+    """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
-    What does not stack with most of the walks (another leg, no accelerometer, a reference without angles) is a failure
-    too: those are lessons of another fit.
+    A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles) is
+    a failure too; such walks need a fit of their own.
 
     Args:
         estimator: from `jgait.estimators`.
         walks: taken one by one.
-        own: walk → body measures of the person, put into the parameters by `Estimator.own` wherever they are used,
-            whatever is being fitted; None for none.
-        windows: (walk, prepared) → `Windows`; None looks at all of a walk, relative to the standing that was found.
-        reference: whether a reference is needed; without, none is kept, for losses that need none.
-        samples: length that all are padded to; None for that of the longest.
+        own: walk → body measures of the person, which `Estimator.own` puts into the parameters in every use, whichever
+            parameters are fitted; None for none.
+        windows: (walk, prepared) → `Windows`; None: the whole walk, relative to the standing detected.
+        reference: whether a reference is needed; if False, none is kept, for losses without a reference.
+        samples: length to which all walks are padded; None for the longest walk's length.
 
     Returns:
-        The lessons, stacked; strides of the reference padded to the most that one has, with the fields that all have,
-        and of its diagnostics the single numbers that all have.
+        The lessons, stacked; the references' strides padded to the longest table, with the fields that all tables have,
+        and the scalar diagnostics that all references have.
 
     Raises:
         ValueError: if no walk can be used; the message gives the reason.
@@ -308,7 +308,7 @@ def lessons(
             items.append(item)
         except ImportError:
             raise
-        except Exception as error:  # whatever is wrong with one walk, the others are still wanted
+        except Exception as error:  # an error in one walk must not stop the others
             failures.append((walk.recording.name, reason_of(error)))
     if not items:
         told = "; ".join(f"{name}: {reason}" for name, reason in failures[:5]) or "there are none"

@@ -13,13 +13,13 @@ _CENTIMETRE = 0.01
 
 
 class TrajectoryWeights(NamedTuple):
-    """How much one squared unit of error counts in each field of a leg; a weight of 0 leaves the field out.
+    """The weight of a squared error in each field of a leg; a weight of 0 leaves the field out.
 
     Attributes:
-        hip_angle: [1/rad²]; the default counts one degree as one.
-        knee_angle: [1/rad²]; the default counts one degree as one.
-        x: [1/m²]; the default counts one centimetre as one.
-        y: [1/m²]; the default counts one centimetre as one.
+        hip_angle: [1/rad²]; by default an error of one degree has a loss of 1.
+        knee_angle: [1/rad²]; by default an error of one degree has a loss of 1.
+        x: [1/m²]; by default an error of one centimetre has a loss of 1.
+        y: [1/m²]; by default an error of one centimetre has a loss of 1.
     """
 
     hip_angle: Scalar = 1.0 / _DEGREE**2
@@ -29,7 +29,7 @@ class TrajectoryWeights(NamedTuple):
 
 
 def masked_mean(values: Float[AnyArray, "*shape"], valid: Bool[AnyArray, "..."] | None = None) -> Float[Array, ""]:
-    """Mean of `values` (T,) where `valid` (T,) is True; 0 where nothing is. Masked values get no gradient."""
+    """Mean of `values` (T,) where `valid` (T,) is True; 0 if no sample is valid. The gradient of masked values is 0."""
     values = jnp.asarray(values)
     if valid is None:
         return jnp.mean(values)
@@ -41,7 +41,7 @@ def masked_mean(values: Float[AnyArray, "*shape"], valid: Bool[AnyArray, "..."] 
 def _difference(
     estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None
 ) -> Float[Array, "*shape"]:
-    """The difference, 0 where masked, so that nothing masked reaches the arithmetic that follows."""
+    """The difference, 0 where masked, so that masked values have no influence on later arithmetic."""
     estimate, reference = jnp.asarray(estimate), jnp.asarray(reference)
     if estimate.shape != reference.shape:
         raise ValueError(f"estimate and reference must have the same shape; got {estimate.shape} and {reference.shape}")
@@ -61,7 +61,7 @@ def mean_squared(
     Args:
         estimate: (T,) in any unit.
         reference: (T,) in the same unit.
-        valid: (T,) bool, or None for all.
+        valid: (T,) bool, or None for all samples.
 
     Returns:
         A scalar in the unit squared; 0 if nothing is valid.
@@ -81,7 +81,7 @@ def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "tim
 def _pairs(
     estimate: Estimate, reference: Estimate, sides: tuple[str, ...]
 ) -> list[tuple[LegTrajectory, LegTrajectory]]:
-    """The legs that both measured, of those asked for."""
+    """The legs among `sides` that both the estimate and the reference have."""
     unknown = [side for side in sides if side not in SIDES]
     if unknown:
         raise ValueError(f"sides must be among {SIDES}; got {unknown[0]!r}")
@@ -101,16 +101,16 @@ def trajectory(
     relative_to: Bool[AnyArray, "time"] | None = None,
     sides: tuple[str, ...] = SIDES,
 ) -> Float[Array, ""]:
-    """How far a leg's angles and foot path are from the reference.
+    """Weighted mean squared error of a leg's angles and foot path.
 
-    Σ_f w_f · mean squared difference of field f, averaged over the legs that both have
+    Σ_f w_f · mean squared difference of field f, averaged over the legs that the estimate and the reference have
 
     Args:
         estimate: of T samples at the reference's times.
-        reference: what it should have been.
-        weights: of the fields; None for one degree and one centimetre counting as one each.
-        window: (T,) bool, where to look; None for everywhere. Samples that either calls invalid never count.
-        relative_to: (T,) bool, a stretch (of standing) whose mean difference is taken off first; None for absolute.
+        reference: the true or measured trajectory.
+        weights: weights of the fields; None: an error of one degree or one centimetre has a loss of 1.
+        window: (T,) bool, samples to use; None for all. Samples invalid in either input are never used.
+        relative_to: (T,) bool, samples (of standing) whose mean difference is subtracted first; None: no subtraction.
         sides: the legs to compare.
 
     Returns:
@@ -135,7 +135,7 @@ def trajectory(
 
 
 def _last(values: Float[AnyArray, "time"], valid: Bool[Array, "time"]) -> Float[Array, ""]:
-    """The last valid of (T,) values; the last one if none is valid."""
+    """The last valid value of (T,) values; the last value if none is valid."""
     from_end = jnp.argmax(jnp.flip(valid))
     return jnp.asarray(values)[valid.shape[0] - 1 - from_end]
 
@@ -164,7 +164,7 @@ def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
 
 
 def stride_length(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
-    """Mean squared error of the strides' lengths, read off the walked distance.
+    """Mean squared error of the stride lengths, computed from the distance walked.
 
     (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference
 
@@ -190,13 +190,13 @@ def event_time(
     reference: Float[AnyArray, "event"],
     valid: Bool[AnyArray, "event"] | None = None,
 ) -> Float[Array, ""]:
-    """Mean squared difference of the times of events that have been matched.
+    """Mean squared difference of the times of matched events.
 
-    An estimator's event times are differentiable where they are found between samples, for example by a soft argmax.
+    An estimator's event times are differentiable if they are computed between samples, for example by a soft argmax.
 
     Args:
         estimate: (n,) [s].
-        reference: (n,) [s], of the same events.
+        reference: (n,) [s], times of the same events.
         valid: (n,) bool, or None for all.
 
     Returns:
@@ -209,19 +209,19 @@ def event_time(
 
 
 def negative_log_likelihood(posterior: PyTree, valid: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
-    """Mean negative log-likelihood of what was measured, by the filter's own innovations.
+    """Mean negative log-likelihood of the measurements, from the filter's innovations.
 
     −Σ log p(y_k | y_1…y_{k−1}) / number of measured components
 
     Args:
-        posterior: what `kalman_filter` gave, with `log_likelihood` (T,) [nat] and `count` (T,).
-        valid: (T,) bool, samples to count; None for all. Steps that the filter calls invalid never count.
+        posterior: result of `kalman_filter`, with `log_likelihood` (T,) [nat] and `count` (T,).
+        valid: (T,) bool, samples to use; None for all. Samples that the filter marks as invalid are never used.
 
     Returns:
         A scalar [nat per component]; 0 if nothing was measured.
 
     Raises:
-        ValueError: if the filter was not asked to keep the likelihood and the count.
+        ValueError: if the posterior has no likelihood or no count.
     """
     missing = [name for name in ("log_likelihood", "count", "valid") if getattr(posterior, name) is None]
     if missing:

@@ -18,7 +18,7 @@ Term = Callable[[Estimate, Lesson], Float[Array, ""]]
 
 
 def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Signed error of the distance walked over the judged part [%]."""
+    """Signed error of the distance walked from the lesson's first to its last sample [%]."""
     if estimate.distance is None or lesson.reference is None or lesson.reference.distance is None:
         raise ValueError("a distance error needs a distance of the estimator and of the reference")
     ours, theirs = (jnp.asarray(one.distance) for one in (estimate, lesson.reference))
@@ -27,29 +27,29 @@ def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
 
 
 def distance(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Squared error of the distance walked between the first and the last judged sample [%²]."""
+    """Squared error of the distance walked from the lesson's first to its last sample [%²]."""
     return _percent(estimate, lesson) ** 2
 
 
 def distance_percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Size of the error of the distance walked [%], to judge by."""
+    """Absolute error of the distance walked [%], for validation."""
     return jnp.abs(_percent(estimate, lesson))
 
 
 def trajectory(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Squared error of angles and foot path where the lesson looks, relative to standing; see `losses.trajectory`."""
+    """Squared error of angles and foot path in the lesson's `look`, relative to standing; see `losses.trajectory`."""
     if lesson.reference is None:
         raise ValueError("a trajectory error needs a reference")
     return losses.trajectory(estimate, lesson.reference, window=lesson.look, relative_to=lesson.standing)
 
 
 def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Root mean square error over hip and knee [°] and foot path [cm], one counted as the other, to judge by."""
+    """Root mean square error over hip and knee [°] and foot path [cm], 1° weighted as 1 cm, for validation."""
     return jnp.sqrt(trajectory(estimate, lesson) / len(losses.TrajectoryWeights._fields))
 
 
 def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Negative log-likelihood of all that was measured, summed over the legs [nat]; needs no reference."""
+    """Negative log-likelihood of all measurements, summed over the legs [nat]; needs no reference."""
     del lesson
     found = [value for name, value in estimate.diagnostics.items() if name.startswith("log_likelihood")]
     if not found:
@@ -71,12 +71,12 @@ TERMS: dict[str, Term] = {
 class Objective:
     """(params, lesson) → scalar, for `tune.fit`, `tune.cross_validate` and `tune.identifiability`.
 
-    Two of the same fields are equal and share compiled programs.
+    Two objectives with equal fields are equal and share compiled programs.
 
     Attributes:
-        run: of the estimator.
-        own: of the estimator.
-        options: of the estimator.
+        run: `run` of the estimator.
+        own: `own` of the estimator.
+        options: options of the estimator.
         terms: (name or function, weight) of each term.
     """
 
@@ -86,7 +86,7 @@ class Objective:
     terms: tuple[tuple[str | Term, float], ...]
 
     def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
-        """The weighted sum of the terms, the person's own measures in the parameters."""
+        """The weighted sum of the terms, with the person's body measures in the parameters."""
         estimate = self.run(self.own(params, lesson.own), lesson.inputs, self.options)
         parts = [
             weight * (TERMS[term] if isinstance(term, str) else term)(estimate, lesson) for term, weight in self.terms
@@ -101,11 +101,11 @@ def objective(
 
     Args:
         estimator: from `jgait.estimators`.
-        options: of the lessons.
-        terms: name of one (see `TERMS`), or name or `Term` → weight.
+        options: options of the lessons, see `Lessons`.
+        terms: name of one term (see `TERMS`), or name or `Term` → weight.
 
     Raises:
-        ValueError: if a name is not known, or there is no term.
+        ValueError: if a name is unknown, or there is no term.
     """
     weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else dict(terms)
     unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
@@ -116,7 +116,7 @@ def objective(
 
 @dataclass(frozen=True)
 class _OfSubject:
-    """(params, (items, counts)) → the sum of a loss over a subject's items that count."""
+    """(params, (items, counts)) → sum of a loss over the items of one subject; `counts` is False for padding."""
 
     loss: Callable[[PyTree, PyTree], PyTree]
 
@@ -129,18 +129,18 @@ class _OfSubject:
 def by_subject(
     loss: Callable[[PyTree, PyTree], PyTree], data: PyTree, subjects: Sequence[Hashable]
 ) -> tuple[Callable[[PyTree, PyTree], PyTree], PyTree]:
-    """The same sum with a subject an item, for `tune.identifiability`: walks of one person are no independent evidence.
+    """The sum of a loss over each subject's items, for `tune.identifiability`: walks of a person are not independent.
 
     Args:
         loss: (params, item) → scalar.
         data: pytree of arrays with a leading axis of n items.
-        subjects: (n,) whose each item is.
+        subjects: (n,) subject of each item.
 
     Returns:
-        (params, subject's items) → scalar, and the data with a leading axis of subjects, in order of appearance.
+        (params, items of a subject) → scalar, and the data with a leading axis of subjects, in order of appearance.
 
     Raises:
-        ValueError: if there is not a subject for each item.
+        ValueError: if there is not one subject for each item.
     """
     n = np.shape(jax.tree.leaves(data)[0])[0]
     if len(subjects) != n:

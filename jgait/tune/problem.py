@@ -1,8 +1,8 @@
-"""The minimised function: a weighted mean of one loss over items, in coordinates where every value is allowed.
+"""The minimised function: a weighted mean of one loss over items, in free coordinates without bounds.
 
-Parameters are shared by all items, or belong to the item's subject (`params.per_subject`). Every item is
-differentiated with respect to the few numbers that concern it; the sums over items, and over the items of each
-subject, come after. So a fit with a leg length for each of a hundred people costs no more than one with a single one.
+A parameter is shared by all items, or each subject has a value (`params.per_subject`). Each item's loss is
+differentiated with respect to the shared numbers and those of the item's subject only; then the gradients are
+summed. So a fit with a leg length for each of a hundred subjects costs no more than a fit with a single leg length.
 """
 
 from collections.abc import Callable
@@ -22,14 +22,14 @@ from jgait.types import AnyArray, Integer, Maybe, Scalar, Values
 
 
 class Problem(NamedTuple):
-    """What stays the same while a fit runs; static.
+    """The constants of a fit; static.
 
     Attributes:
         loss: (params, item) → scalar.
-        transforms: of the parameters.
-        priors: of the parameters, `Prior` or None for each; or None.
+        transforms: transforms of the parameters.
+        priors: `Prior` or None for each parameter; or None.
         gradient: how to differentiate, see `value_and_grad`.
-        mesh: devices over which items are spread, or None.
+        mesh: devices over which the items are distributed, or None.
     """
 
     loss: Callable[..., PyTree]
@@ -40,11 +40,11 @@ class Problem(NamedTuple):
 
 
 class Items(NamedTuple):
-    """What is fitted to; every leaf has a leading axis (n,).
+    """The items of a fit; every leaf has a leading axis (n,).
 
     Attributes:
         data: pytree of arrays.
-        subject: (n,) number of the subject of each, int32.
+        subject: (n,) number of each item's subject, int32.
     """
 
     data: PyTree
@@ -52,12 +52,12 @@ class Items(NamedTuple):
 
 
 class Context(NamedTuple):
-    """What a fit reads and never changes.
+    """The arrays that a fit reads and never changes.
 
     Attributes:
-        params: natural units, the source of what is fixed; what is each subject's own has a leading axis.
-        items: to learn from.
-        checked: to be judged by, or None.
+        params: natural units, the source of fixed values; a parameter per subject has a leading axis.
+        items: training items.
+        checked: validation items, or None.
         key: PRNG key of the minibatches, or None.
     """
 
@@ -68,7 +68,7 @@ class Context(NamedTuple):
 
 
 def of_subject(tree: PyTree, transforms: PyTree, subject: Integer) -> PyTree:
-    """Parameters, or free coordinates, as they are for one subject."""
+    """The parameters, or free coordinates, of one subject."""
 
     def pick(transform: Transform, value: AnyArray | float | None) -> AnyArray | float | None:
         return jnp.asarray(value)[subject] if transform.own and value is not None else value
@@ -81,7 +81,7 @@ def _one(problem: Problem, free: PyTree, params: PyTree, item: PyTree) -> PyTree
 
 
 def _everyone(problem: Problem, function: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """Map a function of (free, params, item) over items, each with what is its subject's own; over the mesh if any."""
+    """Map a function of (free, params, item) over items, with the values of each item's subject; on the mesh if any."""
 
     def each(free: PyTree, params: PyTree, item: Items) -> PyTree:
         mine, known = (of_subject(tree, problem.transforms, item.subject) for tree in (free, params))
@@ -102,7 +102,7 @@ def item_losses(problem: Problem, free: PyTree, params: PyTree, items: Items) ->
 
 
 def item_gradients(problem: Problem, free: PyTree, params: PyTree, items: Items) -> tuple[Float[Array, "item"], PyTree]:
-    """(n,) loss of every item, and its gradient with respect to what concerns it, with a leading axis (n,)."""
+    """(n,) loss of every item, and its gradient by shared numbers and those of its subject, leading axis (n,)."""
     both = value_and_grad(partial(_one, problem), problem.gradient)
     return _everyone(problem, both)(free, params, items)
 
@@ -121,13 +121,13 @@ def penalty(problem: Problem, free: PyTree, params: PyTree) -> Float[Array, ""]:
 
 
 def value_of(losses: Float[Array, "item"], weights: Float[Array, "item"]) -> Float[Array, ""]:
-    """Weighted mean of (n,) losses; items without weight may be anything."""
+    """Weighted mean of (n,) losses; the loss of an item with weight 0 may be any value, also NaN."""
     counted = jnp.where(weights > 0.0, losses, jnp.zeros_like(losses))
     return jnp.sum(weights * counted) / jnp.maximum(jnp.sum(weights), jnp.finfo(losses.dtype).tiny)
 
 
 def gradient_of(problem: Problem, free: PyTree, slopes: PyTree, items: Items, weights: Float[Array, "item"]) -> PyTree:
-    """Gradient of `value_of`, in the type of `free`, from those of the items."""
+    """Gradient of `value_of`, in the type of `free`, from the gradients of the items."""
     total = jnp.maximum(jnp.sum(weights), jnp.finfo(weights.dtype).tiny)
 
     def gather(transform: Transform, value: PyTree, slope: PyTree) -> PyTree:
@@ -149,18 +149,18 @@ def total(
     count: Scalar,
     forgiving: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], PyTree, Bool[Array, "item"]]:
-    """What is minimised, its gradient, and whether each item's part of both is finite.
+    """The minimised value, its gradient, and whether each item's loss and gradient are finite.
 
     Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item.
 
     Args:
-        problem: what is minimised.
-        free: coordinates.
-        params: natural units, the source of what is fixed.
-        items: (n,), all or some.
+        problem: the minimised function.
+        free: free coordinates.
+        params: natural units, the source of fixed values.
+        items: (n,), all items or a minibatch.
         weights: (n,) of the items.
         count: sum of the weights of all items.
-        forgiving: bool; whether to leave out, for once, the items whose part is not finite.
+        forgiving: bool; whether to leave out items whose loss or gradient is not finite.
 
     Returns:
         Value, gradient, (n,) bool.
@@ -183,7 +183,7 @@ def total(
 def value(
     problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
 ) -> Float[Array, ""]:
-    """The value of `total` alone, as line searches ask for it; its derivative is taken as `total` takes it."""
+    """The value of `total` alone, for line searches; its derivative is computed as in `total`."""
     losses = item_losses(problem, free, params, items)
     found = value_of(losses, weights)
     if problem.priors is not None:
@@ -208,7 +208,7 @@ value.defvjp(_value_forward, _value_backward)
 
 
 def place(problem: Problem, items: Items) -> Items:
-    """Items as arrays on the devices that work on them; their number must be a multiple of the mesh's."""
+    """Items as arrays on their devices; the number of items must be a multiple of the number of devices."""
     if problem.mesh is None:
         return jax.tree.map(jnp.asarray, items)
     sharding = NamedSharding(problem.mesh, PartitionSpec(problem.mesh.axis_names[0]))

@@ -23,12 +23,12 @@ class Profile(NamedTuple):
     """A profiled parameter.
 
     Attributes:
-        name: of the number, such as "thigh_length.right".
-        values: (V,) at which it was held, natural units, ascending.
-        losses: (V,) total loss of the best fit of the others [nat]; infinite where none was finite.
-        params: those fits, natural units, (V,) in front of every free leaf; what is fixed is the very object given.
-        gradient_norms: (V,) of the total loss in the others' free coordinates; large where `steps` were too few.
-        transform: of the number.
+        name: name of the number, such as "thigh_length.right".
+        values: (V,) at which the number was held, natural units, ascending.
+        losses: (V,) total loss of the best fit of the other numbers [nat]; infinite where no loss was finite.
+        params: fitted parameters, natural units, leading axis (V,) in free leaves; a fixed one is the object given.
+        gradient_norms: (V,) of the total loss in the other free coordinates; large where `steps` is too small.
+        transform: transform of the number.
     """
 
     name: str
@@ -45,11 +45,11 @@ class Profile(NamedTuple):
 
     @property
     def rises(self) -> np.ndarray:
-        """(V,) how far each loss lies above the profile's minimum [nat], which may lie between the values."""
+        """(V,) each loss minus the profile's minimum [nat]; the minimum may lie between two values."""
         return self.losses - self._minimum()[1]
 
     def _minimum(self) -> tuple[float, float]:
-        """Where the profile is lowest, in free coordinates, and its loss: of the parabola through three values."""
+        """The minimum's free coordinate and loss, from the parabola through the three lowest neighbouring values."""
         free, losses = self.free, self.losses
         k = int(np.argmin(losses))
         if 0 < k < len(free) - 1 and np.isfinite(losses[k - 1 : k + 2]).all():
@@ -74,19 +74,19 @@ class Profile(NamedTuple):
         return _natural(self.transform, dense), rises
 
     def interval(self, level: float = 0.95) -> tuple[float | None, float | None]:
-        """Ends of the values that a likelihood-ratio test at `level` does not reject.
+        """The interval of values that a likelihood-ratio test at `level` does not reject.
 
-        2 (ℓ(x) − min ℓ) ≤ χ²₁(level); between values, √(ℓ − min ℓ) is taken as straight in free coordinates, which is
-        exact for a parabola.
+        2 (ℓ(x) − min ℓ) ≤ χ²₁(level); between values, √(ℓ − min ℓ) is interpolated linearly in free coordinates, which
+        is exact for a parabola.
 
         Args:
-            level: in (0, 1).
+            level: confidence level, in (0, 1).
 
         Returns:
             Lower and upper end in natural units; None where the profile does not rise enough within its values.
 
         Raises:
-            ValueError: for another level.
+            ValueError: if `level` is not in (0, 1).
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must lie in (0, 1); got {level}")
@@ -134,7 +134,7 @@ def _natural(transform: Transform, free: npt.ArrayLike) -> np.ndarray:
 
 
 class _State(NamedTuple):
-    """Between steps; the loss is finite unless it was not at the start."""
+    """The state between steps; the loss is finite if the loss at the start was finite."""
 
     others: Float[Array, "others"]
     optimizer: PyTree
@@ -157,7 +157,7 @@ def _refit(
     steps: int,
     gradient: str,
 ) -> tuple[Float[Array, "others"], Float[Array, ""], Float[Array, ""]]:
-    """The lowest point of a scan of steps. A step to a non-finite value is undone, and the next one is half as long."""
+    """The point with the lowest loss in a scan of steps. A step to a non-finite loss is undone, the next one halved."""
     differentiate = value_and_grad(objective, gradient)
 
     def norm(vector: Float[Array, "others"]) -> Float[Array, ""]:
@@ -167,7 +167,7 @@ def _refit(
         extra = {"value": state.loss, "grad": state.gradient, "value_fn": objective}
         with jax.numpy_dtype_promotion("standard"):  # optax counts steps in integers
             updates, after = optimizer.update(state.gradient, state.optimizer, state.others, **extra)
-        moves = number > 0  # the first evaluates the start, by the same program as every step
+        moves = number > 0  # step 0 evaluates the start, by the same program as every step
         others = jnp.where(moves, state.others + (state.scale * updates).astype(start.dtype), state.others)
         loss, slope = differentiate(others)
         good = jnp.isfinite(loss) & jnp.all(jnp.isfinite(slope)) & jnp.all(jnp.isfinite(others))
@@ -186,7 +186,7 @@ def _refit(
 
 
 def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.ndarray]:
-    """Place of the profiled number and the values to hold it at, ascending."""
+    """Place of the profiled number, and the values at which it is held, ascending."""
     if name not in at.names:
         raise ValueError(f"name must be one of the free numbers {', '.join(at.names)}; got {name!r}")
     place = at.names.index(name)
@@ -246,21 +246,21 @@ def profile(
     batched: bool = True,
     gradient: str = "auto",
 ) -> Profile:
-    """The loss of one parameter held at each value in turn, all other free ones fitted again.
+    """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
-    It needs no curvature, and so shows what a standard error cannot: intervals that are lopsided, or have no end.
-    All values are fitted side by side by one program, each from `params` on, which should be the best ones. Steps
-    follow the gradient of the mean loss over the items, as in `fit`.
+    A profile needs no curvature; unlike a standard error it shows intervals that are not symmetric or have no end.
+    One program fits all values in parallel, each from `params`, which should be the best parameters. Steps follow
+    the gradient of the mean loss over the items, as in `fit`.
 
     Args:
         loss: (params, item) → the item's total negative log-likelihood [nat]; pure JAX.
         params: NamedTuple in natural units.
         transforms: the same type, holding a `Transform` for each.
         data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
-        name: of the number, as in `Identifiability.names`.
-        values: (V,) at which to hold it, in natural units.
-        optimizer: from optax, for the others.
-        steps: how many, for each value.
+        name: name of the number, as in `Identifiability.names`.
+        values: (V,) at which the number is held, in natural units.
+        optimizer: from optax, for the other free parameters.
+        steps: number of steps for each value.
         batched: whether `data` has an axis of items.
         gradient: how to differentiate, see `value_and_grad`.
 
@@ -269,8 +269,8 @@ def profile(
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
-        ValueError: if the name is not that of a free number, a value is outside its range, or the loss is not one
-            scalar or finite at no value.
+        ValueError: if the name is not that of a free number, a value is outside its range, the loss is not one scalar,
+            or it is finite at no value.
     """
     if steps < 1:
         raise ValueError(f"steps must be at least 1; got {steps}")

@@ -9,20 +9,20 @@ from jaxtyping import PyTree
 from jgait.params import Transform, positive
 
 LARGE = 0.3
-"""Size from which on a component of a unit vector is worth naming."""
+"""Least absolute component of a unit vector at which a direction's name includes the parameter [1]."""
 
 OFF = 0.25
-"""gᵀ B⁻¹ g from which on a point is called no optimum: half a standard error away."""
+"""Least gᵀ B⁻¹ g at which a point is reported as not an optimum: half a standard error away [1]."""
 
 
 class Direction(NamedTuple):
     """A combination of parameters in free coordinates.
 
     Attributes:
-        names: of the parameters with large components.
+        names: names of the parameters with large components.
         weights: those components of the unit vector, the largest positive.
-        stddev: standard deviation along it; infinite without information.
-        words: the combination as it reads, for example "0.71 a1 − 0.71 rollover_radius".
+        stddev: standard deviation along the direction; infinite without information.
+        words: the combination as text, for example "0.71 a1 − 0.71 rollover_radius".
     """
 
     names: tuple[str, ...]
@@ -32,7 +32,7 @@ class Direction(NamedTuple):
 
 
 def direction(names: tuple[str, ...], vector: np.ndarray, stddev: float) -> Direction:
-    """Name a unit vector by its large components; by its largest where it has many small ones."""
+    """Describe a unit vector by its large components, or by the largest ones if all are small."""
     vector = vector * (1.0 if vector[np.argmax(np.abs(vector))] > 0.0 else -1.0)
     order = np.argsort(-np.abs(vector), kind="stable")
     large = [int(i) for i in order if abs(vector[i]) >= LARGE] or [int(i) for i in order[:3]]
@@ -53,7 +53,7 @@ def is_positive(transform: Transform) -> bool:
 
 
 def unknown(name: str, transform: Transform, stderr: float, low: float, high: float, level: float) -> str:
-    """Say that a parameter is not determined, and how badly."""
+    """A sentence stating that a parameter is not determined, with its standard error or interval."""
     said = f"{name} is not determined by these data: "
     if math.isinf(stderr):
         return said + "its standard error is infinite"
@@ -66,7 +66,7 @@ def unknown(name: str, transform: Transform, stderr: float, low: float, high: fl
 
 
 def known(name: str, transform: Transform, value: float, stderr_free: float, stderr: float) -> str:
-    """Say how well a parameter is determined, in one standard error."""
+    """A sentence stating the value of a parameter and one standard error."""
     if is_positive(transform) and stderr_free >= LARGE:
         return f"{name} {value:.4g} within a factor of {math.exp(stderr_free):.2g}"
     if is_positive(transform):
@@ -82,14 +82,14 @@ def sentences(
     finite: bool,
     limit: float,
 ) -> list[str]:
-    """The findings in plain words: what is wrong, what is not determined, what moves together, what is known.
+    """The result in sentences: problems, undetermined parameters, correlated parameters, determined parameters.
 
     Args:
         found: an `Identifiability`.
-        transforms: of its numbers.
-        together: pairs of numbers that move together.
+        transforms: transforms of its numbers.
+        together: pairs of numbers that are correlated.
         falling: directions along which the loss curves downwards.
-        finite: whether all derivatives are.
+        finite: whether all derivatives are finite.
         limit: see `identifiability`.
     """
     said: list[str] = []
