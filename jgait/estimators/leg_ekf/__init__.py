@@ -1,14 +1,14 @@
 r"""Hip and knee angles, foot displacement and walked distance from gyroscopes on thigh and shin.
 
-The paper's extended Kalman filter, and around it what makes it hold on real walks: a functional sagittal axis,
-sensors put right, inclination from gravity, kinematic closure, standing, smoothing, and a distance read-out in
-which the stance leg carries the hip. Each of these is an argument (`LegOptions`), and `PAPER` turns all of them off.
+The paper's extended Kalman filter, with additions that real walks need: a functional sagittal axis, exchange of
+swapped sensors, inclination from gravity, kinematic closure, standing, smoothing, and a distance that is computed from
+the hip's movement over the stance leg. `LegOptions` turns the parts on and off; `PAPER` is the paper's method.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
-distance", ACC 2013. The model is in `leg_ekf.model`, decisions about a recording in `mounting.leg`.
+distance", ACC 2013. The model is in `leg_ekf.model`; `mounting.leg` finds the axes of the sensors.
 
 Sensors:
-    `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers where there are;
+    `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers if available;
     on one clock, 25 Hz or more, with half a second of quiet standing.
 
 Outputs:

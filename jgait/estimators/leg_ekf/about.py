@@ -1,4 +1,4 @@
-"""What the leg estimator states about itself."""
+"""The `About` record of the leg estimator."""
 
 from jaxtyping import PyTree
 

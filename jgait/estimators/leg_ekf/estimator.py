@@ -1,4 +1,4 @@
-"""From prepared inputs to joint angles, foot positions and distance."""
+"""Joint angles, foot positions and distance from prepared inputs."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -78,9 +78,9 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
 
 
 def _each(function: Callable[..., PyTree], options: LegOptions, stacked: PyTree) -> PyTree:
-    """Map over legs or segments: side by side, or in turn where filters run over components.
+    """Map over legs or segments: with vmap, or one after the other for the execution "fast".
 
-    There, recordings fill the vectors of the processor; an axis of two inside would take their place.
+    "fast" vectorises over recordings; an inner axis of two legs or segments would prevent that.
     """
     mapped = jax.vmap(function) if options.execution != "fast" else lambda one: jax.lax.map(function, one)
     return mapped(stacked)
@@ -93,22 +93,22 @@ def observe(
     inputs: LegInputs,
     options: LegOptions,
 ) -> tuple[LegObservation, LegControl, LegObservation]:
-    """What the leg filter takes: observation, control and mask; for a whole recording or for one sample.
+    """Observation, control and mask of the leg filter, for a whole recording or for one sample.
 
-    What the options leave out is masked for good, so that the filter computes without it.
+    Observations that the options turn off have a constant False mask, so that the filter does not compute them.
     """
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
     zero = jnp.zeros_like(inputs.dt)
     if inclinations is not None:
         thigh, shank = inclinations
-        # Errors of the inclination persist for about a second: as white noise they weigh one over the interval.
+        # Errors of the inclination persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
         spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
         control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
         angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
         rates = (gain * thigh.rate, shank.rate)
         tilted: Values = inputs.valid
     else:
-        # Standing again means the standing pose again, to about three degrees.
+        # In each quiet standing the pose is assumed to be the calibration pose, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
@@ -122,7 +122,7 @@ def observe(
 def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> Belief:
     """The belief before the first sample: standing, with the gyroscopes' biases at rest.
 
-    With gravity the inclination filter has taken the biases out already.
+    With `options.gravity` the inclination filter has already removed the biases.
     """
     zero = jnp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
@@ -147,12 +147,12 @@ def _leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, 
 
 
 def trajectory_of(state: LegState) -> LegTrajectory:
-    """The filter's state in the library's angles: flexion positive, hip from the vertical."""
+    """The filter's state as hip angle from the vertical and knee flexion angle, flexion positive."""
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
 def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values:
-    """Of one component; smoothing lowers a variance, and where rounding says otherwise the filter's stands for it."""
+    """Variance of one component; the filtered variance replaces one that is negative or larger by rounding."""
     own = cov[name, name]
     if filtered is None:
         return own
@@ -161,13 +161,13 @@ def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values
 
 
 def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
-    """Standard deviations: the filter's own, and what skin and muscle add to it through the kinematics.
+    """Standard deviations of the leg: the filter's, with soft-tissue motion added through the kinematics.
 
     Args:
         p: parameters of the leg.
-        state: (T,) its state.
-        cov: (T,) covariance, perhaps smoothed.
-        filtered: (T,) the filter's, where `cov` is smoothed: in float32 little may be left of a smoothed one.
+        state: (T,) state of the leg.
+        cov: (T,) covariance, filtered or smoothed.
+        filtered: (T,) filtered covariance if `cov` is smoothed; it replaces values with rounding errors in float32.
     """
     thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
@@ -199,7 +199,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         p: parameters.
         inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
         options: which improvements are on; static under jit.
-        model: of one leg; another than the library's for comparison.
+        model: model of one leg; other models are for comparison.
 
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
@@ -243,7 +243,7 @@ def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: Leg
 
 
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
-    """This estimator as a record of functions; without accelerometers gravity is left out."""
+    """This estimator as a record of functions; without accelerometers it does not use gravity."""
 
     def ready(recording: Recording) -> Prepared[LegInputs]:
         found = prepare(
@@ -263,15 +263,15 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Le
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:
     """Hip and knee angles, foot position and distance of one recording.
 
-    Without accelerometers the gravity part of the pipeline is left out, and the notes say so.
+    Without accelerometers the inclination filter is not used, and a note states it.
 
     Args:
-        p: parameters; at least the leg lengths should be the person's own.
+        p: parameters; at least the leg lengths should be measured on the person.
         recording: thigh and shank sensors of one or both legs.
         options: which improvements are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says what was decided on the way.
+        An `Estimate`; `diagnostics["notes"]` lists the decisions made in `prepare`.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.

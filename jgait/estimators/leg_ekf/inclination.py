@@ -1,12 +1,12 @@
-r"""Which way is up, seen from a body segment: a Kalman filter on the gravity direction.
+r"""Inclination of a body segment: a Kalman filter on the direction of the vertical in segment axes.
 
-The gyroscope turns the direction of gravity in the segment's axes, the accelerometer pulls it slowly back, and
-standing fixes it firmly. State: the unit vector that points up and the gyroscope's bias, both in segment axes
-(forward, left, up). With the rate ω − β over one interval as rotation vector w,
+The gyroscope predicts the direction; the accelerometer corrects it slowly during walking and strongly during quiet
+standing. State: the unit vector that points up and the gyroscope bias, both in segment axes (forward, left, up).
+With the rate ω − β over one interval as rotation vector w,
 
     u ← exp(−[w]×) u,      z = acc / g = u + noise,      gyr = β + noise while standing.
 
-The noise of z is large while walking, because the accelerometer also feels the swing; 1 g weighs it like a
+The noise of z is large while walking, because the accelerometer also measures the swing; noise of 1 g acts like a
 complementary filter of several seconds. The angle in the sagittal plane is θ = atan2(u_forward, u_up), positive
 when the distal end swings forward.
 
@@ -42,7 +42,7 @@ class InclinationObservation(NamedTuple):
 
 
 class InclinationControl(NamedTuple):
-    """What the filter is told each sample: mean rate over the interval [rad/s], and whether the person stands."""
+    """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured."""
 
     rate: Vector
     still: Flags
@@ -120,8 +120,8 @@ class Inclination(NamedTuple):
     """A segment's inclination in its sagittal plane.
 
     Attributes:
-        angle: (T,) [rad], 0 at the pose that defined the segment axes, positive when the distal end is forward.
-        rate: (T,) [rad/s], its derivative, bias removed.
+        angle: (T,) [rad], 0 in the calibration pose, positive when the distal end is forward.
+        rate: (T,) [rad/s], derivative of the angle, gyroscope bias removed.
         variance: (T,) [rad²] of `angle`.
         bias: (T,) gyroscope bias about the sagittal axis [rad/s].
     """
@@ -136,7 +136,7 @@ def read_out(state: InclinationState, cov: Covariance, rate: Vector) -> Inclinat
     """Sagittal angle, rate and variance of the angle, for one sample or a whole recording.
 
     The rate is the derivative of atan2(u_x, u_z) under u̇ = −ω × u:
-    θ̇ = −ω_y + u_y (u_z ω_z + u_x ω_x) / (u_x² + u_z²), so a turn does not change the angle of a leaning segment.
+    θ̇ = −ω_y + u_y (u_z ω_z + u_x ω_x) / (u_x² + u_z²), so turning does not change the angle of an inclined segment.
     """
     u = state.up
     w = Vector(*(r - b for r, b in zip(rate, state.bias, strict=True)))
@@ -169,12 +169,12 @@ def run(
         gyr: (T,) components [rad/s] in segment axes.
         acc: (T,) components [m/s²] in segment axes.
         still: (T,) bool, the person stands.
-        measured: (T,) bool, the sample is there.
-        dt: (T,) time from the sample before [s]; 0 at the first.
+        measured: (T,) bool, False for a lost sample.
+        dt: (T,) time since the previous sample [s]; 0 at the first.
         bias: gyroscope bias at the start [rad/s].
-        start_variance: of the direction at the first sample [rad²].
+        start_variance: variance of the direction at the first sample [rad²].
         smooth: Rauch–Tung–Striebel smoothing after the filter.
-        standing: use the still samples to fix direction and bias.
+        standing: correct direction and bias at the still samples.
         execution: see `jgait.filtering`.
 
     Returns:
@@ -198,11 +198,11 @@ def run(
 
 
 def prior(bias: Vector, start_variance: Values) -> Belief:
-    """The belief before the first sample: upright, with the bias found at rest.
+    """The belief before the first sample: segment vertical, with the gyroscope bias measured at rest.
 
     Args:
         bias: gyroscope bias [rad/s].
-        start_variance: of the direction [rad²].
+        start_variance: variance of the direction [rad²].
     """
     zero = jnp.zeros_like(bias.z)
     spread = Vector(*(zero + start_variance,) * 3)
@@ -213,7 +213,7 @@ def prior(bias: Vector, start_variance: Values) -> Belief:
 def observe(gyr: Vector, acc: Vector, still: Flags | None, measured: Flags) -> tuple[InclinationObservation, PyTree]:
     """Observation and mask, for a whole recording or one sample: gravity always, the bias only while standing.
 
-    Without knowledge of standing (`still` None) the bias is never observed.
+    If `still` is None, the bias is never observed.
     """
     at_rest = False if still is None else still & measured
     mask = InclinationObservation(Vector(measured, measured, measured), Vector(at_rest, at_rest, at_rest))

@@ -1,4 +1,4 @@
-"""What the leg estimator takes: signals in segment axes, as arrays that pad, stack and map."""
+"""Inputs of the leg estimator: signals in segment axes, as arrays."""
 
 from typing import Annotated, NamedTuple
 
@@ -9,11 +9,11 @@ from jgait.types import Values
 
 
 class Segment(NamedTuple):
-    """One sensor's signals, turned into its segment's axes (forward, left, up), as the filters take them.
+    """Signals of one sensor in the axes of its segment (forward, left, up).
 
     Attributes:
         gyr: (T, 3) [rad/s].
-        acc: (T, 3) [m/s²], of standard gravity at standing; zeros without an accelerometer.
+        acc: (T, 3) [m/s²], scaled to standard gravity in standing; zeros without an accelerometer.
         measured: (T,) bool.
         bias: (3,) gyroscope bias at rest [rad/s].
         variance: sagittal gyroscope variance at rest [rad²/s²].
@@ -34,16 +34,16 @@ class LegSignals(NamedTuple):
 
 
 class LegInputs(NamedTuple):
-    """All that `leg_ekf.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+    """Inputs of `leg_ekf.run`; every leaf is an array, so that inputs can be padded, stacked and mapped.
 
     Attributes:
         right: right leg, or None.
         left: left leg, or None.
         time: (T,) [s].
-        dt: (T,) time from the sample before [s]; 0 at the first.
+        dt: (T,) time since the previous sample [s]; 0 at the first.
         still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding, and where samples of a leg are missing for long.
-        start_variance: of the pose at the first sample [rad²]; small when the recording starts standing.
+        valid: (T,) bool, False for padding and for long gaps in the signals of a leg.
+        start_variance: variance of the pose at the first sample [rad²]; small if the recording starts standing.
     """
 
     right: LegSignals | None

@@ -7,8 +7,8 @@ thigh's and shin's gyroscopes, (x, y) the ankle relative to the hip. Equation 5 
     x ← x + T (−a₁ sin θ₁ ω₁ − a₂ sin(θ₁+θ₂)(ω₁+ω₂)),    θ₁ ← θ₁ + T ω₁,
     y ← y + T ( a₁ cos θ₁ ω₁ + a₂ cos(θ₁+θ₂)(ω₁+ω₂)),    θ₂ ← θ₂ + T ω₂.
 
-The filter takes its Jacobians by autodiff. Beside the paper's two rates the model observes, each under a mask of
-its own: the closure of x and y with the forward kinematics, and the inclination of both segments.
+The filter computes Jacobians by autodiff. In addition to the paper's two rates the model observes, each with a separate
+mask: the closure of x and y with the forward kinematics, and the inclination of both segments.
 
 Source: T. Bennett, R. Jafari, N. Gans, "An extended Kalman filter to estimate human gait parameters and walking
 distance", ACC 2013, equations 3–14.
@@ -40,13 +40,13 @@ class LegState(NamedTuple):
 
 
 class LegObservation(NamedTuple):
-    """What the leg filter can observe.
+    """Observations of the leg filter.
 
     Attributes:
         thigh_gyro: sagittal rate of the thigh [rad/s], ω₁ + β₁.
         shin_gyro: sagittal rate of the shin [rad/s], ω₁ + ω₂ + β₂.
-        closure_x: always 0: x minus the forward kinematics [m].
-        closure_y: always 0: y minus the forward kinematics [m].
+        closure_x: x minus the forward kinematics [m], observed as 0.
+        closure_y: y minus the forward kinematics [m], observed as 0.
         thigh_inclination: θ₁ from gravity [rad].
         shin_inclination: θ₁ + θ₂ from gravity [rad].
     """
@@ -116,7 +116,7 @@ def transition(params: LegModelParams, state: LegState, control: LegControl, dt:
 
 
 def angle_blocks(params: LegModelParams, angle: Values, cross: Values, rate: Values) -> Covariance:
-    """Q, given the entries of its blocks of an angle and its rate."""
+    """Q, from the entries of its blocks of an angle and its rate."""
     variances = LegState(
         params.position_noise, params.position_noise, angle, rate, angle, rate, params.bias_noise, params.bias_noise
     )
@@ -147,7 +147,7 @@ def observation(params: LegModelParams, state: LegState, control: LegControl) ->
 
 
 def observation_noise(params: LegModelParams, state: LegState, control: LegControl) -> LegObservation:
-    """R: the gyroscopes' variances at rest, the closure's, and the inclinations' as they come."""
+    """R: variances of the gyroscopes at rest, of the closure, and of the inclinations, from the control."""
     del state
     return LegObservation(
         params.gyro_variance_thigh,
@@ -160,7 +160,7 @@ def observation_noise(params: LegModelParams, state: LegState, control: LegContr
 
 
 def initial(params: LegModelParams) -> Belief:
-    """Standing straight: θ₁ = −π/2, all else 0, the ankle where the forward kinematics puts it."""
+    """Standing straight: θ₁ = −π/2, ankle position from the forward kinematics, all else 0."""
     return standing_belief(params, STANDING, 0.0, 0.0, 0.0, 1e-4)
 
 
@@ -175,12 +175,12 @@ def standing_belief(
     """The belief before the first sample of a person who stands in a known pose.
 
     Args:
-        params: of the leg.
+        params: model parameters of the leg.
         thigh_angle: θ₁ [rad].
         knee_angle: θ₂ [rad].
-        thigh_bias: gyroscope bias at rest [rad/s].
-        shin_bias: gyroscope bias at rest [rad/s].
-        angle_variance: of both angles [rad²].
+        thigh_bias: bias of the thigh's gyroscope at rest [rad/s].
+        shin_bias: bias of the shin's gyroscope at rest [rad/s].
+        angle_variance: variance of both angles [rad²].
 
     Returns:
         Mean and covariance; x and y start on the forward kinematics (deviation 4).
@@ -193,4 +193,4 @@ def standing_belief(
 
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
-"""The corrected reading, the default."""
+"""The model with the paper's misprints corrected (deviations 1 to 4), the default."""

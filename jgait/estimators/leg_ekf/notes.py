@@ -1,4 +1,4 @@
-"""Kinds of facts that `leg_ekf` notices about a recording."""
+"""Kinds of notes of `leg_ekf` about a recording."""
 
 from jgait.notes import LEFT_OUT, LOSSES, WRONG_PLACE, Kind
 

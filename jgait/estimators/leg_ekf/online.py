@@ -1,7 +1,7 @@
-"""The leg estimator a sample at a time, for a device that shows angles while the person walks.
+"""The leg estimator sample by sample, for a device that shows joint angles while the person walks.
 
-The same filter steps as `leg_ekf.run` without smoothing, with the same results; what the host decides beforehand
-(axes, signs, biases at rest) comes from a calibration recording through `leg_ekf.prepare`.
+The filter steps and results are those of `leg_ekf.run` without smoothing; sensor axes, signs and gyroscope biases come
+from a calibration recording, see `leg_ekf.prepare`.
 """
 
 from functools import partial
@@ -29,7 +29,7 @@ from jgait.types import LegTrajectory, Values
 
 
 class LegOnlineState(NamedTuple):
-    """What is carried from sample to sample.
+    """State of the online estimator between two samples.
 
     Attributes:
         thigh: belief about the thigh's inclination.
@@ -45,7 +45,7 @@ class LegOnlineState(NamedTuple):
 
 
 class OnlineStep(NamedTuple):
-    """The state to carry on, the leg now, and its standard deviations."""
+    """The state for the next step, the leg at this sample, and its standard deviations."""
 
     state: LegOnlineState
     leg: LegTrajectory
@@ -58,8 +58,8 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
     Args:
         p: parameters of this leg, see `one_side`.
         leg: calibrated signals; only biases, variances and the first rates are used.
-        start_variance: of the pose at the first sample [rad²].
-        options: as of `leg_ekf`; smoothing cannot be had online.
+        start_variance: variance of the pose at the first sample [rad²].
+        options: as of `leg_ekf`; `smooth` has no effect.
 
     Returns:
         Beliefs in the standing pose.
@@ -90,13 +90,13 @@ def step(p: LegParams, state: LegOnlineState, sample: LegSignals, inputs: LegInp
 
     Args:
         p: parameters of this leg, see `one_side`.
-        state: from `start` or the step before.
+        state: from `start` or the previous step.
         sample: gyr (3,) [rad/s] and acc (3,) [m/s²] in segment axes, measured; bias and variance from the calibration.
         inputs: dt [s], still and valid of this sample; its legs are not used.
         options: as of `leg_ekf`.
 
     Returns:
-        The state to carry on, the leg's angles and foot position, and their standard deviations.
+        The state for the next step, joint angles and foot position of the leg, and their standard deviations.
     """
     thigh, shank, inclinations = state.thigh, state.shank, None
     if options.gravity:

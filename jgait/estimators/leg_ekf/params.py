@@ -68,13 +68,13 @@ class LegOptions(NamedTuple):
     Attributes:
         perpendicular_axis: make the functional sagittal axis perpendicular to gravity.
         gravity: 3-D inclination from gyroscope and accelerometer instead of the sagittal rate alone.
-        closure: tie x and y to the forward kinematics.
-        standing: quiet standing fixes inclination and gyroscope bias.
+        closure: observe x and y as equal to the forward kinematics.
+        standing: correct inclination and gyroscope bias in quiet standing.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        distance: "stance": the leg that stands carries the hip; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
-            "forward": Σ Δx⁺ alone, how far the foot swings, which follows the foot's own way over time.
-        rate_hz: resample to this rate first [Hz]; None keeps the recording's.
-        median: width of a median filter on the gyroscopes in samples; 1 is none.
+        distance: "stance": movement of the hip over the stance leg; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
+            "forward": Σ Δx⁺ alone, the forward displacement of the foot relative to the hip.
+        rate_hz: resample to this rate first [Hz]; None keeps the rate of the recording.
+        median: width of a median filter on the gyroscopes in samples; 1 for no filter.
         method: how the filter linearises, see `jgait.filtering`.
         execution: how the filters compute, see `jgait.filtering`. "fast" is more than ten times faster than "auto" on
             a hundred recordings at once, with equal results, and takes half a minute longer to compile.
@@ -93,7 +93,7 @@ class LegOptions(NamedTuple):
 
 
 DEFAULT = LegOptions()
-"""The best pipeline."""
+"""The default pipeline, the most accurate one."""
 
 PAPER = LegOptions(
     perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, distance="accumulate",
@@ -103,7 +103,7 @@ PAPER = LegOptions(
 
 
 def one_side(p: LegParams, side: int) -> LegParams:
-    """The parameters of one leg (0 right, 1 left): each `BySide` gives way to its value."""
+    """The parameters of one leg (0 right, 1 left): the value of that side replaces each `BySide`."""
     return LegParams(*(value[side] if isinstance(value, BySide) else value for value in p))
 
 
@@ -112,13 +112,13 @@ MEASURES = ("thigh_length", "shank_length")
 
 
 def with_body(p: LegParams, body: dict[str, Any]) -> LegParams:
-    """The parameters with a person's own lengths put in.
+    """The parameters with the segment lengths of a person.
 
     Args:
         p: parameters.
         body: "thigh_length" and "shank_length" [m], as far as known; each a number or (right, left).
 
     Raises:
-        ValueError: if it names anything else, or a measure is not one number or two.
+        ValueError: if `body` contains another name, or a measure is not one number or two.
     """
     return with_measures("the leg estimator", MEASURES, p, body)

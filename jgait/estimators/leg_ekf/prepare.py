@@ -1,7 +1,7 @@
-"""From a recording to a leg's own axes: quiet standing, sagittal axis, sign, swapped sensors. NumPy, on the host.
+"""Inputs of the leg estimator from a recording: quiet standing, segment axes, swapped sensors. NumPy, on the host.
 
-Everything here is a decision: which samples are standing, which axis is mediolateral, which way it points. Nothing
-here carries a gradient; what follows (`leg_ekf.run`) is smooth given these decisions.
+This module detects quiet standing and finds the mediolateral axis of each sensor and its sign. It has no gradient;
+`leg_ekf.run` is differentiable for given standing and axes.
 """
 
 from collections.abc import Mapping
@@ -21,18 +21,18 @@ from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
-SMALLEST_VARIANCE = 1e-8  # rad²/s², of a gyroscope at rest
+SMALLEST_VARIANCE = 1e-8  # rad²/s²; lower limit of the measured variance of a gyroscope at rest
 
 
 LONG_GAP = 0.3
-"""[s] From so many samples missing in a row on, a leg may have turned anywhere."""
+"""[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
 
 
 def worn_sides(recording: Recording) -> tuple[str, ...]:
     """The sides on which both thigh and shank are measured.
 
     Raises:
-        RecordingError: if neither side has both.
+        RecordingError: if neither side has both sensors.
     """
     sides = tuple(s for s in SIDES if f"thigh_{s}" in recording.sensors and f"shank_{s}" in recording.sensors)
     if not sides:
@@ -47,7 +47,7 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
 
 
 def _common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str, Imu], np.ndarray]:
-    """The sensors of the worn legs and their shared time, checked."""
+    """The sensors of the measured legs and their common time, checked."""
     sensors = {f"{part}_{s}": recording.sensors[f"{part}_{s}"] for s in sides for part in ("thigh", "shank")}
     first = next(iter(sensors))
     time = np.asarray(sensors[first].time, np.float64)
@@ -58,10 +58,10 @@ def _common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[st
 
 
 def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) -> tuple[np.ndarray, dict[str, Imu]]:
-    """Every k-th sample where the rate divides, else linear interpolation; unchanged for None.
+    """Resample by taking every k-th sample, or else by linear interpolation; unchanged for None.
 
     Raises:
-        RecordingError: if the recording is slower than the rate asked for.
+        RecordingError: if the sampling rate of the recording is lower than `rate_hz`.
     """
     rate = 1.0 / float(np.median(np.diff(time)))
     if rate_hz is None or abs(rate / rate_hz - 1.0) < 0.01:
@@ -87,7 +87,7 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
 
 
 def _median(values: AnyArray, size: int) -> np.ndarray:
-    """`windows.median_filter` in NumPy: every recording has a length of its own, and JAX would compile for each.
+    """`windows.median_filter` in NumPy: JAX would compile for the length of every recording.
 
     Raises:
         RecordingError: if there are not enough samples for a window.
@@ -135,7 +135,7 @@ def orient(
 
 
 def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[Note]]:
-    """Where the sensors say enough for an estimate (T,) bool, and what is not said of the rest."""
+    """(T,) bool, True where an estimate exists, False in long gaps; and a note for each gap."""
     lost = ~np.all([segment.measured for leg in legs.values() for segment in leg], axis=0)
     heard, step = np.ones(time.size, bool), float(np.median(np.diff(time)))
     notes: list[Note] = []
@@ -153,12 +153,12 @@ def prepare(
 
     Args:
         recording: with thigh and shank sensors of at least one leg, standing still at some time.
-        rate_hz: resample to this rate [Hz]; None keeps the recording's.
-        median: width in samples of a median filter on the gyroscopes; 1 is none.
+        rate_hz: resample to this rate [Hz]; None keeps the rate of the recording.
+        median: width in samples of a median filter on the gyroscopes; 1 for no filter.
         perpendicular: make the sagittal axis perpendicular to gravity.
 
     Returns:
-        Inputs in segment axes, notes, and the half-open range of samples that calibrated.
+        Inputs in segment axes, notes, and the half-open range of samples of the calibrating stance.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.

@@ -1,7 +1,7 @@
-"""Distance walked from leg kinematics: who carries the hip, and how far.
+"""Distance walked from leg kinematics, from the displacement of the foot or of the hip over the stance foot.
 
-Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot; the stance-leg read-out
-replaces it where both legs are worn.
+Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot; the stance-leg read-out is
+the default.
 """
 
 import jax.numpy as jnp
@@ -14,14 +14,14 @@ def _interval(values: Values) -> Values:
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
-    """The paper's read-out: D = Σ max(Δx, 0) + Σ |Δy|, the foot's way forward and all its way up and down.
+    """The paper's read-out: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot.
 
-    The sum of |Δy| is the reading that comes near the paper's figures (deviation 6). The read-out is biased by
-    construction: it leaves out how far the hip moves while the foot swings.
+    Of the possible vertical displacements, Σ |Δy| gives results closest to the paper's figures (deviation 6). The
+    distance has a systematic error: it omits the movement of the hip during the swing of the foot.
 
     Args:
         leg: (T,) foot relative to hip [m].
-        vertical: add the vertical way.
+        vertical: add the vertical path.
 
     Returns:
         (T,) distance [m] since the first sample.
@@ -32,7 +32,7 @@ def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
 
 
 def _backward(leg: LegTrajectory, rollover_radius: Values) -> Values:
-    """How far the hip would move over this foot in each interval if it were the stance foot [m].
+    """Movement of the hip over this foot in each interval, if this foot is in stance [m].
 
     The foot rolls: its ankle moves forward by r per radian that the shank leans forward, so the hip gains
     −Δx − r Δ(shank angle), shank angle positive with the ankle in front.
@@ -41,15 +41,15 @@ def _backward(leg: LegTrajectory, rollover_radius: Values) -> Values:
 
 
 def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
-    """Σ max(−Δx_right, −Δx_left, 0): the leg whose foot goes back fastest stands, and carries the hip.
+    """Σ max(−Δx_right, −Δx_left, 0): the foot that moves backward fastest is in stance.
 
-    With one leg worn, its backward way is divided by the share of time in which it goes backward while walking, as
-    if the hip went on at the same mean speed while the foot swings.
+    With sensors on one leg, its backward displacement is divided by the share of walking time in which the foot moves
+    backward: the mean speed of the hip in the swing of the foot is taken to be the same.
 
     Args:
         legs: one or both legs, (T,) each.
-        rollover_radius: r, how far the ankle moves per radian of shank rotation in stance [m].
-        still: (T,) bool, the person stands: swaying is not walking.
+        rollover_radius: r, displacement of the ankle per radian of shank rotation in stance [m].
+        still: (T,) bool, the person stands; sway adds no distance.
 
     Returns:
         (T,) distance [m] since the first sample.
