@@ -1,4 +1,4 @@
-"""What the waist's estimator states about itself."""
+"""Description of the waist's estimator: body measures, table columns, figures and flags."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from jgait.estimators.waist.params import DEFAULT, PAPER
 from jgait.types import SIDES, Estimate, as_float
 
 LONGEST_STEP = 1.5
-"""[s] Contacts that are farther apart do not belong to one walking bout."""
+"""[s] Upper limit on the time between two contacts that counts as a step in the cadence."""
 
 
 def contacts(estimate: Estimate) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def contacts(estimate: Estimate) -> dict[str, Any]:
 
 
 def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """Numbers of the whole recording."""
+    """Totals of the whole recording."""
     strides, diagnostics = estimate.strides, estimate.diagnostics
     times = as_float(diagnostics["initial_contact"])
     steps = np.diff(times)
@@ -49,7 +49,7 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
 
 
 def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
-    # an estimate does not contain the accelerations over which contacts are drawn
+    # the figure draws contacts over accelerations, which the recording contains and the estimate does not
     return (made.recording, made.estimate), {"p": made.params, "options": made.settings["options"]}
 
 

@@ -1,4 +1,4 @@
-"""From contacts and standing to bouts and nodes, instants at which something is known; NumPy, on the host."""
+"""Walking bouts from initial contacts and standing, and their nodes (see `WaistInputs`); NumPy, on the host."""
 
 from typing import NamedTuple
 
@@ -10,23 +10,23 @@ from jgait.notes import Note
 from jgait.types import Values, as_float
 
 PAUSE_STEPS, PAUSE_S = 2.2, 2.0
-"""[steps], [s] Contacts further apart than both are of different bouts."""
+"""[steps], [s] Two successive contacts belong to different bouts if the time between them exceeds both limits."""
 
 START_S = 2.5
-"""[s] A bout begins from standing if the person stood so long before its first contact, or less; likewise its end."""
+"""[s] Upper limit on the time from standing to the first contact if a bout begins from standing; also at its end."""
 
 
 class Node(NamedTuple):
     """One node, see `WaistInputs`.
 
     Attributes:
-        at: its instant [samples, and parts of them].
-        contact: it is an initial contact.
-        side: of which foot, 0 right, 1 left; 0 of a node that is none.
-        moves: the person walks up to it from the node before.
-        step: from contact to contact.
-        stands: the person stands still.
-        fresh: a bout begins.
+        at: instant of the node [samples, and parts of them].
+        contact: the node is an initial contact.
+        side: foot of the contact, 0 right, 1 left; 0 if the node is no contact.
+        moves: the person walks from the node before to this node.
+        step: the interval from the node before is a step, from contact to contact.
+        stands: the person stands still at the node.
+        fresh: a bout begins at the node.
     """
 
     at: float
@@ -39,12 +39,12 @@ class Node(NamedTuple):
 
 
 def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float) -> list[list[Node]]:
-    """Contacts parted into bouts, with the standing before and behind each as nodes of their own.
+    """Nodes of every bout: its contacts, the end of standing before them and the beginning of standing after them.
 
     Args:
-        contacts: in order [s].
+        contacts: initial contacts, in order of time [s].
         still: half-open ranges of samples in which the person stands.
-        rate: of the samples [Hz].
+        rate: sampling rate [Hz].
     """
     at, side = as_float(contacts.time) * rate, np.asarray(contacts.side)
     if not len(at):
@@ -74,18 +74,18 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
 
 
 def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarray]:
-    """The bouts as columns of `WaistInputs`, each of as many rows as there are nodes.
+    """The bouts as columns of `WaistInputs`, one row per node.
 
     Args:
         bouts: from `bouts`.
-        time: (T,) of the samples [s].
+        time: (T,) time of the samples [s].
     """
     flat = [node for bout in bouts for node in bout]
     stood = np.array([bout[0].stands for bout in bouts for _ in bout], bool)
     alone = np.array([sum(node.step for node in bout) for bout in bouts for _ in bout], float)
     instant = np.array([node.at for node in flat], float)
     at = np.rint(instant).astype(np.int32)
-    # two nodes on one sample: the later one is moved on, at the end of the recording the earlier one back
+    # if two nodes share a sample, the later node moves one sample on; at the recording's end the earlier moves back
     for row in range(1, len(at)):
         at[row] = max(at[row], at[row - 1] + 1)
     at = np.minimum(at, np.arange(len(time) - len(at), len(time))).astype(np.int32)

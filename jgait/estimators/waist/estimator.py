@@ -1,4 +1,4 @@
-"""From prepared inputs to contacts, steps and distance of the waist."""
+"""Contacts, strides and distance of the waist from prepared inputs."""
 
 from functools import partial
 
@@ -29,10 +29,10 @@ from jgait.notes import Note
 from jgait.types import Estimate, Legs, Recording, Strides, Values
 
 TURNING = 0.35
-"""[rad] A stride over which the walk turns by more (20°) is flagged as part of a turn."""
+"""[rad] Threshold on the turn of the walk over a stride (20°); a stride above it is flagged as part of a turn."""
 
 FLAGS = ("turning", "unsure")
-"""What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
+"""Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
 _PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_noise", "edge_noise")
 _EXCURSION = ("excursion_hz", "pendulum_length", "excursion_power", "surge_power", "turn_shortening")
@@ -44,8 +44,8 @@ UNUSED = {
     "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),
     "update": _ALONE,
 }
-"""Way of measuring → parameters on which neither distance nor its deviation depends, so that their gradient is zero;
-"fused" where it does not hear the update, whose gate decides."""
+"""Distance method → parameters on which neither the distance nor its standard deviation depends, so that their gradient
+is zero; "fused" is without the velocity update (`WaistOptions.updated` False)."""
 
 __all__ = [
     "DEFAULT",
@@ -73,8 +73,8 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
 
     Returns:
         `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `FLAGS` for each
-        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side` and `initial_contact_valid`, and of the
-        fused way the pendulum's constant, the accelerometer's bias, log-likelihood and mean normalised innovation.
+        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side` and `initial_contact_valid`, and, if
+        "fused", the pendulum's constant, the accelerometer's bias, log-likelihood and mean normalised innovation.
 
     Raises:
         ValueError: options that are none.
@@ -94,7 +94,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
 
 
 def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate:
-    """The estimate that a walk's intervals and the ways over them come to; as `run` returns it."""
+    """The estimate that `run` returns, from the intervals between nodes and the distances over them."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     distance, spread = (_along(inputs, values, there) for values in (walked.distance, walked.distance_sd))
@@ -114,7 +114,7 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
 
 
 def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
-    """(T,) what is known at nodes, evenly between them."""
+    """(T,) values at nodes, interpolated linearly in time between nodes."""
     row = jnp.arange(values.shape[0], dtype=jnp.int32).astype(values.dtype)
     final = values[jnp.maximum(inputs.count - 1, 0)]
     beyond = inputs.time[-1] + 1.0 + row
@@ -125,7 +125,7 @@ def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
 def _strides(
     inputs: WaistInputs, found: Intervals, walked: WaistWalk, there: PyTree
 ) -> tuple[Strides, Strides, Values]:
-    """Strides of both feet, their standard deviations and flags; a row a node."""
+    """Strides of both feet, their standard deviations and flags; one row per node."""
     valid = inputs.stride & there
     start, end = earlier(inputs.contact, 2), inputs.contact
     duration = jnp.maximum(end - start, 1e-3)
@@ -153,7 +153,7 @@ def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistIn
 
 
 def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:
-    """The paper's pipeline as an estimator of its own, `waist_ofdri`."""
+    """The paper's pipeline as a separate estimator, `waist_ofdri`."""
     about = ABOUT._replace(title=f"{ABOUT.title}, by the paper's pipeline", default=PAPER)
     return estimator(options)._replace(name="waist_ofdri", about=about)
 
@@ -172,7 +172,7 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
         options: which parts are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `initial_contact` and
+        An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `initial_contact` and
         `initial_contact_side` (0 right, 1 left) are the contacts in order [s].
 
     Raises:
@@ -183,11 +183,11 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
 
 
 DOUBTFUL = 0.25
-"""A distance whose deviation is a greater part of it is said to be none."""
+"""[1] Threshold on the distance's standard deviation over the distance; above it a note reports a useless distance."""
 
 
 def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
-    """That a distance cannot be relied on."""
+    """A note if the distance is unreliable (see `DOUBTFUL`)."""
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if not np.any(result.strides.valid) or (spread <= DOUBTFUL * abs(way) and way > 0.0):
         return ()
@@ -196,7 +196,7 @@ def _doubts(result: Estimate, options: WaistOptions) -> tuple[Note, ...]:
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
-    """The estimate with its contacts alone, and with a note where its distance cannot be relied on."""
+    """The estimate with only the valid contacts, and with a note if its distance is unreliable."""
     diagnostics = dict(result.diagnostics)
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
     for name in ("initial_contact", "initial_contact_side"):

@@ -1,4 +1,4 @@
-"""What the waist's estimator takes: a sensor's signals and decisions, as arrays that pad, stack and map."""
+"""Inputs of the waist's estimator: signals and decisions, as arrays that can be padded, stacked and mapped."""
 
 from typing import Annotated, NamedTuple
 
@@ -8,26 +8,26 @@ from jgait.estimators.axes import Axis, Held, Sampled, Times, fields_of
 from jgait.types import Counts, Values
 
 SHORTEST_STEP = 5
-"""[samples] Less than from one node to the next at the lowest rate; see `capacity`."""
+"""[samples] Lower limit on the samples between two nodes at the lowest sampling rate; see `capacity`."""
 
 
 def capacity(samples: int) -> int:
-    """How many nodes there is room for in a recording of some samples."""
+    """K, the number of rows for nodes in a recording of this number of samples."""
     return samples // SHORTEST_STEP + 4
 
 
 type PerNode = Annotated[Values, Axis("zero", capacity)]
-"""(K,), one entry a node; 0 or False behind the last."""
+"""(K,), one entry per node; 0 or False after the last node."""
 
 type HeldNode = Annotated[Values, Axis("hold", capacity)]
-"""(K,), one entry a node; the last one goes on behind it."""
+"""(K,), one entry per node; the last node's entry is repeated after it."""
 
 
 class WaistInputs(NamedTuple):
-    """A sensor on the trunk, in the trunk's axes (forward, left, up), and what was decided about it.
+    """Signals of a sensor on the trunk, in the trunk's axes (forward, left, up), and the decisions of `prepare`.
 
-    A node is an instant at which something is known: an initial contact, or the beginning or end of standing still
-    before the first or behind the last of a bout. Row k tells of node k and of the interval that ends there.
+    A node is an initial contact, or the end of standing before the first contact of a bout, or the beginning of
+    standing after its last contact. Row k describes node k and the interval that ends at node k.
 
     Attributes:
         time: (T,) [s].
@@ -36,27 +36,27 @@ class WaistInputs(NamedTuple):
         still: (T,) bool, the person stands still.
         measured: (T,) bool; False where a sample was lost, and in padding.
         valid: (T,) bool; False in padding.
-        dt: (T,) since the sample before [s]; 0 at the first and in padding.
-        last: sample before the padding.
-        rate_hz: of the samples.
-        gyr_bias: (3,) while standing [rad/s].
+        dt: (T,) time since the sample before [s]; 0 at the first sample and in padding.
+        last: index of the last sample before the padding.
+        rate_hz: sampling rate.
+        gyr_bias: (3,) gyroscope bias while standing [rad/s].
         attitude: (4,) q_ws at the first sample, w first, its heading arbitrary.
-        start_variance: of its error, beyond what the filter settles at [rad²].
-        at: (K,) sample of each node; behind the last, that of the last.
-        contact: (K,) time of the initial contact, between samples [s]; of a node that is none, that of its sample.
-        side: (K,) 0 right, 1 left.
+        start_variance: variance of that attitude's error, in excess of the filter's settled variance [rad²].
+        at: (K,) sample of each node; after the last node, the last node's sample.
+        contact: (K,) time of the initial contact, between samples [s]; if the node is no contact, its sample's time.
+        side: (K,) foot of the contact, 0 right, 1 left.
         contacts: (K,) bool, the node is an initial contact.
         steps: (K,) bool, the interval is a step, from a contact to the next one.
         moves: (K,) bool, the person walks over the interval: a step, or one from or to standing.
         stands: (K,) bool, the person stands still at the node.
         fresh: (K,) bool, a bout begins at the node.
-        stride: (K,) bool, a stride ends at the node: two steps on from a contact of the same foot.
-        cycle_begin: (K,) sample at which each cycle of the right foot, or of whichever began, begins.
-        cycle_end: (K,) sample at which it ends.
-        cycles: how many cycles there are.
+        stride: (K,) bool, a stride ends at the node: two steps after a contact of the same foot.
+        cycle_begin: (K,) sample at which each gait cycle begins; cycles are strides of the foot of the first stride.
+        cycle_end: (K,) sample at which each gait cycle ends.
+        cycles: number of gait cycles.
         stood: (K,) bool, the node's bout began from standing.
-        alone: (K,) over how many steps of the bout a bias of the velocity update is shared [1].
-        count: how many nodes there are.
+        alone: (K,) number of steps of the node's bout, which share one bias of the velocity update [1].
+        count: number of nodes.
     """
 
     time: Times
@@ -89,4 +89,4 @@ class WaistInputs(NamedTuple):
 
 
 PER_NODE = fields_of(WaistInputs, capacity)
-"""Names of the fields with an entry for each node."""
+"""Names of the fields with one entry per node."""

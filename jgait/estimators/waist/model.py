@@ -1,14 +1,14 @@
-r"""Walking as the waist feels it, one step at a time: a state-space model over speed, bias and pendulum.
+r"""State-space model of walking over speed, accelerometer bias and pendulum constant, one time step per step.
 
-State at an initial contact: the way walked D, the last step d and the last stride e, the forward speed v, what the
-forward accelerometer (and the tilt behind it) reads too much, b, and the logarithm of the pendulum's constant, k. With
-the integral of the forward acceleration over the step, J, its integral I, and its duration T,
+State at an initial contact: the distance walked D, the last step's length d and the last stride's length e, the forward
+speed v, the bias b of the forward acceleration (from accelerometer and tilt), and the logarithm k of the pendulum's
+constant. With the integral J of the forward acceleration over the step, the integral I of J, and the step's duration T,
 
     d' = v T + I − b T² / 2,    v' = v + J − b T,    D' = D + d',    e' = d + d'.
 
-What is known of each step, all of it zero: d − exp(k) λ, where λ is the inverted pendulum's step; d − T u, where u is
-the mean speed that the velocity update gives; and v while standing. A pause carries the way, bias and constant over,
-and speed starts anew.
+Three observations are zero: d − exp(k) λ, where λ is the inverted pendulum's step length; d − T u, where u is the mean
+speed from the velocity update; and v while the person stands. Over a pause between bouts the distance, the bias and the
+constant are kept, and the speed restarts from its prior.
 
 Source: inverted pendulum after W. Zijlstra, A. L. Hof, "Assessment of spatio-temporal gait parameters from trunk
 accelerations during human walking", Gait and Posture 18, 2003; velocity update after A. Köse, A. Cereatti, U. Della
@@ -24,7 +24,7 @@ from jgait.types import Values
 
 
 class WaistState(NamedTuple):
-    """Way [m], last step [m], last stride [m], speed [m/s], bias [m/s²], logarithm of the pendulum's constant [1]."""
+    """Distance [m], last step [m], last stride [m], speed [m/s], bias [m/s²], log of the pendulum's constant [1]."""
 
     distance: Values
     step: Values
@@ -35,18 +35,18 @@ class WaistState(NamedTuple):
 
 
 class WaistControl(NamedTuple):
-    """What is known of one interval.
+    """Inputs of the model for one interval between nodes.
 
     Attributes:
-        gained: J, change of speed that the accelerometer tells [m/s].
-        went: I, way that it tells beyond the speed at the start [m].
+        gained: J, change of speed from the accelerometer [m/s].
+        went: I, distance from the accelerometer, without the speed at the start [m].
         walks: 1 where the person walks over the interval, 0 in a pause, at the start and in padding.
-        turn: by how much the person turns over it [rad].
-        pendulum: λ, the inverted pendulum's step for a constant of 1 [m].
-        pendulum_variance: of it [m²].
-        update: u, mean speed by the velocity update [m/s].
-        update_variance: of it [m²/s²].
-        duration: T [s].
+        turn: turn of the walk over the interval [rad].
+        pendulum: λ, the inverted pendulum's step length for a constant of 1 [m].
+        pendulum_variance: variance of the pendulum's step length [m²].
+        update: u, mean speed from the velocity update [m/s].
+        update_variance: variance of u [m²/s²].
+        duration: T, duration of the interval [s].
     """
 
     gained: Values
@@ -61,7 +61,7 @@ class WaistControl(NamedTuple):
 
 
 class WaistObservation(NamedTuple):
-    """What holds at a node, all zero: step beside the pendulum's [m], beside the update's [m]; speed [m/s]."""
+    """Observations at a node, all zero: step minus the pendulum's [m], step minus the update's [m], speed [m/s]."""
 
     pendulum: Values
     update: Values
@@ -69,7 +69,7 @@ class WaistObservation(NamedTuple):
 
 
 class WaistModelParams(NamedTuple):
-    """What the model needs to know: variances and spectral densities, see `WaistParams`."""
+    """Parameters of the model: variances and spectral densities, see `WaistParams`."""
 
     speed_density: Values
     bias_variance: Values
@@ -83,18 +83,18 @@ class WaistModelParams(NamedTuple):
 
 
 _STILL = 1e-10
-"""Variance that keeps a covariance's rank: of a way of ten micrometres [m²]."""
+"""[m²] Process noise that keeps the covariance at full rank: the square of ten micrometres."""
 
 
 def transition(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) -> WaistState:
-    """One step, or a pause."""
+    """The state after one step or one pause."""
     step = u.walks * (dt * s.speed + u.went - 0.5 * dt * dt * s.bias)
     speed = u.walks * (s.speed + u.gained - dt * s.bias) + (1.0 - u.walks) * p.start_speed
     return WaistState(s.distance + step, step, u.walks * (s.step + step), speed, s.bias, s.log_constant)
 
 
 def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Values) -> WaistState:
-    """Of speed and bias; a bias fixed in the world turns round with the person."""
+    """Process noise variances of speed and bias; a turn of the walk changes a bias that is fixed in the world."""
     del s
     turned = 0.5 - 0.5 * jnp.cos(u.turn)
     speed = u.walks * p.speed_density * dt + (1.0 - u.walks) * p.start_speed_variance
@@ -103,19 +103,19 @@ def transition_noise(p: WaistModelParams, s: WaistState, u: WaistControl, dt: Va
 
 
 def observation(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
-    """By how much the step differs from the pendulum's and the update's, and the speed."""
+    """The step minus the pendulum's step, the step minus the update's step, and the speed."""
     del p
     return WaistObservation(s.step - jnp.exp(s.log_constant) * u.pendulum, s.step - u.duration * u.update, s.speed)
 
 
 def observation_noise(p: WaistModelParams, s: WaistState, u: WaistControl) -> WaistObservation:
-    """White from step to step."""
+    """Variances of the observations, whose errors are white from step to step."""
     del s
     return WaistObservation(u.pendulum_variance, u.duration * u.duration * u.update_variance, p.standing_variance)
 
 
 def initial(p: WaistModelParams) -> Belief:
-    """Before the first node: nothing walked, speed and bias not known."""
+    """The belief before the first node: distance zero, speed and bias uncertain."""
     zero = 0.0 * p.start_speed
     mean = WaistState(zero, zero, zero, p.start_speed, zero, p.log_constant)
     variances = WaistState(_STILL, _STILL, _STILL, p.start_speed_variance, p.bias_variance, p.constant_variance)
@@ -123,4 +123,4 @@ def initial(p: WaistModelParams) -> Belief:
 
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
-"""One walk, a row a step."""
+"""The model of one walk, one time step per step."""

@@ -1,11 +1,11 @@
-r"""How the trunk moves, from one sensor on it: accelerations forward, to the left and upwards, and its turning.
+r"""Accelerations of the trunk (forward, left, up), its yaw rate and the heading of the walk, from one sensor on it.
 
-With the attitude of `waist.orientation`, u up in the trunk's axes and x the trunk's axis forward,
+With the attitude of `waist.orientation`, the vertical u in the trunk's axes and the trunk's forward axis x,
 
     h = (x − (x·u) u) / |…|,    l = u × h,    a_f = f·h,  a_l = f·l,  a_u = f·u − g,    ω_u = ω·u.
 
-The walking direction is where h looks on average: a low-pass on the heading, below the rate of strides, parts the turns
-of the walk from those of the pelvis, and the level accelerations are turned by the difference.
+The walking direction is the low-passed direction of h: a low-pass on the heading, with a cut-off below the stride rate,
+separates turns of the walk from turns of the pelvis. The horizontal accelerations are rotated by the difference.
 """
 
 from typing import NamedTuple
@@ -25,18 +25,18 @@ from jgait.signal import butterworth
 from jgait.types import Values
 
 LOST_RATE = 0.5
-"""[rad/s] How wrong the rate may be where it was lost."""
+"""[rad/s] Standard deviation of the angular rate's error at lost samples."""
 
 
 class TrunkMotion(NamedTuple):
-    """How the trunk moves; (T,) each.
+    """Motion of the trunk; (T,) each.
 
     Attributes:
         forward: acceleration along the walking direction [m/s²].
-        left: to its left [m/s²].
-        upward: without gravity [m/s²].
-        yaw_rate: about the vertical, a turn to the left positive [rad/s].
-        heading: of the walk, from about 0 at the first sample [rad].
+        left: acceleration to the left of the walking direction [m/s²].
+        upward: vertical acceleration without gravity [m/s²].
+        yaw_rate: angular rate about the vertical, a turn to the left positive [rad/s].
+        heading: heading of the walk, from about 0 at the first sample [rad].
     """
 
     forward: Values
@@ -47,12 +47,12 @@ class TrunkMotion(NamedTuple):
 
 
 def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, execution: Execution = "dense") -> TrunkMotion:
-    """How the trunk moves.
+    """Motion of the trunk.
 
     Args:
         p: parameters.
         inputs: signals; decisions on steps are not used.
-        smooth: whether later samples judge earlier ones; static.
+        smooth: whether the attitude is smoothed, so that later samples correct earlier ones; static.
         execution: see `jgait.filtering`.
     """
     return _seen(p, inputs, _attitude(p, inputs, smooth=smooth, execution=execution).mean)
@@ -61,9 +61,9 @@ def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, executio
 def motion_and_likelihood(
     p: WaistParams, inputs: WaistInputs, *, execution: Execution = "dense"
 ) -> tuple[TrunkMotion, Values]:
-    """How the trunk moves by the filter alone, and the log-likelihood of what the accelerometer reads.
+    """Motion of the trunk by the filter alone, and the log-likelihood of the accelerometer's readings.
 
-    A gyroscope that turns the other way makes it less: what leans by gravity then leans the other way by rate.
+    A gyroscope with the wrong sign lowers it: the leans from accelerometer and gyroscope then have opposite signs.
 
     Args:
         p: parameters.
@@ -75,7 +75,7 @@ def motion_and_likelihood(
 
 
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:
-    """What an attitude makes of both sensors' readings."""
+    """Motion of the trunk from an attitude and the readings of gyroscope and accelerometer."""
     one, none = jnp.ones_like(inputs.dt), jnp.zeros_like(inputs.dt)
     force = rotated(state.attitude, subtract(vector(inputs.acc), state.acc_bias))
     rate = rotated(state.attitude, subtract(vector(inputs.gyr), state.gyr_bias))
@@ -83,7 +83,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     counts = inputs.measured
     x, y, z = (jnp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
     yaw_rate = jnp.where(counts, rate.z, 0.0)
-    # the heading without its jumps by a whole turn: the angle moves by what the rate says, within half a turn
+    # the heading without jumps by a whole turn: the first heading plus the integral of the yaw rate
     first = jnp.arctan2(ahead.y[0], ahead.x[0])
     yaw = first + jnp.cumsum(yaw_rate * inputs.dt)
     heading = butterworth.low_pass_until(yaw, p.heading_hz, inputs.rate_hz, inputs.last)
@@ -95,7 +95,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
 
 
 def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: Execution) -> Values:
-    """Attitude and biases at each sample: what the filter, or the smoother, gives."""
+    """Attitude and biases at each sample, by the filter or the smoother."""
     gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
     lost = jnp.where(inputs.measured, 0.0, LOST_RATE)
     density = jnp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)

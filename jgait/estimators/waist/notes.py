@@ -1,4 +1,4 @@
-"""Kinds of facts that the estimators at the waist notice about a recording."""
+"""Kinds of notes that the waist's estimators make about a recording."""
 
 from jgait.notes import CORRECTED, LOSSES, NO_WALKING, Kind
 

@@ -1,21 +1,21 @@
 r"""Velocity over gait cycles from acceleration: filtered integration, direct, and direct and reverse.
 
-With α_k = 1 / (1 + 2π f_c h_k), h_k the time from the sample before, the high-pass is what a low-pass leaves,
+With α_k = 1 / (1 + 2π f_c h_k), h_k the time from the sample before, the high-pass is the signal minus its low-pass,
 
     l_k = l_{k−1} + (1 − α_k) (a_k − l_{k−1}),   l_0 = 0,   y_k = a_k − l_k,
 
-which is α (y_{k−1} + a_k − a_{k−1}) with y_0 = a_0, and y = a at f_c = 0 to the last bit. Of a cycle 0 … T,
+which equals α (y_{k−1} + a_k − a_{k−1}) with y_0 = a_0; at f_c = 0, y equals a to the last bit. For a cycle 0 … T,
 
     J(t) = ∫ y dt (trapezoids),   direct: v_i + J(t),   reverse: v_f − (J(T) − J(t)),
     OFI:    v = v_i + J(t),
     OFDRI:  v = (1 − w) direct + w reverse = v_i + J(t) − w (v_i + J(T) − v_f),
     w = ½ + atan((2t − T) / (2 β T)) / (2 atan(1 / (2 β))).
 
-Reverse minus direct is one number for the whole cycle, and w is as far above ½ at the end as below it at the start. So
-the displacement over a cycle of even samples does not depend on β, and a constant error of the acceleration leaves it
-as it is.
+The reverse minus the direct velocity is constant over the cycle, and w − ½ is antisymmetric about the cycle's middle.
+Therefore the displacement over a cycle of evenly spaced samples depends neither on β nor on a constant error of the
+acceleration.
 
-Every integral is a `lax.scan` that starts anew at marks, differentiable in signal, cut-off, β and the velocities; marks
+Every integral is a `lax.scan` that restarts at marks, differentiable in signal, cut-off, β and the velocities; marks
 carry no gradient.
 
 Source: M. Zok, C. Mazzà, U. Della Croce, Med. Eng. Phys. 26 (2004) 791; A. Köse, A. Cereatti, U. Della Croce,
@@ -36,12 +36,12 @@ from jgait.types import Counts, Flags, Values
 
 
 class Cycles(NamedTuple):
-    """Cycles of a recording, in order, none beginning before the one before has ended; room for K.
+    """Gait cycles of a recording, in order of time and without overlap; room for K cycles.
 
     Attributes:
-        begin: (K,) sample at which each begins; behind the last, 0.
-        end: (K,) sample at which it ends; one may begin at the same sample.
-        count: how many there are.
+        begin: (K,) sample at which each cycle begins; after the last cycle, 0.
+        end: (K,) sample at which each cycle ends; the next cycle may begin at the same sample.
+        count: number of cycles.
     """
 
     begin: PyTree
@@ -50,12 +50,12 @@ class Cycles(NamedTuple):
 
 
 class Since(NamedTuple):
-    """At each sample, since the mark before it (at a mark, since the mark before that).
+    """Integrals at each sample since the mark before it (at a mark, since the previous mark).
 
     Attributes:
         change: J, the integral of the filtered signal [m/s].
-        time: [s].
-        filtered: y, the signal without what is slow [m/s²].
+        time: time since the mark [s].
+        filtered: y, the high-passed signal [m/s²].
     """
 
     change: Values
@@ -64,14 +64,14 @@ class Since(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Which cycle a sample is in, each from behind its begin up to and with its end.
+    """The cycle of each sample; a cycle contains the samples after its begin, up to and including its end.
 
     Attributes:
-        inside: (T,) bool, in some cycle.
-        number: (T,) which; 0 outside.
-        ended: (T,) how many ended before this sample.
-        restart: (T,) bool, a cycle begins or ends here.
-        valid: (K,) bool, there is such a cycle.
+        inside: (T,) bool, the sample is in a cycle.
+        number: (T,) index of the sample's cycle; 0 outside cycles.
+        ended: (T,) number of cycles that ended before the sample.
+        restart: (T,) bool, a cycle begins or ends at the sample.
+        valid: (K,) bool, the row holds a cycle.
     """
 
     inside: Values
@@ -82,11 +82,11 @@ class Placed(NamedTuple):
 
 
 def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
-    """How much the reverse integral counts, w; from 0 to 1, the steeper in the middle the smaller β.
+    """Weight w of the reverse integral, from 0 to 1; the smaller β, the steeper w in the middle of the cycle.
 
     Args:
-        part: t / T, how much of the cycle has passed [1].
-        beta: β > 0 [1]; the larger, the nearer to t / T.
+        part: t / T, the part of the cycle that has passed [1].
+        beta: β > 0 [1]; the larger β, the nearer w is to t / T.
     """
     s = jnp.asarray(part)
     return 0.5 + 0.5 * jnp.arctan((s - 0.5) / beta) / jnp.arctan(jnp.asarray(0.5 / beta, s.dtype))
@@ -99,8 +99,8 @@ def direct(
 
     Args:
         acc: (T,) acceleration [m/s²], finite.
-        start: v_i, at the first sample [m/s].
-        dt: sample time [s], or (T,) that from the sample before.
+        start: v_i, velocity at the first sample [m/s].
+        dt: sample time [s], or (T,) time from the sample before.
         cutoff_hz: f_c [Hz].
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
 
@@ -121,9 +121,9 @@ def direct_reverse(
 
     Args:
         acc: (T,) acceleration [m/s²], finite.
-        start: v_i, at the first sample [m/s].
-        end: v_f, at the last sample [m/s].
-        dt: sample time [s], or (T,) that from the sample before.
+        start: v_i, velocity at the first sample [m/s].
+        end: v_f, velocity at the last sample [m/s].
+        dt: sample time [s], or (T,) time from the sample before.
         cutoff_hz: f_c [Hz].
         beta: β of the weight [1].
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
@@ -146,7 +146,7 @@ def direct_reverse_cycles(
 
     Args:
         acc: (T,) acceleration [m/s²], finite.
-        cycles: where they are.
+        cycles: begin and end of the cycles.
         start: v_i, one or (K,) [m/s].
         end: v_f, one or (K,) [m/s].
         dt: as of `direct_reverse`.
@@ -155,7 +155,7 @@ def direct_reverse_cycles(
         mask: as of `direct_reverse`.
 
     Returns:
-        (T,) velocity [m/s], of each cycle from behind its begin up to and with its end; 0 elsewhere.
+        (T,) velocity [m/s] after the begin of each cycle, up to and including its end; 0 elsewhere.
 
     Raises:
         ValueError: as `direct`, or if the cycles do not fit.
@@ -170,10 +170,10 @@ def direct_reverse_cycles(
 
 
 def placed(cycles: Cycles, samples: int) -> Placed:
-    """Which cycle each sample is in.
+    """The cycle of each sample.
 
     Args:
-        cycles: where they are.
+        cycles: begin and end of the cycles.
         samples: T; static.
 
     Raises:
@@ -190,19 +190,19 @@ def placed(cycles: Cycles, samples: int) -> Placed:
 
 
 def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> Since:
-    """J(t) and the time since the mark before each sample; filter and integral start anew at marks.
+    """J(t) and the time since the mark before each sample; filter and integral restart at marks.
 
     Args:
         acc: (T,) [m/s²].
-        steps: (T,) time from the sample before, 0 at the first and in padding [s].
-        cutoff_hz: f_c [Hz], one, or (T,) that for the interval up to each sample.
+        steps: (T,) time from the sample before, 0 at the first sample and in padding [s].
+        cutoff_hz: f_c [Hz], one value, or (T,) one for the interval that ends at each sample.
         restart: (T,) bool, marks; None: only the first sample.
     """
     return scanned(acc, steps, cutoff_hz, restart)[1]
 
 
 def scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> tuple[Array, Since]:
-    """As `since`, and J behind the last sample for those who need no more: nothing is then stored."""
+    """As `since`, preceded by J after the last sample; a caller that uses only this J stores no other values."""
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
     shares = _share(cutoff_hz, steps)
 
@@ -221,29 +221,29 @@ def scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike |
 
 
 def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:
-    """The weight w (T,) in the cycle that each sample is in; means nothing outside."""
+    """The weight w (T,) in the cycle of each sample; without meaning outside cycles."""
     return weight(_part(found.time, found.time[cycles.end][at.number]), beta)
 
 
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:
-    """One value, or those (K,) of cycles, at the samples (T,); 0 outside cycles where they are (K,)."""
+    """Values (K,) of the cycles at their samples (T,), 0 outside cycles; a single value is returned as it is."""
     given = jnp.asarray(values, dtype)
     return given if given.ndim == 0 else jnp.where(at.inside, given[at.number], 0.0)
 
 
 def _share(cutoff_hz: ArrayLike, steps: Values) -> Values:
-    """1 − α."""
+    """1 − α, the share of each sample in the low-pass."""
     turned = 2.0 * jnp.pi * jnp.asarray(cutoff_hz, steps.dtype) * steps
     return turned / (1.0 + turned)
 
 
 def _part(time: Values, whole: Values) -> Values:
-    """How much has passed, t / T; 0 in a cycle of one sample."""
+    """The part t / T of the cycle that has passed; 0 in a cycle of one sample."""
     return time / jnp.where(whole > 0.0, whole, 1.0)
 
 
 def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None) -> tuple[Array, Array]:
-    """The samples, and the time from the sample before each; padding takes none, and reads nothing."""
+    """The samples, and the time from the sample before each; both are 0 in padding."""
     values = jnp.asarray(acc)
     if values.ndim != 1 or values.shape[0] < 1 or not jnp.issubdtype(values.dtype, jnp.floating):
         raise ValueError(f"a signal must be (T,) floating point with T >= 1; got {values.shape} {values.dtype}")

@@ -1,8 +1,8 @@
 """The cut-off of the high-pass over a gait cycle that makes the integral fit the known change of velocity.
 
-Optimum rule (`optimum_cutoff`): the cut-off in [0, f_max] that minimises |g|, g = v_i + J(T) − v_f; the least, where
-several make it zero. Its gradient is that of the implicit function: −g_θ / g_f where g = 0, −g_fθ / g_ff where g only
-comes near zero in between; at 0 it is zero, and at f_max that of f_max. First derivatives only.
+Optimum rule (`optimum_cutoff`): the cut-off in [0, f_max] that minimises |g|, g = v_i + J(T) − v_f; if several make g
+zero, the lowest. The cut-off's gradient is that of the implicit function: −g_θ / g_f where g = 0, −g_fθ / g_ff where
+|g| has a minimum above zero inside the range; it is zero at 0, and that of f_max at f_max. First derivatives only.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c. The rule is not printed there; it is a reading.
@@ -20,10 +20,10 @@ from jgait.estimators.waist.ofdri import Cycles, per_sample, placed, scanned, si
 from jgait.types import Values
 
 HIGHEST = 1.0
-"""[Hz] Where the search for a cut-off ends: steps, one to two a second, are to pass."""
+"""[Hz] Upper limit of the search for a cut-off; the high-pass has to pass steps, one to two a second."""
 
 GRID, REFINED = 16, 6
-"""Intervals in which the search looks for a change of sign; safeguarded Newton steps in the one found."""
+"""Number of intervals that the search checks for a change of sign; number of Newton steps in the interval found."""
 
 
 def optimum_cutoff(
@@ -33,8 +33,8 @@ def optimum_cutoff(
 
     Args:
         acc: (T,) acceleration [m/s²], finite.
-        change: v_f − v_i, by how much the velocity is known to change over the cycle [m/s].
-        dt: sample time [s], or (T,) that from the sample before.
+        change: v_f − v_i, known change of the velocity over the cycle [m/s].
+        dt: sample time [s], or (T,) time from the sample before.
         highest_hz: f_max [Hz].
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
 
@@ -61,7 +61,7 @@ def optimum_cutoffs(
 
     Args:
         acc: (T,) acceleration [m/s²], finite.
-        cycles: where they are.
+        cycles: begin and end of the cycles.
         change: v_f − v_i, one or (K,) [m/s].
         dt: as of `optimum_cutoff`.
         highest_hz: as of `optimum_cutoff`.
@@ -87,10 +87,10 @@ def optimum_cutoffs(
 def _least(
     residual: Callable[[Values, Values], Values], data: Values, shape: tuple[int, ...], highest_hz: ArrayLike
 ) -> Array:
-    """Where |residual(f, data)| is least over [0, f_max], each entry of f by itself, with the implicit gradient.
+    """The f in [0, f_max] that minimises |residual(f, data)|, for each entry of f, with the implicit gradient.
 
-    A grid finds the first change of sign, or else the lowest point; Newton's steps, halving where they leave the
-    bracket, do the rest. A bracket of a lowest point in which the sign turns out to change is narrowed to that change.
+    A grid brackets the first change of sign, or else the minimum. Newton steps refine f; a step out of the bracket is
+    replaced by a bisection. If the sign changes in the bracket of a minimum, the search continues at that change.
     """
     still = jax.tree.map(lax.stop_gradient, data)
     most = jnp.broadcast_to(jnp.asarray(highest_hz, data[0].dtype), shape)
@@ -112,7 +112,7 @@ def _least(
     low = parts[jnp.where(root, first, jnp.maximum(lowest - 1, 0))] * top
     high = parts[jnp.where(root, first + 1, jnp.minimum(lowest + 1, GRID))] * top
     sign = jnp.sign(values[0])
-    # Without a change of sign the end of the range may be the lowest point.
+    # Without a change of sign the minimum may lie at an end of the range.
     edges = jax.vmap(slopes)(jnp.stack([0.0 * top, top]))[1]
     bottom = (sign == 0.0) | (~root & (lowest == 0) & (sign * edges[0] >= 0.0))
     ceiling = ~root & (lowest == GRID) & (sign * edges[1] <= 0.0)
@@ -129,7 +129,7 @@ def _least(
         good = (rise != 0.0) & (newton >= low) & (newton <= high)
         return jnp.where(good, newton, 0.5 * (low + high)), low, high, root
 
-    # A chord across the change of sign is nearer than the middle.
+    # The secant across the change of sign is a better first value than the middle of the bracket.
     ends = [jnp.take_along_axis(values, (first + i)[None], axis=0)[0] for i in (0, 1)]
     across = jnp.where(root, ends[0] - ends[1], 2.0)
     share = jnp.where(root, ends[0], 1.0) / jnp.where(across == 0.0, 1.0, across)

@@ -1,15 +1,15 @@
-r"""How the trunk is turned in the world: a Kalman filter on attitude and the biases of both sensors.
+r"""Attitude of the trunk in the world: a Kalman filter on attitude and the biases of gyroscope and accelerometer.
 
-State: the attitude q_ws in a world with z up, and what gyroscope and accelerometer read too much. Errors of the
+State: the attitude q_ws in a world with z up, the gyroscope bias b_g and the accelerometer bias b_a. Errors of the
 attitude are rotation vectors in the world, δ with q' = exp(δ) q. Over an interval h with the mean rate ω,
 
     q' = q exp(h (ω − b_g)),        z = R(q) (f − b_a) = (0, 0, g) + noise.
 
-The noise of z is what the trunk accelerates: large while walking, so that tilt is the gyroscope's over seconds and
-gravity's over longer, small while standing. An accelerometer's bias looks like a lean that turns with the trunk; a turn
-of the walk tells the two apart. Heading has no reference and is not needed.
+The noise of z is the acceleration of the trunk, small while standing and large while walking; while walking, tilt
+follows the gyroscope over seconds and gravity over longer times. An accelerometer bias looks like a lean that turns
+with the trunk; a turn of the walk separates bias from lean. Heading has no reference and is not needed.
 
-The belief at the start is narrow where the person stands: a loose one takes the push of the first step for a lean.
+The covariance at the start is small if the person stands: a large one takes the push of the first step for a lean.
 
 Source: gravity as reference of a Kalman filter on attitude after A. M. Sabatini, "Kalman-filter-based orientation
 determination using inertial/magnetic sensors", Sensors 11(10), 2011; Köse and others cite their own, whose equations
@@ -33,7 +33,7 @@ class TrunkState(NamedTuple):
 
 
 class TrunkError(NamedTuple):
-    """Its error: as `TrunkState`, the attitude's a rotation vector in the world [rad]."""
+    """Error of a `TrunkState`; the error of the attitude is a rotation vector in the world [rad]."""
 
     attitude: Vector
     gyr_bias: Vector
@@ -41,13 +41,13 @@ class TrunkError(NamedTuple):
 
 
 class TrunkControl(NamedTuple):
-    """What the sensor reads, and how far to trust it.
+    """Readings of the sensor and variances of their errors.
 
     Attributes:
         gyr: mean angular rate over the interval [rad/s].
         acc: specific force at the sample [m/s²].
         gyr_density: spectral density of the rate's error [rad²/s].
-        acc_variance: of what the trunk accelerates, as if white from sample to sample [m²/s⁴].
+        acc_variance: variance of the trunk's acceleration, taken as white from sample to sample [m²/s⁴].
     """
 
     gyr: Vector
@@ -57,17 +57,17 @@ class TrunkControl(NamedTuple):
 
 
 class TrunkObservation(NamedTuple):
-    """Specific force in the world beside gravity [m/s²], zero on average."""
+    """Specific force in the world minus gravity [m/s²], zero on average."""
 
     force: Vector
 
 
 class TrunkNoise(NamedTuple):
-    """What the model needs to know.
+    """Parameters of the model.
 
     Attributes:
-        gyr_bias_walk: spectral density of the bias's walk [rad²/s³].
-        acc_bias_walk: the same of the accelerometer [m²/s⁵].
+        gyr_bias_walk: spectral density of the gyroscope bias's random walk [rad²/s³].
+        acc_bias_walk: the same for the accelerometer bias [m²/s⁵].
     """
 
     gyr_bias_walk: Values
@@ -75,14 +75,14 @@ class TrunkNoise(NamedTuple):
 
 
 def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
-    """The attitude turned by the rate over one interval."""
+    """The attitude rotated by the angular rate over one interval."""
     del p
     turned = product(s.attitude, exponential(scale(dt, subtract(u.gyr, s.gyr_bias))))
     return TrunkState(turned, s.gyr_bias, s.acc_bias)
 
 
 def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
-    """Of the rate over the interval, and of both biases."""
+    """Process noise of the attitude, from the rate's error over the interval, and of both biases."""
     del s
     turned, gyr, acc = u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt
     return TrunkError(Vector(turned, turned, turned), Vector(gyr, gyr, gyr), Vector(acc, acc, acc))
@@ -96,19 +96,19 @@ def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservati
 
 
 def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
-    """What the trunk accelerates."""
+    """Variance of the trunk's acceleration."""
     del p, s
     return TrunkObservation(Vector(u.acc_variance, u.acc_variance, u.acc_variance))
 
 
 def retract(s: TrunkState, e: TrunkError) -> TrunkState:
-    """The state at an error from another."""
+    """The state `s` changed by the error `e`."""
     return TrunkState(product(exponential(e.attitude), s.attitude), add(s.gyr_bias, e.gyr_bias),
                       add(s.acc_bias, e.acc_bias))  # fmt: skip
 
 
 def local(reference: TrunkState, s: TrunkState) -> TrunkError:
-    """The error of a state about another."""
+    """The error of the state `s` relative to `reference`."""
     return TrunkError(
         logarithm(product(s.attitude, conjugate(reference.attitude))),
         subtract(s.gyr_bias, reference.gyr_bias),
@@ -117,7 +117,7 @@ def local(reference: TrunkState, s: TrunkState) -> TrunkError:
 
 
 def initial(p: TrunkNoise) -> Belief:
-    """Upright, the sensor's z axis up, nothing known of the biases but that they are small."""
+    """The belief of an upright trunk, the sensor's z axis up, biases zero with small variances."""
     del p
     nothing = Vector(0.0, 0.0, 0.0)
     return belief(Quaternion(1.0, 0.0, 0.0, 0.0), nothing, TrunkError(*(Vector(v, v, v) for v in (1e-3, 1e-4, 1e-2))))
@@ -129,7 +129,7 @@ def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Bel
     Args:
         attitude: q_ws, heading arbitrary.
         gyr_bias: [rad/s].
-        variances: of the errors.
+        variances: variances of the state's errors.
     """
     zero = 0.0 * gyr_bias.x
     mean = TrunkState(attitude, gyr_bias, Vector(zero, zero, zero))
@@ -137,4 +137,4 @@ def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Bel
 
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
-"""One sensor on the trunk."""
+"""The model of one sensor on the trunk."""

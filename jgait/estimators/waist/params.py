@@ -109,10 +109,10 @@ class WaistOptions(NamedTuple):
 
     Attributes:
         distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
-            "update": the paper's (direct and reverse integration with the velocity update).
+            "update": the paper's method (direct and reverse integration with the velocity update).
         detector: of initial contacts, see `events.trunk`: "soft", "peaks", "paper" or "literal".
-        site: the placement; "auto": whichever there is.
-        updated: "fused" also hears the velocity update where the walk began from standing.
+        site: the placement; "auto": the first placement that the recording has.
+        updated: "fused" also observes the velocity update in bouts that began from standing, up to a turn.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         execution: how the filters compute, see `jgait.filtering`.
     """
@@ -133,7 +133,7 @@ PAPER = WaistOptions(distance="update", detector="paper")
 
 
 def check_options(options: WaistOptions) -> None:
-    """Refuse options that are none.
+    """Raise an error for unknown options.
 
     Raises:
         ValueError: naming what there is and what came.
@@ -144,11 +144,11 @@ def check_options(options: WaistOptions) -> None:
 
 
 SENSOR_SHARE = 0.6
-"""[1] Height of a sensor at the waist over a person's; two people of `mobgap_lab` have 0.606 and 0.617."""
+"""[1] Height of a sensor at the waist over the person's height; two people of `mobgap_lab` have 0.606 and 0.617."""
 
 
 def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
-    """The parameters with a person's own measures put in.
+    """The parameters with a person's body measures.
 
     Args:
         p: parameters.

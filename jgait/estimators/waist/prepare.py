@@ -1,7 +1,7 @@
-"""From a recording to what the waist's estimator takes: axes, rest, contacts, bouts. On the host, in NumPy.
+"""Inputs of the waist's estimator from a recording: axes, standing, contacts, bouts. On the host, in NumPy.
 
-Everything here is a decision: which way the sensor looks, where the person stands, when which foot meets the ground.
-Nothing here carries a gradient; what follows (`waist.run`) is smooth given these decisions.
+This module makes the decisions: the sensor's axes, when the person stands, when which foot has its initial contact.
+Decisions carry no gradient; given the decisions, `waist.run` is differentiable.
 """
 
 import jax
@@ -31,18 +31,18 @@ from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError, as_float
 
 LEAST_SECONDS = 2.0
-"""[s] Four steps, fewer of which are no walking, take longer."""
+"""[s] Lower limit on the recording's duration; four steps, the fewest that count as walking, take longer."""
 
 UNITS_OF_G = (0.8, 1.25)
-"""[m/s²] What an accelerometer reads on average whose readings are in g."""
+"""[m/s²] Range of the specific force's median norm in which the readings are taken to be in g."""
 
 LIKE_GRAVITY = (0.6, 1.6)
-"""[1] Over gravity: what it may read on average; anything else is another unit."""
+"""[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
 
 
 MIRRORED = 20.0
-"""[1] By how much the logarithm of the likelihood has to grow for a gyroscope to be turned round. On 13 real walks and
-3 simulated ones it falls by 58 to 200 000; the least where somebody who never leans walks straight on."""
+"""[1] Threshold on the growth of the log-likelihood when the gyroscope's sign is reversed; above it the reversal is
+kept. On 13 real walks and 3 simulated ones it falls by 58 to 200 000, least in a straight walk without any lean."""
 
 NO_NODES = waist_bouts.nodes([])
 
@@ -103,7 +103,7 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
 
 
 def _checked(recording: Recording, name: str) -> np.ndarray:
-    """The time, signals and rate checked."""
+    """The time of the samples, after checks of time, signals and sampling rate."""
     imu, rate = recording.sensors[name], recording.sampling_rate_hz
     low, high = shank_events.RATES
     if not low <= rate <= high:
@@ -139,9 +139,9 @@ def _motion(
     options: WaistOptions,
     notes: list[Note],
 ) -> tuple[Imu, TrunkRest, TrunkMotion]:
-    """The sensor, its gyroscope turned round where gravity says so; its rest; and how the trunk moves.
+    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; and the motion of the trunk.
 
-    By the filter alone: smoothing moves contacts by a millisecond, and takes twice as long to compile.
+    The motion is by the filter alone: smoothing moves contacts by a millisecond, and takes twice as long to compile.
     """
     found = []
     for sign in (1.0, -1.0):
@@ -156,7 +156,7 @@ def _motion(
 
 
 def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:
-    """Contacts in order, on the host; those before the first sample or behind the last are left out."""
+    """Contacts in order of time, on the host; contacts before the first or after the last sample are left out."""
     settings, samples = DETECTORS[options.detector], len(mask)
     measured = np.pad(mask, (0, seen.forward.size - samples))
     call = _found_by_paper if isinstance(settings, trunk_events.PaperRule) else _found
@@ -174,7 +174,7 @@ def _level(up: np.ndarray) -> np.ndarray:
 
 
 def _any_axes(up: np.ndarray) -> np.ndarray:
-    """(3, 3) rows forward, left, up with forward anywhere."""
+    """(3, 3) rows forward, left, up with an arbitrary forward axis."""
     forward = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
     forward = forward / np.linalg.norm(forward)
     return np.stack([forward, np.cross(up, forward), up])
@@ -184,7 +184,7 @@ def _assembled(
     imu: Imu, axes: TrunkAxes, time: np.ndarray, mask: np.ndarray, rate: float, rested: TrunkRest,
     nodes: dict[str, np.ndarray],
 ) -> WaistInputs:  # fmt: skip
-    """Signals and decisions, with rows for as many nodes as there is room for."""
+    """The inputs from signals and decisions, with the nodes' columns padded to `capacity` rows."""
     gyr, acc = (as_float(values) @ axes.rows.T for values in (imu.gyr, imu.acc))
     rows, count = capacity(len(time)), len(nodes["at"])
 

@@ -1,7 +1,7 @@
-r"""How far each interval between nodes leads, by each of the ways of the waist's estimator.
+r"""Distance over each interval between nodes, by each distance method of the waist's estimator.
 
-"fused": `waist.model`; "pendulum": its steps alone; "update": the paper's, every bout anew from the speed with which
-it begins, zero from standing.
+"fused": `waist.model`; "pendulum": the pendulum's steps alone; "update": the paper's method, which restarts every bout
+with its initial speed, zero from standing.
 """
 
 from collections.abc import Callable
@@ -24,23 +24,23 @@ from jgait.geometry.vectors import root
 from jgait.types import AnyArray, Flags, Values
 
 TURNED = 1.0
-"""[rad] After a turn by more, a bias of the accelerometer has turned round, and integration is not to be relied on."""
+"""[rad] Threshold on the turn since the bout began; above it the bias has turned and integration is unreliable."""
 
 EDGE_STEPS = 2
-"""So many intervals after standing, and before it, are of setting off and of stopping."""
+"""[intervals] Number of intervals after standing that are gait initiation, and before standing that are stopping."""
 
 
 class WaistWalk(NamedTuple):
-    """What was walked up to each node, and over the step and the stride that end there; (K,) each.
+    """Distance up to each node, and lengths of the step and the stride that end at the node; (K,) each.
 
     Attributes:
-        distance: [m].
-        distance_sd: [m].
-        step: [m].
-        stride: [m].
-        stride_sd: [m].
-        unsure: bool, integration is not to be relied on there.
-        told: name → scalar, of the whole recording.
+        distance: distance walked up to the node [m].
+        distance_sd: its standard deviation [m].
+        step: length of the step [m].
+        stride: length of the stride [m].
+        stride_sd: its standard deviation [m].
+        unsure: bool, integration is unreliable at the node.
+        told: name → scalar, diagnostics of the whole recording.
     """
 
     distance: Values
@@ -53,12 +53,12 @@ class WaistWalk(NamedTuple):
 
 
 def earlier(values: AnyArray, rows: int) -> Array:
-    """(K,) what was some rows before; the first rows are their own."""
+    """(K,) values of a number of rows before; the first rows keep their values."""
     return jnp.concatenate([values[:rows], values[:-rows]])
 
 
 def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
-    """The model's parameters; `stood` says whether any rest told the accelerometer's bias."""
+    """The model's parameters; `stood`: the person stood still, so that the accelerometer's bias is better known."""
     known = jnp.where(stood, p.acc_bias, p.acc_bias_unknown)
     return WaistModelParams(
         p.speed_noise**2, known**2, p.acc_bias_walk**2, p.acc_bias_turn**2, p.start_speed,
@@ -73,7 +73,7 @@ def begun(inputs: WaistInputs) -> Values:
 
 
 def _turned(inputs: WaistInputs, found: Intervals) -> Values:
-    """(K,) bool: the walk has turned round since the bout began."""
+    """(K,) bool: the walk has turned by more than `TURNED` since the bout began."""
     heading, first = jnp.cumsum(found.turn), begun(inputs)
     row = jnp.arange(first.shape[0], dtype=jnp.int32)
     away = jnp.abs(heading - heading[first]) > TURNED
@@ -81,12 +81,12 @@ def _turned(inputs: WaistInputs, found: Intervals) -> Values:
 
 
 def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Values, Values]:
-    """Where a speed is known because a bout begins (T,) bool, and which: none after standing, else a usual one [m/s].
+    """Samples at which a bout begins (T,) bool, and the initial speed: 0 after standing, else `start_speed` [m/s].
 
     Args:
         p: parameters.
-        inputs: of the walk.
-        like: (T,) array of the type that speeds are to have.
+        inputs: from `prepare`.
+        like: (T,) array with the dtype of the speeds.
     """
     at = jnp.where(inputs.fresh, inputs.at, like.shape[0])
     known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
@@ -98,7 +98,7 @@ def integrated_speed(
     p: WaistParams, inputs: WaistInputs, seen: TrunkMotion, found: Intervals,
     way: Callable[..., velocity_update.Covered] = velocity_update.updated,
 ) -> tuple[Values, Values]:  # fmt: skip
-    """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was kept there."""
+    """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was used over the interval."""
     known, start = bouts_begin(p, inputs, seen.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
     told = way(p.update, seen.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
@@ -111,7 +111,7 @@ def integrated_speed(
 
 
 def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Values:
-    """(K,) of the pendulum's steps [m²]: in turns, and in setting off and stopping, it says less."""
+    """(K,) variance of the pendulum's steps [m²]; larger in turns, in gait initiation and in stopping."""
     edge = inputs.stands
     for _ in range(EDGE_STEPS):
         none = jnp.zeros_like(edge[:1])
@@ -121,7 +121,7 @@ def _step_variance(p: WaistParams, inputs: WaistInputs, found: Intervals) -> Val
 
 
 def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, options: WaistOptions) -> WaistWalk:
-    """The state-space model over a walk."""
+    """Distance by the state-space model."""
     row = jnp.arange(inputs.at.shape[0], dtype=jnp.int32)
     there = row < inputs.count
     unsure = ~inputs.stood | _turned(inputs, found)
@@ -166,7 +166,7 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, o
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistWalk:
-    """The pendulum's steps alone; from and to standing half of the step beside it."""
+    """Distance by the pendulum's steps alone; an interval from or to standing is half of the adjacent step."""
     own = jnp.where(inputs.steps, p.pendulum_constant * found.pendulum, 0.0)
     beside = jnp.maximum(jnp.concatenate([own[1:], own[:1]]), jnp.concatenate([own[:1], own[:-1]]))
     step = jnp.where(inputs.moves & ~inputs.steps, 0.5 * beside, own)
@@ -187,19 +187,19 @@ def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistW
 def by_integration(
     p: WaistParams, inputs: WaistInputs, found: Intervals, speed: Values, held: Flags, start_sd: Values
 ) -> WaistWalk:
-    """The paper's way, and how far it can be right.
+    """Distance by the paper's method, and its standard deviation.
 
-    A bias b of the forward acceleration makes the speed wrong by b t up to the cycle from which OFDRI holds the speed,
-    and no further; in a turn it turns round. A bout that does not begin from standing has a speed that nobody knows.
-    Errors of bouts are taken to add up, for the bias of one is that of the next.
+    A bias b of the forward acceleration causes an error b t of the speed, which grows up to the cycle from which OFDRI
+    holds the speed; a turn of the walk reverses the bias. If a bout does not begin from standing, its initial speed is
+    unknown. Errors of bouts are taken to add up, because all bouts have the same bias.
 
     Args:
         p: parameters.
-        inputs: of the walk.
-        found: its intervals.
+        inputs: from `prepare`.
+        found: intervals between nodes.
         speed: (K,) mean speed over each interval [m/s].
-        held: (K,) bool, OFDRI holds the speed there.
-        start_sd: (K,) standard deviation of the speed with which each node's bout begins [m/s].
+        held: (K,) bool, OFDRI holds the speed over the interval.
+        start_sd: (K,) standard deviation of the initial speed of each node's bout [m/s].
     """
     step = jnp.where(inputs.moves, found.duration * speed, 0.0)
     distance = jnp.cumsum(step)

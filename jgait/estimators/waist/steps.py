@@ -1,12 +1,12 @@
-r"""What the accelerometer tells of each interval between nodes: change of speed, way, and the pendulum's step.
+r"""Change of speed, distance and pendulum step over each interval between nodes, from the accelerometer.
 
 Over a step the trunk rises and falls by h like an inverted pendulum of length ℓ, whose chord is 2√(2ℓh − h²)
-(Zijlstra and Hof), and its speed changes by V. Both grow with the step's length, and err differently between people, so
+(Zijlstra and Hof), and its speed changes by V. Both grow with the step length; their errors vary between people, so
 
     λ = ℓ · (2√(2h/ℓ − (h/ℓ)²))^α · (V/√(gℓ))^β,        α = 1, β = 0: Zijlstra and Hof.
 
-h is the range of the height, twice integrated and each time without what is slower than a cut-off; V that of the
-forward speed likewise.
+h is the range of the trunk's height: the upward acceleration, integrated twice, with a high-pass before and after each
+integral. V is the range of the forward speed, computed likewise.
 """
 
 from typing import NamedTuple
@@ -23,20 +23,20 @@ from jgait.signal import butterworth
 from jgait.types import Values
 
 SURGE_HZ = 6.0
-"""[Hz] Of the low-pass on the forward acceleration, whose jolts at a contact are no change of the trunk's speed."""
+"""[Hz] Cut-off of the low-pass on the forward acceleration; it removes impacts at contacts from the trunk's speed."""
 
 
 class Intervals(NamedTuple):
-    """Of the interval that ends at each node; (K,) each, 0 at the first and in padding.
+    """Values over the interval that ends at each node; (K,) each, 0 at the first node and in padding.
 
     Attributes:
-        duration: [s].
+        duration: duration of the interval [s].
         gained: integral of the forward acceleration [m/s].
-        went: integral of that [m].
+        went: integral of `gained` over the interval [m].
         excursion: h, range of the trunk's height [m].
-        surge: V, range of its forward speed [m/s].
-        pendulum: λ, shorter in turns [m].
-        turn: of the walk [rad].
+        surge: V, range of the trunk's forward speed [m/s].
+        pendulum: λ, step length of the pendulum, shorter in turns [m].
+        turn: turn of the walk [rad].
     """
 
     duration: Values
@@ -49,12 +49,12 @@ class Intervals(NamedTuple):
 
 
 def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:
-    """What the accelerometer tells of each interval.
+    """Values over each interval, from the accelerometer.
 
     Args:
         p: parameters.
-        inputs: decisions.
-        seen: how the trunk moves.
+        inputs: from `prepare`.
+        seen: motion of the trunk.
     """
     rate, last = inputs.rate_hz, inputs.last
     steps = inputs.dt
@@ -102,12 +102,12 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
 
 
 def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:
-    """λ of steps [m]; 0 where there is no excursion or surge to speak of.
+    """λ of steps [m]; 0 where the excursion or the surge is almost zero.
 
     Args:
         p: parameters.
-        excursion: h [m].
-        surge: V [m/s].
+        excursion: h, range of the trunk's height [m].
+        surge: V, range of the trunk's forward speed [m/s].
     """
     high = jnp.minimum(excursion / p.pendulum_length, 1.0)
     quick = surge / jnp.sqrt(GRAVITY * p.pendulum_length)

@@ -1,22 +1,22 @@
-r"""Speed of walking from forward acceleration, cycle by cycle from a known start: Köse's velocity update.
+r"""Walking speed from forward acceleration, cycle by cycle from a known initial speed: Köse's velocity update.
 
 From the start (standing: 0) up to the first heel strike and over the first cycles, the velocity is integrated (OFI).
-From then on, a cycle that begins with v_i would by OFI end with v_f = v_i + J(T). With the gate
+In each later cycle, which begins with v_i, OFI gives the final velocity v_f = v_i + J(T). With the gate
 
     G = 1 if |v_f − v_i| < ε, else 0;   softly, σ((ε − |v_f − v_i|) / width),
 
     v = (1 − G) OFI(v_i) + G OFDRI(v_i, v_f := v_i),   v_i of the next cycle: v_i + (1 − G) J(T):
 
-what looks like drift is taken out, and what looks like a change of speed is kept. A change spread over cycles, in each
-less than ε, is lost with the drift; and while nothing is updated, the velocity at one heel strike stands for that at
-all. Behind the last cycle, and between cycles that do not touch, it is OFI again. The displacement is the integral of
-v by trapezoids. A recording of several bouts starts anew at samples whose velocity is known: each bout has initial heel
-strikes of its own.
+a change of less than ε is removed as drift, and a larger change is kept as a change of speed. A slow change of speed,
+less than ε in every cycle, is removed too; without an update, successive cycles begin with the same velocity. After the
+last cycle, and between cycles that do not touch, the velocity is that of OFI. The displacement is the integral of v by
+trapezoids. If a recording has several bouts, OFI restarts at samples whose velocity is known, and the initial heel
+strikes are counted in each bout.
 
 `updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
-velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. Everything is differentiable in
-the acceleration, the start, ε, its width, cut-offs and β; with the hard gate the gradient in ε is zero, that in the
-cycles always is.
+velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. The results are differentiable
+in the acceleration, the initial velocity, ε, the gate's width, cut-offs and β; the gradient in ε is zero with the hard
+gate, and the gradient in the cycles' begin and end is always zero.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c.
@@ -58,17 +58,17 @@ class VelocityUpdateParams(NamedTuple):
 
 
 class Covered(NamedTuple):
-    """Speed and way over a recording and its cycles; rows of cycles that are none hold 0.
+    """Velocity and displacement over a recording and its cycles; rows without a cycle hold 0.
 
     Attributes:
-        velocity: (T,) forward [m/s].
-        displacement: (T,) since the first sample [m].
-        start: (K,) v_i, where each cycle begins [m/s].
+        velocity: (T,) forward velocity [m/s].
+        displacement: (T,) displacement since the first sample [m].
+        start: (K,) v_i, velocity at which each cycle begins [m/s].
         change: (K,) v_f − v_i by OFI over the cycle alone [m/s].
-        kept: (K,) G, how much of the cycle is OFDRI [1].
-        updated: (K,) bool, the next cycle begins with what OFI says; OFI counts for more than OFDRI.
+        kept: (K,) G, weight of OFDRI in the cycle [1].
+        updated: (K,) bool, OFI has more weight than OFDRI: the next cycle begins with OFI's velocity.
         length: (K,) displacement over the cycle [m].
-        valid: (K,) bool, there is such a cycle.
+        valid: (K,) bool, the row holds a cycle.
     """
 
     velocity: Values
@@ -82,20 +82,20 @@ class Covered(NamedTuple):
 
 
 class _Sampled(NamedTuple):
-    """The recording as all methods take it.
+    """The inputs that all methods of this module share.
 
     Attributes:
         acc: (T,) acceleration [m/s²].
         steps: (T,) time since the sample before [s].
-        cycles: where they are.
-        at: the same by sample.
-        given: (T,) bool, the velocity is known there, outside cycles.
-        restart: (T,) bool, that, or a cycle begins or ends: OFI starts anew.
-        change: (T,) OFI since the one before [m/s].
-        start: (T,) the velocity known last before each sample [m/s].
-        behind: (T,) bool, it was known after the last cycle ended.
-        anew: (K,) bool, it was known between the cycle before and this one, or there is no cycle before.
-        begin: (K,) known there [m/s].
+        cycles: begin and end of the cycles.
+        at: the cycle of each sample.
+        given: (T,) bool, the velocity is known at the sample, which is outside cycles.
+        restart: (T,) bool, the velocity is known, or a cycle begins or ends: OFI restarts.
+        change: (T,) J since the restart before each sample [m/s].
+        start: (T,) the last known velocity before each sample [m/s].
+        behind: (T,) bool, that velocity was known after the last cycle ended.
+        anew: (K,) bool, a velocity was known between the cycle before and this one, or there is no cycle before.
+        begin: (K,) the last known velocity at the begin of each cycle [m/s].
     """
 
     acc: Values
@@ -122,14 +122,14 @@ def updated(
         p: parameters.
         acc: (T,) forward acceleration, without gravity [m/s²], finite.
         cycles: from heel strike to heel strike of one side.
-        dt: sample time [s], or (T,) that from the sample before.
+        dt: sample time [s], or (T,) time from the sample before.
         start: velocity at the first sample and wherever it is known, one or (T,) [m/s]; 0 when standing.
-        initial: how many heel strikes of each bout take their velocity from OFI, 1 or more; static.
+        initial: number of heel strikes of each bout that take their velocity from OFI, 1 or more; static.
         soft: whether the gate is a sigmoid; static.
         optimum: whether OFDRI's cut-off is that of the optimum rule, or OFI's; static.
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
-        known: (T,) bool, a bout begins: the velocity is `start`, whatever came before. In a cycle, its end included, it
-            is not looked at. None: only the first sample.
+        known: (T,) bool, a bout begins with the velocity `start`. Samples in a cycle, its end included, are ignored.
+            None: only the first sample.
 
     Returns:
         Velocity, displacement and cycles.
@@ -175,7 +175,7 @@ def integrated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
     mask: ArrayLike | None = None, known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
-    """OFI over each bout, its filter never started anew within; cycles only tell where lengths are read.
+    """OFI over each bout, without a restart of its filter in the bout; cycles only limit the lengths that are read.
 
     Arguments, result and errors as of `updated`; `updated` is True for every cycle.
     """
@@ -212,7 +212,7 @@ def _sampled(
     before = jnp.concatenate([jnp.full_like(upto[:1], -1), upto[:-1]])
     ends = jnp.asarray(cycles.end).astype(jnp.int32)
     ended = jnp.where(at.ended > 0, ends[jnp.maximum(at.ended - 1, 0)], -1)
-    # of each cycle, what was known up to and with the sample at which it begins
+    # of each cycle, the last sample with a known velocity, up to and including the cycle's begin
     last = upto[cycles.begin]
     earlier = jnp.concatenate([jnp.full_like(ends[:1], -1), ends[:-1]])
     return _Sampled(
@@ -222,16 +222,16 @@ def _sampled(
 
 
 def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
-    """OFI over each cycle, and over what lies between it and the cycle before; and whether there is one."""
+    """J over each cycle, J over the gap between the cycle before and this one, and whether the row holds a cycle."""
     begin, there = seen.cycles.begin, seen.at.valid
-    # a cycle may begin where the one before ends, or where the velocity is known
+    # there is no gap if a cycle begins where the cycle before ends, or where the velocity is known
     gap = ~seen.at.inside[begin] & ~seen.given[begin]
     over = jnp.where(there, seen.change[seen.cycles.end], 0.0)
     return over, jnp.where(there & gap, seen.change[begin], 0.0), there
 
 
 def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
-    """All samples, given with what each cycle begins and how much of it is OFDRI."""
+    """Velocity at all samples, from the initial velocity of each cycle and the weight of OFDRI in it."""
     cycles, at = seen.cycles, seen.at
     change = _changes(seen)[0]
     cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
@@ -241,14 +241,14 @@ def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array,
     direct = base + seen.change
     both = direct_reverse_cycles(seen.acc, cycles, begun, begun, seen.steps, cutoff, p.beta)
     velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
-    # An interval begins with the velocity of its own piece, which at a mark may be another than that up to it.
+    # At a mark the velocity may jump: the interval after the mark begins with the velocity after the jump.
     left = jnp.where(seen.restart[:-1], base[1:], velocity[:-1])
     way = _way(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
     return _listed(seen, velocity, way, begun, change, kept)
 
 
 def _way(left: Array, velocity: Array, seen: _Sampled) -> Array:
-    """The displacement (T,), from the velocity at the begin of the interval behind each sample, and at its end."""
+    """The displacement (T,), from the velocity at the begin and the end of the interval after each sample."""
     each = 0.5 * seen.steps[1:] * (left[:-1] + velocity[1:])
     return jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
 
