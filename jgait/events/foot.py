@@ -1,9 +1,9 @@
-"""When a foot stands and when it leaves and meets the ground, from the sensor on it; on the host.
+"""Stances, final contacts and initial contacts of a foot, from the sensor on the foot; on the host.
 
-A fixed threshold on the angular rate loses stances of fast gait, where the foot never comes to rest, and finds false
-ones in slow swings. Here the threshold follows the stride: a stance is a valley of the rate between two swings that
-are `RATIO` times as high, and its threshold is its own lowest rate times a factor. Only magnitudes are used, so the
-sensor may be mounted in any way.
+A fixed threshold on the angular rate misses stances of fast gait, where the foot never comes to rest, and detects false
+stances in slow swings. Here the threshold follows the stride: a stance is a valley of the rate between two swings whose
+rate is `RATIO` times as high, and the threshold is the lowest rate of that valley times a factor. Only magnitudes are
+used, so the sensor may be mounted in any orientation.
 """
 
 from typing import NamedTuple
@@ -17,51 +17,51 @@ from jaxtyping import Array, Float, PyTree
 from jgait.types import AnyArray
 
 WINDOW = 0.1
-"""[s] Over which the root mean square of the rate is taken."""
+"""[s] Window of the root mean square of the rate."""
 
 RATIO = 3.0
-"""How much higher than the valley a swing has to be [1]."""
+"""[1] Smallest ratio of the peak rate of a swing to the lowest rate of the valley beside it."""
 
 SWING = 1.2
-"""[rad/s] The least rate of a swing; a foot in swing reaches 4 to 12, one that is dragged along 2."""
+"""[rad/s] Smallest peak rate of a swing; a foot in swing reaches 4 to 12, a dragged foot 2."""
 
 STANCE = 2.5
-"""[rad/s] The highest rate at which a foot may still count as standing: the valley of a run."""
+"""[rad/s] Largest rate of a valley that counts as a stance: the valley of a run."""
 
 STILL = 0.8
-"""[rad/s] Below this a foot stands in any case; between heel-off and contact the rate is above 2."""
+"""[rad/s] A foot with a lower rate always counts as standing; between heel-off and contact the rate is above 2."""
 
 JOLT = 5.0
-"""[m/s²] Spread of the specific force that counts as much as 1 rad/s."""
+"""[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s."""
 
 SHORTEST = 0.45
-"""[s] From one stance to the next; a run has 0.65."""
+"""[s] Shortest time from one stance to the next; a run has 0.65."""
 
 WORSE = 3.0
-"""How many times its neighbours' rate a valley between them may have, if all three lie within `LONGEST` [1]."""
+"""[1] Largest ratio of a valley's rate to that of both neighbours, if all three valleys lie within `LONGEST`."""
 
 LONGEST = 2.0
-"""[s] Two strides of fast walking; see `WORSE`."""
+"""[s] Duration of two strides of fast walking; see `WORSE`."""
 
 
 LANDED = 0.1
-"""Share of their height by which the toes have come down when the heel meets the ground [1]."""
+"""[1] Share of its peak in late swing by which the pitch of the foot has fallen at initial contact."""
 
 REACH = 0.25
-"""[s] Contacts are looked for from so long before a foot is last seen to stand, to as long after it is seen again."""
+"""[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
 
 EROSION = (0.06, 0.02)
-"""[s] A foot that has just been set down still comes down: taken for still, every foothold is 5 mm too high."""
+"""[s] Time removed from the start and the end of a stance: the foot still sinks after contact, by 5 mm."""
 
 
 class Stances(NamedTuple):
     """Stances of one foot, in order; every field is (n,).
 
     Attributes:
-        start: first sample at which it stands [samples].
-        end: one past the last [samples].
-        stillest: where the rate is least [samples].
-        rate: root mean square rate there [rad/s].
+        start: first sample of the stance [samples].
+        end: one past the last sample of the stance [samples].
+        stillest: sample of least `unrest` [samples].
+        rate: root mean square rate at that sample [rad/s].
     """
 
     start: np.ndarray
@@ -104,15 +104,15 @@ def stances(
     factor: float = 1.5,
     erosion_s: tuple[float, float] = EROSION,
 ) -> Stances:
-    """Where a foot stands, at any speed of gait.
+    """The stances of a foot, at any speed of gait.
 
     Args:
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
-        acc: (T, 3) specific force [m/s²], finite; a foot that comes down without turning is told by it.
+        acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
-        still: a stance reaches from its valley to where the rate passes this [rad/s],
-        factor: or this many times the valley's own rate, whichever is more [1].
-        erosion_s: by how much its start and its end are then drawn in [s], except at the ends of the recording.
+        still: least threshold on the rate; a stance extends from its valley to where the rate exceeds it [rad/s].
+        factor: the threshold is at least this many times the rate of the valley [1].
+        erosion_s: times removed from the start and the end of a stance [s], except at the ends of the recording.
 
     Returns:
         The stances; empty if the foot never moves enough, or never comes to rest.
@@ -135,7 +135,7 @@ def stances(
 
 
 def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) -> tuple[int, int]:
-    """First and last sample of the stretch about one in which values stay below a limit."""
+    """First and last sample of the stretch around the sample `at` in which values stay below a limit."""
     before, after = values[within[0] : at] >= limit, values[at + 1 : within[1]] >= limit
     first = at - int(np.argmax(before[::-1])) if before.any() else within[0]
     last = at + int(np.argmax(after)) if after.any() else within[1] - 1
@@ -149,7 +149,7 @@ def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     padded[: len(rate)] = rate
     confirmed, at, last = (np.asarray(values) for values in _turning_points(jnp.asarray(padded)))
     found = at[confirmed]
-    # the valley that the recording ends in
+    # the valley in which the recording ends
     if last >= 0:
         found = np.append(found, last)
     found = found[(found < len(rate)) & (rate[np.minimum(found, len(rate) - 1)] < STANCE)]
@@ -158,10 +158,10 @@ def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @jax.jit
 def _turning_points(rate: Float[Array, "time"]) -> PyTree:
-    """One pass over the rate: valleys confirmed by a swing, swings by falling again.
+    """One pass over the rate: a rise to a swing confirms the valley before it, a fall of the rate ends the swing.
 
     Returns:
-        (T,) bool where a valley is confirmed, (T,) where it was, and the valley that is open at the end or −1.
+        (T,) bool, a valley is confirmed; (T,) the sample of that valley; the valley not confirmed at the end, or −1.
     """
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
@@ -183,7 +183,7 @@ def _turning_points(rate: Float[Array, "time"]) -> PyTree:
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """Without the valleys of swings: too near a deeper one, or much worse than both neighbours."""
+    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours."""
     kept, depth = list(valleys), list(rate)
     while len(kept) > 1:
         gaps = np.diff(kept) / sampling_rate_hz
@@ -203,7 +203,7 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
 
 
 def inside(found: Stances, samples: int) -> np.ndarray:
-    """(T,) bool: whether the foot stands."""
+    """(T,) bool, True in a stance."""
     change = np.zeros(samples + 1, int)
     np.add.at(change, found.start, 1)
     np.add.at(change, found.end, -1)
@@ -213,14 +213,14 @@ def inside(found: Stances, samples: int) -> np.ndarray:
 def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Final and initial contact of every stride, between one stance and the next.
 
-    The toes leave where the foot is pitched down most, after the heel has risen. The heel has met the ground when the
-    toes have come down by `LANDED` from the highest that they were raised in late swing: soft landings have no jolt
-    that swing would not have too. Pitch is the integral of the rate about the axis that the foot mostly turns about, so
-    any mounting will do.
+    At the final contact the foot is pitched down most, after the heel has risen. At the initial contact the pitch has
+    fallen by `LANDED` from its peak in late swing, when the toes are highest; accelerations are not used, because a
+    soft landing has no larger acceleration than a swing. Pitch is the integral of the angular rate about the main axis
+    of rotation of the foot, so the sensor may be mounted in any orientation.
 
     Args:
         gyr: (T, 3) angular rate without bias [rad/s].
-        found: from `stances`, n of them.
+        found: the n stances from `stances`.
         sampling_rate_hz: rate of the samples [Hz].
 
     Returns:

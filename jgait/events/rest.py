@@ -1,6 +1,6 @@
-"""Standing still: when a person or a sensor rests, and what the sensor reads there. NumPy and SciPy, on the host.
+"""Standing still: rests of a person or a sensor, gyroscope bias and force at rest. NumPy and SciPy, on the host.
 
-All rules look at a centred window. What they ask differs with what is known there: legs in walking never stop together
+All rules use a centred window. They differ between segments: the legs never rest together in walking
 (`standing_of_legs`), a foot rests at every stance (`rest`), the trunk moves little even in walking (`trunk_rest`).
 """
 
@@ -47,23 +47,23 @@ TRUNK_RATE, TRUNK_FORCE = 0.12, 0.25
 """[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
 
 LEAST_REST_S = 2.0
-"""[s] Shortest rest from which the bias of the trunk's gyroscope is read; from a shorter one the bias gets worse."""
+"""[s] Shortest rest from which the bias of the trunk's gyroscope is computed; a shorter rest gives a worse bias."""
 
 BIAS_KNOWN = 0.06
-"""[rad/s] Largest bias of a gyroscope; a larger mean rate means that the trunk turns."""
+"""[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
 BRIDGED_S = 0.1
-"""[s] A shorter loss of samples does not end a rest."""
+"""[s] A loss of samples that is not longer does not end a rest."""
 
 
 class Rest(NamedTuple):
     """A sensor at rest.
 
     Attributes:
-        windows: half-open ranges of samples in which it rests; empty if it never does.
-        gyr_bias: (3,) [rad/s].
-        force: mean specific force [m/s²]; 0 if it never rests.
-        time: how long it rests, as √Σ t² of the windows [s].
+        windows: half-open ranges of samples in which the sensor rests; empty if it never rests.
+        gyr_bias: (3,) gyroscope bias [rad/s].
+        force: length of the mean specific force [m/s²]; 0 if the sensor never rests.
+        time: duration of rest, √Σ t² of the windows [s].
     """
 
     windows: list[tuple[int, int]]
@@ -88,10 +88,10 @@ TRUNK_SCALE = Kind(
 
 
 def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
-    """Where a sensor rests, and what it reads there.
+    """The rests of a sensor, its gyroscope bias and its specific force at rest.
 
-    The spread of the rate over half a second tells it, not the rate itself, which a bias shifts. A window's mean errs
-    by how far the sensor turns unseen, over its length; so windows weigh as their length squared.
+    Rest is detected from the spread of the rate over half a second, because a bias shifts the rate itself. The error of
+    a window's mean rate is the undetected turn of the sensor over the window's length; so windows weigh as length².
 
     Args:
         gyr: (T, 3) [rad/s], finite.
@@ -108,7 +108,7 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     least = np.min(spread[there], initial=np.inf)
     if not least < RESTLESS:
         return Rest([], np.zeros(3), 0.0, 0.0)
-    # a window's middle is half a window on; its edges rest as well, half of that is taken
+    # the middle of a window is half a window after its first sample; a rest is extended by a quarter window each way
     quiet = np.zeros(len(gyr), bool)
     quiet[half : half + len(spread)] = there & (spread <= max(QUIET * least, 1e-9))
     windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
@@ -215,15 +215,15 @@ def standing_of_legs(
 
 
 class TrunkRest(NamedTuple):
-    """Where the person stands still, and what the sensor reads there.
+    """Standing still of a person with a sensor on the trunk, and the sensor's errors computed from it.
 
     Attributes:
-        still: (T,) bool.
-        gyr_bias: (3,) [rad/s].
-        scale: what the accelerometer is multiplied by, so that it reads gravity at rest [1].
-        time: of rest that tells the bias, where the recording begins with one; else 0 [s].
-        first: (3,) direction of gravity in the trunk's axes in the first second, upwards [1].
-        notes: what was noticed.
+        still: (T,) bool, True where the person stands still.
+        gyr_bias: (3,) gyroscope bias [rad/s].
+        scale: factor on the accelerometer, so that its reading at rest is gravity [1].
+        time: duration of the rests from which the bias is computed, if the recording begins with a rest; else 0 [s].
+        first: (3,) upward vertical in the trunk's axes, at the rest that begins in the first second [1].
+        notes: notes on the rests.
     """
 
     still: np.ndarray
@@ -235,18 +235,18 @@ class TrunkRest(NamedTuple):
 
     @classmethod
     def none(cls, samples: int) -> "TrunkRest":
-        """Nobody rests."""
+        """The result for a recording without rest."""
         return cls(np.zeros(samples, bool), np.zeros(3), 1.0, 0.0, np.array([0.0, 0.0, 1.0]), ())
 
 
 def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> TrunkRest:
-    """Where the person stands still, what the gyroscope and the accelerometer read there; in the trunk's axes.
+    """Standing still from a sensor on the trunk, with gyroscope bias and accelerometer scale, in the trunk's axes.
 
     Args:
-        imu: with lost samples interpolated.
-        rows: (3, 3) axes of the trunk in the sensor's.
+        imu: sensor on the trunk, lost samples interpolated.
+        rows: (3, 3) axes of the trunk in the sensor's axes.
         mask: (T,) bool, False where a sample was lost.
-        rate: of the samples [Hz].
+        rate: sampling rate [Hz].
     """
     gyr, acc = (as_float(v) @ rows.T for v in (imu.gyr, imu.acc))
     found = rest(gyr, acc, mask, rate)
@@ -254,10 +254,10 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     size = window_size(TRUNK_WINDOW_S, rate)
     still = _spread(_held(gyr - np.median(gyr, axis=0), size), size) < TRUNK_RATE
     still &= _spread(_held(acc - np.median(acc, axis=0), size), size) < TRUNK_FORCE
-    # who leans or turns slowly does not stand
+    # a person who leans or turns slowly does not stand still
     still &= np.linalg.norm(_mean(_held(gyr, size), size) - reads, axis=1) < TRUNK_RATE
     for a, b in true_runs(~mask):
-        # a short loss was bridged, and does not end a rest
+        # a short loss was interpolated, and does not end a rest
         still[a:b] &= b - a <= BRIDGED_S * rate
     notes: list[Note] = []
     runs = [_inner(run, size // 2, len(gyr)) for run in true_runs(still)]
@@ -278,7 +278,7 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
 
 
 def _inner(run: tuple[int, int], edge: int, samples: int) -> tuple[int, int]:
-    """A rest without its ends, in which the push of the first step may lie; not those of the recording."""
+    """A rest without its ends, which may contain the push of the first step; the ends of the recording stay."""
     a, b = run
     return a + (edge if a > 0 else 0), b - (edge if b < samples else 0)
 
@@ -286,9 +286,10 @@ def _inner(run: tuple[int, int], edge: int, samples: int) -> tuple[int, int]:
 def _without_sway(
     gyr: np.ndarray, acc: np.ndarray, runs: list[tuple[int, int]], rate: float
 ) -> tuple[np.ndarray, float]:
-    """The gyroscope's bias (3,) [rad/s] and the time of rest that tells it [s].
+    """The gyroscope's bias (3,) [rad/s] and the duration of the rests from which it is computed [s].
 
-    A rest's mean, less the turn that gravity shows from end to end; zero where nobody rests for long enough.
+    The mean rate of each rest, minus the turn of the trunk that gravity shows from the rest's start to its end; zero
+    without a rest of `LEAST_REST_S`.
     """
     told, weights = [], []
     edge = max(1, int(0.25 * rate))
@@ -298,7 +299,7 @@ def _without_sway(
         before, after = (acc[c:d].mean(axis=0) for c, d in ((a, a + edge), (b - edge, b)))
         before, after = before / np.linalg.norm(before), after / np.linalg.norm(after)
         seconds = (b - a - edge) / rate
-        # gravity's direction in the trunk's axes turns against the trunk
+        # in the trunk's axes the direction of gravity turns opposite to the trunk
         told.append(gyr[a:b].mean(axis=0) + np.cross(before, after) / seconds)
         weights.append(seconds**2)
     if not told:
@@ -313,10 +314,10 @@ def _mean(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _spread(centred: np.ndarray, size: int) -> np.ndarray:
-    """(T − size + 1,) standard deviation over every full window, of all columns together; nearly centred values."""
+    """(T − size + 1,) standard deviation over every full window, of all columns together; values with a mean near 0."""
     return np.sqrt(np.maximum(_mean(centred**2, size) - _mean(centred, size) ** 2, 0.0).sum(axis=1))
 
 
 def _held(values: np.ndarray, size: int) -> np.ndarray:
-    """The samples with their ends repeated, so that there is a window about each sample."""
+    """The samples with the first and the last repeated, so that every sample has a full window."""
     return np.pad(values, [(size // 2, size // 2), (0, 0)], mode="edge")

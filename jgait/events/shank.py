@@ -1,15 +1,14 @@
-r"""Strides told from one gyroscope at the ankle or on the shank: a state machine, and a detector of swings.
+r"""Strides detected from one gyroscope at the ankle or on the shank: a state machine, and a detector of swings.
 
-Both take the sagittal rate with the forward swing *negative* (see `mounting.shank`) and are a `lax.scan` of a step
-that a device can call at each sample with the same result, in constant memory; both map over recordings. An event is
-known at
-the sample at which it is `found`; its times are those of the motion, the filter's delay removed, and lie between
-samples where the rate crosses zero.
+Both take the sagittal rate with the forward swing *negative* (see `mounting.shank`). Each is a `lax.scan` of a step; a
+device can call the step at each sample, in constant memory, with the same result. Both work under `vmap`. A stride is
+reported at the sample at which the end of its swing is detected; its event times are those of the motion, without the
+filter's delay, and are interpolated between samples where the rate crosses zero.
 
 `phases` is the paper's machine on the causally filtered rate: FF → TO on a maximum above a threshold; TO → SW where
 the rate becomes negative; SW → HS where it becomes positive again, a stride if the swing was fast enough; HS → FF on
 the next maximum. `swings` takes each negative lobe of the rate as a swing if it was fast enough and turned the shank
-far enough; run on a rate filtered both ways it needs no push-off, and so holds for slow and impaired gait too.
+far enough; with a rate filtered both ways it needs no push-off, so it also works for slow and impaired gait.
 
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
 unit", 2017, section II-A and figure 1 (`phases`).
@@ -44,11 +43,11 @@ class Detector(NamedTuple):
     """Settings of both detectors.
 
     Attributes:
-        cutoff_hz: of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
+        cutoff_hz: cut-off of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
         threshold: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
         least_angle: least angle of a swing [rad]; `swings` only.
-        rest_share: part of a swing's peak rate under which the shank may have come to rest [1]; 0: never.
-        rest_s: how long it has to stay there [s].
+        rest_share: share of a swing's peak rate below which the shank may be at rest [1]; 0: never.
+        rest_s: time for which the rate must stay below that share [s].
     """
 
     cutoff_hz: Values
@@ -62,22 +61,22 @@ PAPER = Detector(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
 """The paper's machine: 4 Hz, 50°/s, the swing ends at the zero crossing alone."""
 
 MACHINE = PAPER._replace(rest_share=0.1)
-"""The machine that also knows a foot that stops."""
+"""The machine that also detects the end of a swing when the foot stops."""
 
 LOBES = Detector(cutoff_hz=6.0, threshold=np.deg2rad(70.0), least_angle=np.deg2rad(13.0), rest_share=0.1)
 """The detector of swings."""
 
 
 class ShankEvents(NamedTuple):
-    """What a detector says at every sample, (T,) or, online, a scalar.
+    """Output of a detector at every sample, (T,) or, online, a scalar.
 
     Attributes:
-        stride: bool, a stride is known here.
-        push_off: time of the last maximum of the rate before the swing [s]; of `swings`, the swing's begin.
-        start: time at which the shank begins to swing forward [s].
-        end: time at which it has swung [s], about the initial contact.
+        stride: bool, a stride is detected at this sample.
+        push_off: time of the last maximum of the rate before the swing [s]; from `swings`, the start of the swing.
+        start: time at which the forward swing of the shank begins [s].
+        end: time at which the forward swing ends [s], about the initial contact.
         peak: greatest rate of the swing [rad/s], positive.
-        angle: by how much the shank swung [rad], positive; of the filtered rate.
+        angle: angle of the swing [rad], positive; integral of the filtered rate.
     """
 
     stride: Flags
@@ -89,17 +88,17 @@ class ShankEvents(NamedTuple):
 
 
 class ShankState(NamedTuple):
-    """What a detector remembers from one sample to the next.
+    """State of a detector, passed from one sample to the next.
 
     Attributes:
         phase: FLAT, TOE_OFF, SWING or HEEL_STRIKE.
-        rising: 1 if the rate rose last, −1 if it fell, 0 if neither is known.
-        rate: filtered rate of the sample before [rad/s].
-        time: its time [s].
-        push_off, start: as of `Found`, of the swing that may become a stride [s].
-        peak, angle: of the swing so far [rad/s], [rad].
-        slack: time at which the rate fell under a small part of the peak [s].
-        slackened: whether it is there.
+        rising: 1 if the last change of the rate was a rise, −1 if it was a fall, 0 before any change.
+        rate: filtered rate of the previous sample [rad/s].
+        time: time of the previous sample [s].
+        push_off, start: as in `ShankEvents`, of the swing that may become a stride [s].
+        peak, angle: peak rate and angle of the swing so far [rad/s], [rad].
+        slack: time at which the rate fell below `rest_share` of the peak [s].
+        slackened: whether the rate is below that share.
     """
 
     phase: PyTree
@@ -115,7 +114,7 @@ class ShankState(NamedTuple):
 
 
 def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
-    """The state before anything happened.
+    """The state before the first sample.
 
     Args:
         rate: the first filtered rate [rad/s].
@@ -128,7 +127,7 @@ def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
 
 
 class _Sample(NamedTuple):
-    """How the rate changed from one sample to the next."""
+    """Change of the rate from the previous sample to this one."""
 
     maximum: Flags
     minimum: Flags
@@ -147,7 +146,7 @@ def _look(s: ShankState, x: Scalar, t: Scalar) -> _Sample:
 
 
 def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[ShankState, Bool[Array, ""]]:
-    """The state with this sample's swing in it, and whether the shank has come to rest."""
+    """The state with this sample added to the swing, and whether the shank has come to rest."""
     peak = jnp.maximum(s.peak, jnp.abs(x))
     angle = s.angle + 0.5 * (t - s.time) * (jnp.maximum(-x, 0.0) + jnp.maximum(-s.rate, 0.0))
     slackened = x > -d.rest_share * peak
@@ -157,7 +156,7 @@ def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[ShankSt
 
 
 def _fresh(s: ShankState, where: Bool[Array, ""], start: Scalar) -> ShankState:
-    """The state with a new swing where it begins."""
+    """The state; where `where` is True, a new swing begins."""
     return s._replace(
         start=jnp.where(where, start, s.start),
         peak=jnp.where(where, 0.0, s.peak),
@@ -167,16 +166,16 @@ def _fresh(s: ShankState, where: Bool[Array, ""], start: Scalar) -> ShankState:
 
 
 def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
-    """One sample of the paper's machine; times of the filtered rate, its delay still in them.
+    """One sample of the paper's machine; the times still contain the delay of the filter.
 
     Args:
         d: settings.
-        s: from `begin` or the step before.
+        s: state from `begin` or from the previous step.
         rate: filtered sagittal rate, the forward swing negative [rad/s].
-        time: of the sample [s].
+        time: time of the sample [s].
 
     Returns:
-        The state to carry on, and what was found.
+        The next state, and the events of this sample.
     """
     x, t = jnp.asarray(rate), jnp.asarray(time)
     seen = _look(s, x, t)
@@ -199,7 +198,7 @@ def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
 
 
 def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
-    """One sample of the detector of swings; arguments and result as of `phase_step`."""
+    """One sample of the detector of swings; arguments and result as in `phase_step`."""
     x, t = jnp.asarray(rate), jnp.asarray(time)
     seen = _look(s, x, t)
     swung, resting = _swing_on(d, s, x, t)
@@ -215,7 +214,7 @@ def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
 
 
 def check_rate(sampling_rate_hz: float) -> None:
-    """Refuse a sampling rate that the detectors are not meant for.
+    """Check that the detectors support a sampling rate.
 
     Raises:
         ValueError: if it is outside `RATES`.
@@ -225,16 +224,16 @@ def check_rate(sampling_rate_hz: float) -> None:
 
 
 def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, start_s: ArrayLike = 0.0) -> ShankEvents:
-    """The paper's state machine over a recording, filter and machine in one scan.
+    """The paper's state machine over a recording; the filter and the machine run in one scan.
 
     Args:
-        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the one before.
+        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
         sampling_rate_hz: of the samples [Hz]; static.
         d: settings.
         start_s: time of the first sample [s].
 
     Returns:
-        What was found at each sample (T,), times without the filter's delay.
+        The events at each sample (T,), times without the filter's delay.
 
     Raises:
         ValueError: if the rate of the samples is not supported, or there is none.
@@ -260,13 +259,13 @@ def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_
     """The detector of swings over a recording, on the rate filtered both ways: offline.
 
     Args:
-        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the one before.
+        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
         sampling_rate_hz: of the samples [Hz]; static.
         d: settings.
         start_s: time of the first sample [s].
 
     Returns:
-        What was found at each sample (T,).
+        The events at each sample (T,).
 
     Raises:
         ValueError: if the rate of the samples is not supported, or there are fewer than 10.
@@ -286,14 +285,14 @@ def _rates(rate: ArrayLike) -> Array:
 
 
 def gathered(found: ShankEvents, capacity: int) -> ShankEvents:
-    """The strides alone, in the order in which they were found; maps over recordings.
+    """The samples that report a stride, as rows in order of time; works under `vmap`.
 
     Args:
-        found: (T,) of `phases` or `swings`.
-        capacity: rows of the result; static. Strides that find no room are left out.
+        found: (T,) events from `phases` or `swings`.
+        capacity: number of rows of the result; static. Further strides are left out.
 
     Returns:
-        (capacity,) rows; `stride` is False in those that hold none, the other fields are 0 there.
+        (capacity,) rows; in a row without a stride, `stride` is False and the other fields are 0.
     """
     index = jnp.nonzero(found.stride, size=capacity, fill_value=-1)[0]
     there = index >= 0

@@ -1,8 +1,8 @@
-r"""When the ankle stands: the valley of the shank's rate in each stance, where stride lengths begin and end.
+r"""Instants at which the ankle rests: the valley of the shank's rate in each stance. Strides begin and end at them.
 
-Between two swings the shank rolls over the foot; its rate is least some 40 % into that, and the ankle hardly moves.
-The paper calls it the vertical event (the shank leans by 4 to 12° there). Before the first swing, after the last and
-in a pause, the person stands: there the instant is the still sample next to the swing. On the host, not under jit.
+Between two swings the shank rolls over the foot; its rate is least after some 40 % of this time, when the ankle hardly
+moves. The paper calls this instant the vertical event (the shank then leans by 4 to 12°). Before the first swing, after
+the last swing and in a pause the person stands; the instant is then the still sample next to the swing. On the host.
 """
 
 from typing import NamedTuple
@@ -13,19 +13,19 @@ from jaxtyping import Float, Shaped
 from jgait.types import AnyArray, as_float
 
 EARLIEST, LATEST = 0.12, 0.85
-"""Part of the time between two swings in which the valley lies [1], between the bumps of landing and push-off."""
+"""[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
 
 PAUSE_S = 1.5
 """[s] A longer time between two swings is a pause."""
 
 NEAR_S, FAR_S = 0.1, 0.9
-"""[s] How far from a swing the still sample of standing is looked for."""
+"""[s] Shortest and longest time between a swing and the still sample of standing."""
 
 STILL = 0.25
-"""[rad/s] A shank that turns more slowly is still."""
+"""[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is still."""
 
 CUTOFF_HZ = 4.0
-"""[Hz] Of the rates that are looked at, filtered both ways."""
+"""[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
 
 
 class ShankStances(NamedTuple):
@@ -33,8 +33,8 @@ class ShankStances(NamedTuple):
 
     Attributes:
         begin: (n,) sample at which the stride of each swing begins.
-        end: (n,) sample at which it ends; the begin of the next but for pauses.
-        standing: (n, 2) bool, whether the instant is one of standing rather than a valley.
+        end: (n,) sample at which the stride ends; except at pauses, the begin of the next stride.
+        standing: (n, 2) bool, True where the begin or the end lies in standing, False where it is a valley.
     """
 
     begin: np.ndarray
@@ -49,13 +49,13 @@ def stances(
     end: Shaped[AnyArray, "swing"],
     sampling_rate_hz: float,
 ) -> ShankStances:
-    """The instants around each swing at which the ankle stands.
+    """The instants before and after each swing at which the ankle rests.
 
     Args:
         rate: (T,) sagittal rate, the forward swing negative, low-passed at `CUTOFF_HZ` without delay [rad/s].
         speed: (T,) norm of the rate, its axes low-passed in the same way [rad/s].
-        start: samples, whole or between, at which swings begin, increasing.
-        end: samples at which they end, each before the next start.
+        start: samples at which swings begin, whole or fractional, increasing.
+        end: samples at which the swings end, each before the next start.
         sampling_rate_hz: of the samples [Hz].
 
     Returns:
@@ -89,7 +89,7 @@ def stances(
 
 
 def _still(norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | None) -> int:
-    """The still sample nearest to a swing's end, looking forwards (1) or backwards (−1)."""
+    """The still sample nearest to a swing: after the swing's end (1) or before its start (−1)."""
     index = swing + way * np.arange(int(NEAR_S * rate_hz), max(int(FAR_S * rate_hz), int(NEAR_S * rate_hz) + 1))
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
     index = index[index <= edge] if way > 0 else index[index >= edge]

@@ -1,10 +1,9 @@
-r"""When the ankle stands, told while the person walks: the valley of the stance rate, in constant memory.
+r"""Instants at which the ankle rests, detected online: the valley of the shank's rate in stance, in constant memory.
 
-`events.shank_stance` looks at the whole time between two swings. Here the least rate since the swing is kept, anew
-after each greatest one while the foot comes down (`landing` samples); once it has then stayed the least for `hold`
-samples, it was
-the valley. What comes between push-off and the swing does not count. A step of a `lax.scan`, for a device at each
-sample.
+`events.shank_stance` searches the whole time between two swings. Here the least rate since the swing is stored; while
+the foot comes down (`landing` samples), each new greatest rate resets it. A sample whose rate has stayed the least for
+`hold` samples is the valley. Samples from push-off to swing do not count. `step` processes one sample, in a `lax.scan`
+or on a device.
 """
 
 from typing import NamedTuple
@@ -17,14 +16,14 @@ from jgait.types import Flags, Values
 
 
 class StanceSearch(NamedTuple):
-    """What is remembered from one sample to the next.
+    """State of the search, passed from one sample to the next.
 
     Attributes:
-        seeks: bool, a valley is looked for.
-        since: sample at which the swing was known to be over.
-        most: greatest rate since then while the foot came down [rad/s].
-        least: least rate since that [rad/s].
-        at: its sample.
+        seeks: bool, the valley of this stance is not detected yet.
+        since: sample at which the end of the swing was detected.
+        most: greatest rate since that sample while the foot came down [rad/s].
+        least: least rate since the greatest rate [rad/s].
+        at: sample of the least rate.
     """
 
     seeks: PyTree
@@ -35,10 +34,10 @@ class StanceSearch(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """What a detector of `events.shank` says at the sample.
+    """Output of a detector of `events.shank` at the sample.
 
     Attributes:
-        over: bool, a swing was found to be over.
+        over: bool, the end of a swing is detected.
         leaves: bool, the foot pushes off or swings.
     """
 
@@ -47,7 +46,7 @@ class Phase(NamedTuple):
 
 
 def begin(rate: ArrayLike) -> StanceSearch:
-    """The state before the first swing; `rate` is the first one [rad/s]."""
+    """The state before the first swing; `rate` is the rate of the first sample [rad/s]."""
     x = jnp.asarray(rate)
     none = jnp.zeros_like(x, dtype=jnp.int32)
     return StanceSearch(jnp.zeros_like(x, dtype=bool), none, x, x, none)
@@ -59,15 +58,15 @@ def step(
     """One sample.
 
     Args:
-        s: from `begin` or the step before.
-        index: of the sample, int32.
+        s: state from `begin` or from the previous step.
+        index: number of the sample, int32.
         rate: low-passed sagittal rate, the forward swing negative [rad/s].
-        phase: of the gait.
-        hold: for how many samples the valley's rate is the least.
-        landing: for how many samples after a swing the foot comes down.
+        phase: phase of the gait at this sample.
+        hold: number of samples for which the rate of the valley must stay the least [samples].
+        landing: number of samples after a swing in which the foot comes down [samples].
 
     Returns:
-        The state to carry on, and whether the sample `state.at` has turned out to be a valley.
+        The next state, and whether the sample `state.at` is now detected as a valley.
     """
     now, x = jnp.asarray(index, jnp.int32), jnp.asarray(rate)
     since = jnp.where(phase.over, now, s.since)

@@ -1,21 +1,21 @@
-r"""Initial contacts of both feet from one sensor at the trunk, and which foot it was.
+r"""Initial contacts of both feet, and the side of each contact, from one sensor on the trunk.
 
-Three detectors share coarse instants, arguments and result, and differ in what they read off the signals near them:
+Three detectors share coarse instants, arguments and result. They compute the contact near a coarse instant as:
 
-- `PaperRule`: between the greatest forward acceleration, rebuilt from its wavelet details, and the first negative
-  local minimum of the upward one after it.
-- `Peaks`: a constant after the peak of the forward acceleration, low-passed near the step frequency.
+- `PaperRule`: the middle between the greatest forward acceleration, rebuilt from its wavelet details, and the first
+  negative local minimum of the upward acceleration after it.
+- `Peaks`: a constant time after the peak of the forward acceleration, low-passed near the step frequency.
 - `Soft` (the default): a soft argmax over both accelerations' rates of change; see `events.trunk_soft`.
 
 Coarse instants come from `events.trunk_rhythm`; they are decisions, without gradient.
 
-Sides: from a right contact to the next the right foot alone carries the trunk, stands right of it, and accelerates it
-to the left; a left foot to the right. The part of the leftward acceleration that alternates from step to step is
-therefore *positive* after a right contact: in all 36 recordings of `ipol_gait` and all 5 of `mobgap_lab`. Where that
-acceleration is not given, the pelvis' turn about the vertical serves: the leg that swings usually takes its hip along,
-so that the yaw rate's alternating part (left positive) is negative after a right contact. It is no law: person 18 of
-`ipol_gait` turns the other way, and persons 3 and 14 hardly turn. How the steps alternate joins the contacts to a chain
-of two states, and each side is computed from all contacts, the near ones most.
+Sides: from a right contact to the next contact the right foot alone carries the trunk, stands right of the trunk, and
+accelerates it to the left; a left foot accelerates it to the right. The part of the leftward acceleration that
+alternates from step to step is therefore *positive* after a right contact: in all 36 recordings of `ipol_gait` and all
+5 of `mobgap_lab`. Without a leftward acceleration, the yaw rate of the pelvis is used: the hip of the swing leg usually
+moves forward with the leg, so the alternating part of the yaw rate (left positive) is negative after a right contact.
+This does not hold for everybody: person 18 of `ipol_gait` turns the other way, and persons 3 and 14 hardly turn.
+Because sides alternate, each side is computed from all contacts in a chain of two states; near contacts weigh most.
 
 Everything is JAX with a fixed number of rows, usable under `jit` and `vmap` (settings of `PaperRule` are static).
 
@@ -40,30 +40,30 @@ from jgait.signal.windows import vertex
 from jgait.types import AnyArray, Flags, Values
 
 LATER = 0.4
-"""[steps] After a contact begins the step over which the pelvis turns towards its side."""
+"""[steps] Time from a contact to the begin of the step over which the turn of the pelvis is computed."""
 
 SLIP, SAY = 0.02, 0.5
-"""[1] Probability that a step was missed or counted twice; log odds that a usual turn of the pelvis gives a side."""
+"""[1] Probability that a step was missed or counted twice; log odds of a side from a usual turn of the pelvis."""
 
 PAUSE = 4.0
-"""[steps] A longer time from one contact to the next tells nothing of the side."""
+"""[steps] After a longer time between two contacts, the side of the first gives no evidence for the second."""
 
 ROWS = 4.0
-"""[Hz] Rows of the result for every second, unless told otherwise."""
+"""[Hz] Rows of the result for every second, unless `capacity` is given."""
 
 PAPER_RATE = 100.0
-"""[Hz] At which the paper's wavelet has its scales; other rates are interpolated to it."""
+"""[Hz] Sampling rate of the paper's wavelet; recordings with another rate are interpolated to it."""
 
 
 class PaperRule(NamedTuple):
     """Settings of the paper's detector; static.
 
     Attributes:
-        shares: thresholds of details 1, 2 and 3 over their magnitude [1].
+        shares: thresholds of details 1, 2 and 3, as shares of their magnitude [1].
         relative_to, hard: see `wavelet.from_details`.
-        before, after: interval of interest about the peak of the low-passed forward acceleration [s].
-        minimum: how long after the maximum the minimum may come; without one, the maximum counts alone [s].
-        offset: what is subtracted [s].
+        before, after: search interval about the peak of the low-passed forward acceleration [s].
+        minimum: longest time from the maximum to the minimum; without a minimum, the contact is the maximum [s].
+        offset: time subtracted from the instant [s].
     """
 
     shares: tuple[float, ...] = (1 / 5, 1 / 4, 1 / 3)
@@ -76,14 +76,14 @@ class PaperRule(NamedTuple):
 
 
 LITERAL = PaperRule(relative_to="max", hard=True)
-"""The paper by the letter: a magnitude is a maximum, and thresholds are hard."""
+"""The paper taken literally: a magnitude is a maximum, and thresholds are hard."""
 
 
 class Peaks(NamedTuple):
     """Setting of the baseline.
 
     Attributes:
-        offset: what is subtracted; the contact comes later than the peak, so that it is negative [s].
+        offset: time subtracted from the peak; negative, because the contact comes later than the peak [s].
     """
 
     offset: Values = -0.105
@@ -93,12 +93,12 @@ class Contacts(NamedTuple):
     """Initial contacts in order; every field is (capacity,), 0 where a row is not valid.
 
     Attributes:
-        time: of the contact [s].
+        time: time of the contact [s].
         side: 0 right, 1 left; the order of `SIDES`.
-        valid: bool; False for a row that is no contact.
-        coarse: the coarse instant near which it was read off [s].
-        step_frequency: there [Hz].
-        certainty: of the side: how much more probable it is than the other, 0 … 1 [1].
+        valid: bool; False for a row without a contact.
+        coarse: the coarse instant near which the contact was computed [s].
+        step_frequency: step frequency at the contact [Hz].
+        certainty: probability of the side minus that of the other side, 0 … 1 [1].
     """
 
     time: Values
@@ -112,7 +112,7 @@ class Contacts(NamedTuple):
 def _near(
     x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
 ) -> PyTree:
-    """Samples about instants: their indices (n, k), values, and which lie within `before` and `after` [s]."""
+    """Samples about instants: indices (n, k), values, and whether they lie within `before` and `after` [s]."""
     span = np.arange(-int(np.ceil(reach[0] * rate)) - 1, int(np.ceil(reach[1] * rate)) + 2, dtype=np.int32)
     index = jnp.round(about * rate).astype(jnp.int32)[:, None] + span[None, :]
     late = index.astype(x.dtype) / rate - about[:, None]
@@ -124,7 +124,7 @@ def _near(
 def _greatest(
     x: Array, about: Array, before: ArrayLike, after: ArrayLike, reach: tuple[float, float], rate: float
 ) -> PyTree:
-    """When the signal is greatest near instants [s], between samples where a parabola is."""
+    """The time of the signal's maximum near each instant [s], interpolated by a parabola."""
     index, values, inside = _near(x, about, before, after, reach, rate)
     rows, at = np.arange(about.shape[0]), jnp.argmax(jnp.where(inside, values, -jnp.inf), axis=1)
     place = index[rows, at]
@@ -133,22 +133,22 @@ def _greatest(
 
 
 def _peaks(seen: Rhythm, rate: float) -> Array:
-    """The peak of the low-passed forward acceleration before each coarse instant [s]."""
+    """The time of the peak of the low-passed forward acceleration before each coarse instant [s]."""
     step = 1.0 / seen.frequency
     return _greatest(seen.forward, seen.time, 0.6 * step, 0.05 * step, (0.6 / SLOWEST, 0.05 / SLOWEST), rate)
 
 
 def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
-    """What the paper's wavelet keeps of accelerations.
+    """Accelerations rebuilt from the thresholded wavelet details of the paper.
 
     Args:
         accelerations: (T, n) of the trunk [m/s²], finite.
         mask: (T,) bool, False where a sample was lost.
         sampling_rate_hz: of the samples [Hz]; static.
-        p: the rule, whose thresholds are shares of what is measured.
+        p: settings of the rule; its thresholds are shares of the details' magnitudes.
 
     Returns:
-        (N, n) at `PAPER_RATE`, the first sample at the time of the first [m/s²].
+        (N, n) at `PAPER_RATE`, from the time of the first sample on [m/s²].
     """
     rate, both = sampling_rate_hz, jnp.asarray(accelerations)
     if rate > PAPER_RATE:
@@ -162,7 +162,7 @@ def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, 
 
 
 def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float, p: PaperRule) -> Array:
-    """The middle between the forward maximum and the upward minimum after it [s]."""
+    """The middle between the maximum of the forward and the next minimum of the upward acceleration [s]."""
     kept = details(jnp.stack([forward, upward], axis=1), mask, rate, p)
     count = kept.shape[0]
     greatest = _greatest(kept[:, 0], _peaks(seen, rate), p.before, p.after, (p.before, p.after), PAPER_RATE)
@@ -177,27 +177,27 @@ def sides(
     yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequency: ArrayLike, valid: ArrayLike,
     leftward: ArrayLike | None = None,
 ) -> PyTree:  # fmt: skip
-    """Which foot met the ground.
+    """The side of each contact, as log odds.
 
-    The trunk's mean acceleration to the left over the step that a contact begins, or without it how far the pelvis
-    turns over the step that begins `LATER` after the contact, less the mean of the steps before and after it, is
-    evidence for the contact's side. Log odds pass from contact to contact with a change of sign for every step in
-    between, and shrink by what an uneven step leaves in doubt.
+    Evidence for the side of a contact is the trunk's mean acceleration to the left over the step that begins at the
+    contact or, without that acceleration, the turn of the pelvis over the step that begins `LATER` after the contact;
+    the mean of the steps before and after is subtracted. Log odds pass from contact to contact, change sign at every
+    step between them, and are reduced where the time between contacts is no whole number of steps.
 
     Args:
         yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
         sampling_rate_hz: of the samples [Hz]; static.
         time: (n,) of contacts in order, from the first sample on [s].
         frequency: (n,) of steps [Hz].
-        valid: (n,) bool, False for rows that are no contact.
+        valid: (n,) bool, False for rows without a contact.
         leftward: (T,) acceleration of the trunk to its left, without gravity [m/s²], finite; None: not known.
 
     Returns:
-        (n,) log odds that it was the left foot [1].
+        (n,) log odds that the contact is of the left foot [1].
     """
     turn = jnp.asarray(yaw_rate)
     at, f, counts = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid).astype(turn.dtype)
-    # an integral over a step: the less the trunk gains to the left, the more it is the left foot's
+    # an integral over a step: the less velocity the trunk gains to the left, the more probable is the left foot
     signal, later = (turn, LATER) if leftward is None else (-jnp.asarray(leftward), 0.0)
     total = jnp.cumsum(signal - signal.mean()) / sampling_rate_hz
     when = jnp.arange(turn.shape[0], dtype=turn.dtype) / sampling_rate_hz
@@ -213,7 +213,7 @@ def sides(
         steps = jnp.abs(t - before) * often
         whole = jnp.maximum(1.0, jnp.round(steps))
         sure = (1.0 - 2.0 * SLIP) ** whole * jnp.maximum(0.0, 1.0 - 4.0 * (steps - whole) ** 2)
-        # behind a pause either foot may come first
+        # after a pause either foot may come first
         sure = jnp.where(steps > PAUSE, 0.0, sure)
         passed = 2.0 * jnp.arctanh(sure * jnp.tanh(0.5 * odds)) * jnp.where(whole % 2.0 == 0.0, 1.0, -1.0)
         after = (jnp.where(there, passed + evidence, odds), jnp.where(there, t, before))
@@ -233,23 +233,23 @@ def initial_contacts(
     settings: PaperRule | Peaks | Soft = SOFT, *, coarse: Coarse = COARSE, mask: ArrayLike | None = None,
     start_s: ArrayLike = 0.0, capacity: int | None = None, leftward: ArrayLike | None = None,
 ) -> Contacts:  # fmt: skip
-    """Initial contacts of both feet from the trunk's accelerations, freed from gravity, in the body's axes.
+    """Initial contacts of both feet from the trunk's accelerations, without gravity, in the body's axes.
 
     Args:
         forward: (T,) acceleration along the walking direction [m/s²], finite.
         upward: (T,) acceleration, without gravity [m/s²], finite.
         yaw_rate: (T,) about the vertical, a turn to the left positive [rad/s], finite.
         sampling_rate_hz: of the samples [Hz], 25 to 400; static.
-        settings: which detector, and how.
-        coarse: how its coarse instants are found.
-        mask: (T,) bool, False where a sample was lost or is padding: it counts as unaccelerated; None: all count.
+        settings: settings of a detector, which also choose the detector.
+        coarse: settings of the coarse instants.
+        mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.
         start_s: time of the first sample [s].
-        capacity: rows of the result; static. None: four for every second. Contacts without room are left out.
+        capacity: rows of the result; static. None: four for every second. Further contacts are left out.
         leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite: sides are computed from it;
-            None: from the yaw rate, which misleads in some people.
+            None: sides are computed from the yaw rate, which gives wrong sides for some people.
 
     Returns:
-        The contacts, (capacity,); where nobody walks no row is valid.
+        The contacts, (capacity,); without walking no row is valid.
 
     Raises:
         ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.

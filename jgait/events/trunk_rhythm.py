@@ -1,14 +1,14 @@
 r"""Coarse instants of initial contacts, from the rhythm of the trunk's accelerations: decisions, without gradient.
 
-The step frequency f of a moment is where the autocorrelation of both accelerations over some seconds is greatest.
-Low-passed at 1.4 f, the upward acceleration v has its maximum, and the forward one a its steepest fall, some 25 ms
-after the contact; so coarse instants are the maxima of
+The step frequency f at a moment is the frequency of the greatest autocorrelation of both accelerations over some
+seconds. Low-passed at 1.4 f, the upward acceleration v has its maximum, and the forward acceleration a its steepest
+fall, some 25 ms after the contact; so coarse instants are the maxima of
 
     v − ȧ / (2π f)
 
-that rise from the minimum before, and fall to the minimum after, by enough. A smaller one counts too if it follows
-another by about a step and no other is near: the step that closes up before standing. Fewer than four in a row are no
-walking.
+whose rise from the minimum before and fall to the minimum after exceed a threshold. A smaller maximum also counts if it
+follows another by about one step and no other is near: the closing step before standing. Walking has at least four in
+a row.
 """
 
 from typing import NamedTuple
@@ -25,34 +25,34 @@ from jgait.signal import windows as signal
 from jgait.types import Flags, Values
 
 FRAME, HOP, MEMORY = 6.0, 1.0, 2.5
-"""[s] Over how long a step frequency is told, how often, and the deviation of the Gaussian that then smooths it."""
+"""[s] Window of a step frequency, time between windows, standard deviation of the Gaussian that smooths over time."""
 
 SLOWEST, FASTEST = 0.8, 3.2
-"""[Hz] Step frequencies that are looked for."""
+"""[Hz] Least and greatest step frequency of the search."""
 
 USUAL, OCTAVES = 1.8, 0.6
-"""[Hz], [octaves] A usual step frequency and how far others lie from it: tells a step from a stride or half a step."""
+"""[Hz], [octaves] Centre and width of the Gaussian weight that separates a step from a stride or half a step."""
 
 CUTOFFS = np.array([0.5, *np.geomspace(1.1, 5.0, 6)])
-"""[Hz] Low-pass filters between which one with a cut-off that changes is interpolated."""
+"""[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them."""
 
 WINDOW = 5.0
-"""[s] Over which it is judged how high maxima are."""
+"""[s] Window of the local root mean square with which the height of maxima is compared."""
 
 NEAREST, FURTHEST = 0.65, 1.6
-"""[steps] How far after a contact the step that closes up may come, and how far at least before the next."""
+"""[steps] Least and greatest time from a contact to a closing step; the least also from it to the next contact."""
 
 
 class Coarse(NamedTuple):
-    """How coarse instants are found.
+    """Settings of the coarse instants.
 
     Attributes:
-        cutoff: of the low-pass filter, over the step frequency [1].
-        least: by how much a maximum has to stand out [m/s²].
-        share: the same over the local root mean square [1].
-        weak: what one that follows a tall one by about a step needs of that: the step that closes up [1].
-        in_a_row: fewer contacts in a row are no walking.
-        apart: how many steps' time may lie between two in a row [1].
+        cutoff: cut-off of the low-pass filter, over the step frequency [1].
+        least: least height of a maximum above the minima beside it [m/s²].
+        share: the same height, over the local root mean square [1].
+        weak: share of the least height that a closing step, about one step after a tall maximum, needs [1].
+        in_a_row: least number of contacts in a row that count as walking.
+        apart: longest time between two contacts in a row, in steps [1].
     """
 
     cutoff: Values = 1.4
@@ -69,12 +69,12 @@ COARSE = Coarse()
 
 
 class Rhythm(NamedTuple):
-    """Coarse instants, and what told them.
+    """Coarse instants, their step frequencies, and the low-passed forward acceleration.
 
     Attributes:
-        valid: (capacity,) bool; False for a row that is no contact.
-        time: (capacity,) in order, from the first sample on [s].
-        frequency: (capacity,) of steps there [Hz].
+        valid: (capacity,) bool; False for a row without a contact.
+        time: (capacity,) instants in order, from the first sample on [s].
+        frequency: (capacity,) step frequency at the instant [Hz].
         forward: (T,) forward acceleration, low-passed near the step frequency [m/s²].
     """
 
@@ -85,18 +85,18 @@ class Rhythm(NamedTuple):
 
 
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
-    """The frequency of steps about every moment.
+    """The step frequency at every sample.
 
-    Where r(l) w(l) is greatest, r(l) the mean of x_k x_{k+l} over `FRAME`, summed over both accelerations between the
-    outermost of `CUTOFFS`, w a Gaussian about `USUAL` over the logarithm of the frequency; smoothed over time, where
-    there is much of it counting most.
+    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over both
+    accelerations in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over the logarithm of the
+    frequency. The frequency is then smoothed over time with the weights r(l).
 
     Args:
         bank: (number of cut-offs, T, 2) from `low_passed`: forward and upward acceleration [m/s²].
         sampling_rate_hz: of the samples [Hz]; static.
 
     Returns:
-        (T,) [Hz]; where nobody walks, that of the walking near by.
+        (T,) [Hz]; where nobody walks, the step frequency of the walking near by.
     """
     rate = sampling_rate_hz
     filters = jnp.asarray(bank)
@@ -143,7 +143,7 @@ def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:
 
     Args:
         bank: (number of cut-offs, T, ...) from `low_passed`.
-        cutoff_hz: (T,) [Hz]; beyond `CUTOFFS`, the nearest of them.
+        cutoff_hz: (T,) [Hz]; a value beyond `CUTOFFS` is replaced by the nearest of them.
 
     Returns:
         (T, ...) interpolated between the two nearest filters, over the logarithm of the cut-off.
@@ -156,14 +156,14 @@ def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:
 
 
 def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
-    """Maxima that rise from the minimum before, and fall to the minimum after, by enough.
+    """Maxima whose rise from the minimum before and fall to the minimum after exceed a threshold.
 
     Args:
         x: (T,) any unit.
-        enough: (T,) the same unit, positive.
+        enough: (T,) the threshold, the same unit, positive.
 
     Returns:
-        (T,) bool where one has become certain, and (T,) where it was [samples].
+        (T,) bool, a maximum is confirmed at this sample, and (T,) the sample of that maximum [samples].
     """
     values = jnp.asarray(x)
 
@@ -183,7 +183,7 @@ def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
 
 
 def _kept(time: Array, frequency: Array, tall: Array, there: Array, c: Coarse) -> Array:
-    """Maxima that are tall, or follow one at about a step's distance; of them, those that are enough in a row."""
+    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `c.in_a_row`."""
     coming = lax.cummin(jnp.where(tall, time, jnp.inf), reverse=True)
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
@@ -212,10 +212,10 @@ def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: flo
         upward: (T,) acceleration without gravity [m/s²], finite.
         sampling_rate_hz: of the samples [Hz]; static.
         c: settings.
-        capacity: rows; static. Maxima without room are left out.
+        capacity: number of rows; static. Further maxima are left out.
 
     Returns:
-        The instants, in (capacity,) rows; none is valid where nobody walks.
+        The instants, in (capacity,) rows; without walking no row is valid.
     """
     rate, both = sampling_rate_hz, jnp.stack([jnp.asarray(forward), jnp.asarray(upward)], axis=1)
     bank = low_passed(both, rate)

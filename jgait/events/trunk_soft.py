@@ -1,14 +1,14 @@
-r"""Initial contacts read off the trunk's accelerations by a soft argmax: smooth, with settings that can be learned.
+r"""Initial contacts from the trunk's accelerations by a soft argmax: differentiable, with settings that can be learned.
 
-As the foot meets the ground the trunk is braked and thrown up: forward acceleration falls, upward acceleration rises,
-both within some 40 ms. With a and v low-passed, and their rates of change over their own local root mean square, the
-score of an instant u after a coarse one is
+At initial contact the trunk is braked and pushed up: the forward acceleration a falls, the upward acceleration v rises,
+both within some 40 ms. With a and v low-passed, and their rates of change divided by the local root mean squares of
+these rates, the score of an instant u after a coarse instant is
 
     s(u) = (w_v v̇(u) / |v̇| − w_a ȧ(u) / |ȧ|) / τ − (u − c)² / (2 σ²),   contact = coarse + Σ u e^s / Σ e^s − δ,
 
-over |u| <= 0.2 s. It has no branch: given the coarse instants it is differentiable in the signals and in each setting.
+over |u| <= 0.2 s. For given coarse instants the contact is differentiable in the signals and in each setting.
 
-Either acceleration alone errs more; what both reach on real walks is in `experiments/kose2011`.
+Either acceleration alone has larger errors; the errors with both on real walks are in `experiments/kose2011`.
 """
 
 from typing import NamedTuple
@@ -24,16 +24,16 @@ from jgait.signal import windows as signal
 from jgait.types import Scalar, Values
 
 REACH = 0.2
-"""[s] How far before and after the coarse instant a contact may lie."""
+"""[s] Longest time between the coarse instant and its contact, before or after."""
 
 GRID = 0.01
-"""[s] Between the instants that are weighed; the same at every sampling rate, which the result then hardly shows."""
+"""[s] Time between the instants of the soft argmax; the same for every sampling rate, which then hardly matters."""
 
 WINDOW = 3.0
-"""[s] Over which the local root mean squares are taken: several steps."""
+"""[s] Window of the local root mean squares: several steps."""
 
 LEAST = 1.0
-"""[m/s³] Added in quadrature to the root mean squares, so that standing still has a score too."""
+"""[m/s³] Added in quadrature to the root mean squares, so that the score of standing still is finite."""
 
 
 class Soft(NamedTuple):
@@ -42,11 +42,11 @@ class Soft(NamedTuple):
     Attributes:
         forward: weight of the fall of the forward acceleration, w_a [1].
         upward: weight of the rise of the upward acceleration, w_v [1].
-        temperature: τ [1]; the smaller, the nearer to a maximum.
-        centre: where contacts are looked for, after the coarse instant, c [s].
-        width: how far about it, σ [s].
-        offset: what is subtracted: by how much scores are late, δ [s].
-        cutoff_hz: of the low-pass filter [Hz].
+        temperature: τ [1]; with a smaller τ the soft argmax is nearer to the maximum.
+        centre: centre of the search, after the coarse instant, c [s].
+        width: standard deviation of the search about its centre, σ [s].
+        offset: delay of the score, which is subtracted, δ [s].
+        cutoff_hz: cut-off of the low-pass filter [Hz].
     """
 
     forward: Values = 1.0
@@ -65,13 +65,13 @@ SOFT = Soft()
 def rates_of_change(
     forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, cutoff_hz: Scalar, mask: ArrayLike | None = None
 ) -> Array:
-    """Minus the forward, and the upward acceleration's rate of change, low-passed, over their local root mean squares.
+    """Rates of change of −forward and of upward acceleration, low-passed, divided by their local root mean squares.
 
     Args:
         forward: (T,) acceleration [m/s²], finite.
         upward: (T,) acceleration without gravity [m/s²], finite.
         sampling_rate_hz: of the samples [Hz]; static.
-        cutoff_hz: of the low-pass filter [Hz].
+        cutoff_hz: cut-off of the low-pass filter [Hz].
         mask: (T,) bool, False where a sample does not count for the root mean squares; None: all count.
 
     Returns:

@@ -1,4 +1,4 @@
-r"""Zero-velocity detectors for a sensor worn on a foot: when does it stand still?
+r"""Zero-velocity detectors: the samples at which a foot with a sensor stands still.
 
 Each is a statistic over a centred window, in physical units, that is small while the foot stands; `zero_velocity`
 compares it with a threshold. With ⟨·⟩ the mean over the window's samples that count, f the specific force, g gravity:
@@ -6,11 +6,11 @@ compares it with a threshold. With ⟨·⟩ the mean over the window's samples t
 | name | statistic | unit |
 |---|---|---|
 | `ared` | √⟨abs(ω)²⟩, the angular rate | rad/s |
-| `variance` | √⟨abs(f − ⟨f⟩)²⟩, how the force moves | m/s² |
-| `magnitude` | √⟨(abs(f) − g)²⟩, how the force's length differs from gravity's | m/s² |
-| `shoe` | √(⟨abs(ω)²⟩ + (σ_ω/σ_a)² ⟨abs(f − g ⟨f⟩/abs(⟨f⟩))²⟩), both at once | rad/s |
+| `variance` | √⟨abs(f − ⟨f⟩)²⟩, the standard deviation of the force | m/s² |
+| `magnitude` | √⟨(abs(f) − g)²⟩, the difference of the force's length from gravity | m/s² |
+| `shoe` | √(⟨abs(ω)²⟩ + (σ_ω/σ_a)² ⟨abs(f − g ⟨f⟩/abs(⟨f⟩))²⟩), rate and force together | rad/s |
 
-All are of lengths only, so it does not matter how the sensor is mounted. Samples that the mask leaves out do not count.
+All statistics use vector lengths only, so the sensor may be mounted in any orientation. Masked samples do not count.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,10 @@ WINDOW_S = 0.1
 """[s] Window of a detector: shorter than the stillest part of a fast stance, longer than a zero crossing in swing."""
 
 GYR_SCALE = 0.1
-"""[rad/s] Angular rate that weighs as much against standing, in `shoe`, as a force of `ACC_SCALE`."""
+"""[rad/s] σ_ω of `shoe`: the angular rate that weighs as much as a force of `ACC_SCALE`."""
 
 ACC_SCALE = 0.5
-"""[m/s²] Force that weighs as much against standing, in `shoe`, as an angular rate of `GYR_SCALE`."""
+"""[m/s²] σ_a of `shoe`: the force that weighs as much as an angular rate of `GYR_SCALE`."""
 
 
 def ared(
@@ -83,7 +83,7 @@ def magnitude(
     acc: ArrayLike, sampling_rate_hz: float, *, window_s: float = WINDOW_S, mask: ArrayLike | None = None,
     gravity: float = GRAVITY,
 ) -> Array:  # fmt: skip
-    """How far the force's length is from gravity's: √⟨(|f| − g)²⟩.
+    """Root mean square difference of the force's length from gravity: √⟨(|f| − g)²⟩.
 
     Args:
         acc: (T, 3) specific force [m/s²], finite.
@@ -112,8 +112,8 @@ def shoe(
 ) -> Array:  # fmt: skip
     """Stance hypothesis optimal estimation, a likelihood ratio: √(⟨|ω|²⟩ + (σ_ω/σ_a)² ⟨|f − g u|²⟩), u = ⟨f⟩/|⟨f⟩|.
 
-    The likelihood ratio of the source is this squared over σ_ω², so only the ratio of the two scales matters beside
-    the threshold. The force's part is written as ⟨|f − ⟨f⟩|²⟩ + (|⟨f⟩| − g)², which is the same and keeps its digits.
+    The likelihood ratio of the source is this statistic squared over σ_ω²; so only the threshold and the ratio of the
+    scales matter. The force's part is computed as ⟨|f − ⟨f⟩|²⟩ + (|⟨f⟩| − g)², which is equal and loses no precision.
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.
@@ -142,12 +142,12 @@ def shoe(
 
 
 class RestDetector(NamedTuple):
-    """One way to tell standing.
+    """A zero-velocity detector.
 
     Attributes:
-        statistic: of gyr, acc, sampling_rate_hz, window_s, mask, gravity.
-        threshold: below which the foot stands, by default [the statistic's unit].
-        unit: of both.
+        statistic: function of gyr, acc, sampling_rate_hz, window_s, mask, gravity.
+        threshold: default threshold; the foot stands where the statistic is lower [the statistic's unit].
+        unit: unit of the statistic and of the threshold.
     """
 
     statistic: Callable[..., Array]
@@ -161,7 +161,7 @@ DETECTORS = {
     "variance": RestDetector(lambda gyr, acc, hz, *, gravity, **others: variance(acc, hz, **others), 1.0, "m/s²"),
     "magnitude": RestDetector(lambda gyr, acc, hz, **others: magnitude(acc, hz, **others), 0.8, "m/s²"),
 }
-"""By name. The thresholds hardly ever call a moving foot still; they lose the ends of stances, where the shoe rolls."""
+"""Detectors by name. With these thresholds a moving foot rarely counts as still; the ends of stances are missed."""
 
 
 def zero_velocity(
@@ -214,26 +214,26 @@ class _Window(NamedTuple):
         return cls(size, counts, jnp.where(counts[:, None], values, 0.0), weight)
 
     def mean(self, values: Array) -> Array:
-        """Of (T,) or (T, n) over the samples that count; 0 where a window has none."""
+        """Mean of (T,) or (T, n) over the samples that count; 0 where a window has none."""
         counts, share = self.counts, jnp.where(self.weight > 0.0, self.weight, 1.0)
         if values.ndim == 2:
             counts, share = counts[:, None], share[:, None]
         return moving_mean(jnp.where(counts, values, 0.0), self.size) / share
 
     def root(self, square: Array) -> Array:
-        """The root of a mean; infinite where a window had no sample."""
+        """The square root of a mean; infinite where a window has no sample that counts."""
         return jnp.where(self.weight > 0.0, root(square), jnp.inf)
 
 
 def _spread(window: _Window) -> tuple[Array, Array]:
     """Variance in each window (T,), summed over the axes, and the mean vector (T, 3)."""
-    # About the mean of the whole, so that gravity does not eat the digits of the difference.
+    # Values relative to the mean of the recording: with gravity in them, the difference would lose precision.
     number = jnp.maximum(window.counts.sum(dtype=window.values.dtype), 1.0)
     middle = window.values.sum(axis=0, keepdims=True) / number
     centred = window.values - middle
     mean, power = window.mean(centred), window.mean(_squared(centred))
     spread = power - _squared(mean)
-    # The two terms cancel; what is left below their rounding is nothing, and its root would have a wild gradient.
+    # The two terms cancel. A difference below their rounding error is set to 0: its root would have a huge gradient.
     return jnp.where(spread > 4.0 * jnp.finfo(power.dtype).eps * power, spread, 0.0), mean + middle
 
 
