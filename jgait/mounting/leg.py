@@ -1,4 +1,4 @@
-"""How the sensors on a thigh and a shank are turned, from standing and walking; NumPy, on the host.
+"""Orientation of the sensors on a thigh and a shank, from standing and walking; NumPy, on the host.
 
 A leg in straight walking turns about one axis, the sagittal axis of each segment; gravity gives the vertical. The axes
 are forward, left and up, as of a standing segment; the forward swing is a negative rate about the axis to the left.
@@ -12,7 +12,7 @@ import numpy as np
 from jgait.types import Imu, RecordingError, as_float
 
 WALKING_RATE = 0.6
-"""[rad/s] Smallest root mean square rate of a shank that walks."""
+"""[rad/s] Smallest root mean square rate of a shank in walking."""
 
 TURNING_RATE = 0.6
 """[rad/s] Threshold on the low-passed rate about the vertical: a turn, whose samples do not show the sagittal axis."""
@@ -26,13 +26,13 @@ is .7 to .9 on every leg of `walking5m`, without it near 0."""
 
 
 class LegMounting(NamedTuple):
-    """How the sensors of one leg are turned.
+    """Orientation of the sensors of one leg.
 
     Attributes:
-        placements: segment ("thigh", "shank") → placement whose sensor is on it; exchanged where they look swapped.
+        placements: segment ("thigh", "shank") → placement whose sensor is on it; exchanged if the sensors are swapped.
         rows: segment → (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
         gyr_bias: segment → (3,) mean rate at standing, in the sensor's axes [rad/s].
-        swapped: whether the sensors look swapped.
+        swapped: whether the thigh's sensor turns faster than the shank's by `SWAPPED`.
     """
 
     placements: dict[str, str]
@@ -49,7 +49,7 @@ class _Turning(NamedTuple):
 
 
 def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) moving average applied forward and back (a triangle), the ends held."""
+    """(T,) moving average with a triangular kernel; the first and the last value are repeated beyond the ends."""
     width = max(1, round(seconds * sampling_rate_hz / 2))
     kernel = np.convolve(np.ones(width), np.ones(width)) / width**2
     padded = np.pad(values, (kernel.size // 2, kernel.size - 1 - kernel.size // 2), mode="edge")
@@ -118,10 +118,10 @@ def leg_mounting(
     perpendicular: bool = True,
     estimator: str,
 ) -> LegMounting:
-    """The axes of thigh and shank in their sensors' axes; swapped sensors are exchanged, and both signs are found.
+    """The axes of thigh and shank in the axes of their sensors; swapped sensors are exchanged.
 
-    A shank swings forward faster than it goes back, which gives its sign; the thigh swings forward `THIGH_LEAD` before
-    the shank, which gives the thigh's sign.
+    The forward swing of a shank is faster than its backward rotation, which gives the sign of its sagittal axis; the
+    thigh swings forward `THIGH_LEAD` before the shank, which gives the sign for the thigh.
 
     Args:
         sensors: with `thigh_SIDE` and `shank_SIDE`.

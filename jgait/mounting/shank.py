@@ -1,9 +1,9 @@
-r"""Which way a sensor on the shank or at the ankle looks, told from walking; on the host, not under jit.
+r"""Orientation of a sensor on the shank or at the ankle, computed from walking; on the host, not under jit.
 
-A shank in walking turns about one axis, and turns fastest in the forward swing, always the same way. So the walk itself
-tells the sagittal axis and its sign: a sensor upside down, or on the other leg, or turned about the leg needs no word
-from the wearer. Gravity tells which way is up. The axes are forward, left and up, as of a standing segment; forward
-swing is then a *negative* rate about the axis to the left.
+A shank in walking turns about one axis, and turns fastest in the forward swing. So the sagittal axis and its sign are
+computed from the walk: the wearer need not report a sensor that is upside down, on the other leg or turned about the
+leg. Gravity gives the vertical. The axes are forward, left and up, as of a standing segment; the forward swing is a
+*negative* rate about the axis to the left.
 """
 
 from typing import NamedTuple
@@ -17,25 +17,25 @@ from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
 MOVING = 1.0
-"""[rad/s] A shank that turns more slowly is not swinging."""
+"""[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is not in swing."""
 
 RESTING = 0.1
-"""[rad/s] Root mean square rate of a leg at rest, its gyroscope's bias in it."""
+"""[rad/s] Largest root mean square rate of a leg at rest, gyroscope bias included."""
 
 LEAST_ASYMMETRY = 0.3
-"""Skewness of the sagittal rate below which its sign is not believed; walks have 1.0 to 2.6."""
+"""[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
 
 LEAST_SWING = 1.0
-"""[rad/s] A leg whose fastest hundredth of the samples is slower does not walk."""
+"""[rad/s] Threshold on the 99th percentile of the rate's norm: a leg with a lower value does not walk."""
 
 
 class Axes(NamedTuple):
-    """How a sensor is turned on its segment.
+    """Orientation of a sensor on its segment.
 
     Attributes:
-        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's.
-        sagittal_share: part of the turning that is about the axis to the left [1]; walking has 0.6 to 0.97.
-        asymmetry: skewness of the sagittal rate [1], negative: the forward swing is faster than anything backward.
+        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
+        sagittal_share: share of the squared angular rate about the axis to the left [1]; walking has 0.6 to 0.97.
+        asymmetry: skewness of the sagittal rate [1], negative: the forward swing is faster than backward rotation.
     """
 
     rows: np.ndarray
@@ -44,10 +44,10 @@ class Axes(NamedTuple):
 
 
 def functional_axes(imu: Imu) -> Axes | None:
-    """Forward, left and up in a sensor's axes, from how it turned and what it felt while walking.
+    """Forward, left and up in a sensor's axes, from angular rate and specific force in walking.
 
-    Left is the axis, level with respect to the median specific force, about which it turned most while it moved; its
-    sign is that which makes the forward swing, the faster one, negative.
+    Left is the axis perpendicular to the median specific force about which the moving sensor turned most; with its
+    sign, the rate of the forward swing, the faster rotation, is negative.
 
     Args:
         imu: sensor on a shank or at an ankle; gyroscope [rad/s] and accelerometer [m/s²].
@@ -80,10 +80,10 @@ def functional_axes(imu: Imu) -> Axes | None:
 
 
 def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
-    """What the gyroscope reads while the leg stands, as the paper calibrates it: (3,) [rad/s].
+    """The gyroscope bias while the leg stands, calibrated as in the paper: (3,) [rad/s].
 
-    The median over the longest stretch of half a second or more in which nothing moves; None if there is none. Strides
-    between stances have no other hold on it: 0.02 rad/s change their length by 2 %.
+    The median over the longest rest of half a second or more; None if there is none. No other measurement corrects the
+    bias of a stride: 0.02 rad/s change the stride length by 2 %.
 
     Args:
         imu: the sensor.
@@ -116,20 +116,20 @@ def filled(imu: Imu) -> Imu:
 
 
 def asymmetry(rate: Float[AnyArray, "time"]) -> float:
-    """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is."""
+    """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is negative."""
     values = as_float(rate)
     power = float(np.mean(values**2)) if values.size else 0.0
     return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
 
 
 def swing_sign(rate: Float[AnyArray, "time"]) -> int:
-    """The sign that makes the forward swing of a sagittal rate [rad/s] negative: 1, −1, or 0 if it is not told."""
+    """The sign that makes the forward swing of a sagittal rate [rad/s] negative: 1, −1, or 0 if it is uncertain."""
     skew = asymmetry(rate)
     return 0 if abs(skew) < LEAST_ASYMMETRY else int(-np.sign(skew))
 
 
 def nearest_axes(axes: Axes) -> np.ndarray:
-    """The sensor's own axes that lie nearest (3, 3): a mounting that is trusted to be straight, as in the paper."""
+    """(3, 3) the sensor axes nearest to forward, left and up: a mounting assumed to be straight, as in the paper."""
     rows = axes.rows
     left = np.zeros(3)
     left[np.argmax(np.abs(rows[1]))] = 1.0
@@ -160,12 +160,12 @@ TURNED = Kind(
 
 
 def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None:
-    """What is wrong with how a sensor is believed to be worn; None if nothing is.
+    """A note if the sensor is not worn as intended; None if it is.
 
     Args:
         axes: from `functional_axes`.
-        believed: (3, 3) forward, left and up in the sensor's axes, as the wearer intended.
-        placement: of the sensor, for the note.
+        believed: (3, 3) intended forward, left and up in the sensor's axes.
+        placement: placement of the sensor, for the note.
     """
     agree = np.sum(axes.rows * as_float(believed), axis=1)
     if agree[1] < 0.0 and agree[2] < 0.0:
@@ -182,12 +182,12 @@ def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None
 def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray, "instant"]) -> Axes:
     """The axes with up along the mean specific force at given samples, for example the stance valleys.
 
-    The ankle hardly accelerates there, and the shank leans by a constant few degrees at most.
+    In the valley of a stance the ankle hardly accelerates, and the shank leans by a constant few degrees at most.
 
     Args:
         axes: from `functional_axes`.
         acc: (T, 3) in the sensor's axes, filtered [m/s²].
-        instants: (n,) samples; none changes nothing.
+        instants: (n,) samples; with n = 0 the axes stay unchanged.
     """
     if len(instants) == 0:
         return axes
@@ -206,9 +206,9 @@ LABELS_EXCHANGED = Kind(
 
 
 def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
-    """The placement whose sensor swings as a shank does, and a note if that is not what it is called.
+    """The placement whose sensor swings as a shank does, and a note if this is not `shank_<side>`.
 
-    In walking the shank turns faster than the thigh, by half or more; labels that were exchanged show.
+    In walking the shank turns faster than the thigh, by half or more; so exchanged labels are detected.
 
     Args:
         recording: with `shank_<side>`, and `thigh_<side>` if labels are to be checked.
@@ -235,12 +235,12 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
 
 
 def clipped(imu: Imu, rows: Float[AnyArray, "3 3"], *, samples: int = 3) -> int:
-    """How many swings reach the gyroscope's range: runs of samples at one axis' greatest or least value.
+    """Number of swings that reach the gyroscope's range: runs of samples at the limit of one axis in swing direction.
 
     Args:
         imu: the sensor.
-        rows: of its axes; the axis that has most of the sagittal rate is looked at.
-        samples: how long a run has to be.
+        rows: forward, left and up in the sensor's axes; the sensor axis with most of the sagittal rate is used.
+        samples: least length of a run [samples].
     """
     axis = int(np.argmax(np.abs(as_float(rows)[1])))
     rate = as_float(imu.gyr)[:, axis]

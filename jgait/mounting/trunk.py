@@ -1,14 +1,14 @@
-r"""Which way a sensor on the trunk looks, told from walking; on the host, not under jit.
+r"""Orientation of a sensor on the trunk, computed from walking; on the host, not under jit.
 
-Gravity tells up. A walking trunk is thrown up and forward once a step, the forward acceleration a quarter of a step
-ahead of the upward one; sideways it swings once a stride. So with the upward acceleration's complex amplitude U at the
-step frequency and those of the two level components H, the forward axis is the unit vector n along which
+Gravity gives the vertical. The trunk in walking is accelerated up and forward once per step, the forward acceleration
+a quarter of a step before the upward one; sideways it swings once per stride. With U and H the complex amplitudes of
+the upward and the two horizontal accelerations at the step frequency, the forward axis is the unit vector n for which
 
     c = Σ H U* / Σ |U|²,        |c · n| is greatest,        Im (c · n) > 0.
 
-On the walks of `ipol_gait` and the straight ones of `mobgap_lab` the axis found is within 15° of the one their sensors
-were mounted along, and the phase of c · n between 75° and 125° (tested). A sensor at the side of the waist, upside down
-or turned about the vertical needs no word from the wearer.
+On the walks of `ipol_gait` and the straight walks of `mobgap_lab` the computed axis is within 15° of the mounted
+sensor's forward axis, and the phase of c · n between 75° and 125° (tested). The wearer need not report a sensor at the
+side of the waist, upside down or turned about the vertical.
 """
 
 from typing import NamedTuple
@@ -18,28 +18,28 @@ import numpy as np
 from jgait.types import Imu, RecordingError, as_float
 
 SLOWEST, FASTEST = 1.2, 2.8
-"""[Hz] Step frequencies that are looked for."""
+"""[Hz] Least and greatest step frequency of the search."""
 
 BAND = (0.75, 1.3)
-"""[1] Over the step frequency: what counts as being at it."""
+"""[1] Limits of the band of the step frequency, as multiples of the step frequency."""
 
 LEAST = 0.25
-"""[m/s²] Root mean square at the step frequency below which nobody walks."""
+"""[m/s²] Threshold on the root mean square acceleration at the step frequency: below it nobody walks."""
 
 SURE = 40.0
-"""[deg] How far the phase may be from a quarter of a step before forward and backward are in doubt; in 36 walks of
-`ipol_gait` and 4 of `mobgap_lab` it is up to 33° off."""
+"""[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
+walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
 
 NAMES = ("x", "y", "z")
 
 
 class TrunkAxes(NamedTuple):
-    """How a sensor is turned on the trunk.
+    """Orientation of a sensor on the trunk.
 
     Attributes:
-        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the trunk's.
-        step_frequency: over the whole recording [Hz].
-        phase: of the forward acceleration ahead of the upward one at that frequency [rad]; walking has about π/2.
+        rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the trunk's axes.
+        step_frequency: step frequency of the whole recording [Hz].
+        phase: phase lead of the forward over the upward acceleration at that frequency [rad]; walking has about π/2.
     """
 
     rows: np.ndarray
@@ -48,12 +48,12 @@ class TrunkAxes(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether forward and backward are told apart beyond doubt."""
+        """Whether forward and backward are distinguished with certainty, see `SURE`."""
         return bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(SURE))
 
 
 def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
-    """Forward, left and up in a sensor's axes, from how it was thrown while walking.
+    """Forward, left and up in a sensor's axes, from its accelerations in walking.
 
     Args:
         imu: sensor on the trunk [m/s²], without lost samples (see `mounting.shank.filled`).
@@ -68,7 +68,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
     if imu.acc is None:
         raise RecordingError("the axes of a trunk need an accelerometer; the sensor has a gyroscope only")
     acc = as_float(imu.acc)
-    # the walking part: the trunk leans otherwise in sitting or lying
+    # only the walking part: in sitting or lying the trunk leans differently
     walking = _walking(acc, sampling_rate_hz)
     if not walking.any():
         return None
@@ -96,12 +96,12 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
 
 
 def _spectrum(values: np.ndarray) -> np.ndarray:
-    """Complex amplitudes along the first axis, at a power of two of frequencies."""
+    """Complex amplitudes along the first axis, padded with zeros to a power of two."""
     return np.asarray(np.fft.rfft(values, 1 << int(np.ceil(np.log2(2 * len(values)))), axis=0))
 
 
 def _step_frequency(amplitude: np.ndarray, frequency: np.ndarray) -> float:
-    """[Hz] Where the accelerations of all axes have the most power, smoothed over a tenth of a hertz."""
+    """[Hz] The frequency of most power of the accelerations of all axes, smoothed over a tenth of a hertz."""
     power = np.sum(np.abs(amplitude) ** 2, axis=1)
     width = max(1, int(np.sum(frequency < 0.1)))
     smooth = np.convolve(power, np.ones(width) / width, mode="same")
@@ -110,7 +110,7 @@ def _step_frequency(amplitude: np.ndarray, frequency: np.ndarray) -> float:
 
 
 def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) bool: where the magnitude of the specific force swings, over two seconds, by more than a fidget."""
+    """(T,) bool: where the magnitude of the specific force has a standard deviation over two seconds above `LEAST`."""
     size = np.linalg.norm(acc, axis=1)
     window = max(3, int(2.0 * sampling_rate_hz))
     if len(size) <= window:
@@ -126,8 +126,8 @@ class WornTrunk(NamedTuple):
     """How a sensor on the trunk is worn.
 
     Attributes:
-        up: which of its axes looks up, such as "z" or "−x".
-        forward: which of its axes looks forward.
+        up: the sensor axis that points up, such as "z" or "−x".
+        forward: the sensor axis that points forward.
         lean_deg: angle of `up` from the vertical [°].
         turned_deg: angle of `forward` from the direction of walking, in the horizontal plane [°].
     """
@@ -139,7 +139,7 @@ class WornTrunk(NamedTuple):
 
 
 def worn(axes: TrunkAxes) -> WornTrunk:
-    """How the sensor is worn: which of its axes looks which way, and how far it is turned from that."""
+    """How the sensor is worn: the sensor axes that point up and forward, and their angles from the trunk's axes."""
     names, nearest = [], np.zeros((3, 3))
     for number in (2, 0):
         row = np.where(np.abs(nearest).sum(axis=0) > 0.0, 0.0, axes.rows[number])
