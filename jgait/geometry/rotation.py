@@ -1,6 +1,6 @@
-"""Rotations: matrices from rotation vectors, and unit quaternions, w first. Smooth wherever a filter goes.
+"""Rotations: matrices from rotation vectors, and unit quaternions, w first; differentiable in the range of the filters.
 
-A quaternion `q_ws` takes vectors of the sensor to the world; frames read right to left.
+A quaternion `q_ws` takes vectors of the sensor (s) to the world (w); its indices are read from right to left.
 """
 
 from typing import NamedTuple
@@ -49,7 +49,7 @@ class Quaternion(NamedTuple):
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The quaternion a b: first the rotation b, then a."""
+    """The quaternion a b: the rotation b, followed by the rotation a."""
     return Quaternion(
         a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
         a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
@@ -85,8 +85,8 @@ _COSINE = (1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628
 def exponential(v: Vector) -> Quaternion:
     """The quaternion of a rotation vector, (cos |v|/2, v/|v| sin |v|/2), by power series of |v|²/4.
 
-    It has no branches and is smooth at zero. It is meant for the rotation within one sample: the error is 1e-13 up to
-    1 rad and 1e-7 up to π; the result is normalised. For larger rotations use `quaternion(rotation(v))`.
+    The series has no branches and is smooth at zero. It is for the rotation within one sample: the error is 1e-13 up
+    to 1 rad and 1e-7 up to π; the result is normalised. For larger rotations use `quaternion(rotation(v))`.
     """
     square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
     sine, cosine = (_horner(terms, square) for terms in (_SINE, _COSINE))

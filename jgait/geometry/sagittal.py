@@ -1,12 +1,12 @@
-"""From joint centres to the angles of a leg in the vertical plane of the heading. On the host, in NumPy."""
+"""The angles of a leg in the vertical plane of the heading, from joint centres. On the host, in NumPy."""
 
 import numpy as np
 
 from jgait.types import LegTrajectory
 
 HEADING_CUTOFF_HZ = 1.0
-"""[Hz] Cut-off of the low-pass filter of the heading: the pelvis also turns about the vertical with every stride, and
-that is no turn of the walk."""
+"""[Hz] Cut-off of the low-pass filter of the heading: the pelvis also turns about the vertical in every stride, while
+the direction of walking stays the same."""
 
 PATH_SMOOTHING_S = 0.2
 """[s] Standard deviation of the Gaussian that smooths the path walked: the Gaussian damps sway, and does not ring where
@@ -14,7 +14,7 @@ walking starts, as a Butterworth filter does."""
 
 
 def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
-    """The heading after a second-order Butterworth filter, forwards and backwards, so without delay.
+    """The heading filtered by a second-order Butterworth filter, forwards and backwards, so without delay.
 
     Args:
         heading: (T,) [rad], unwrapped.

@@ -2,7 +2,7 @@
 
 World: x forward at the start, y to the left, z up. A segment standing upright has the axes of the world; its x points
 forward, y to the left, z along it to the proximal end (for the foot: up). A vector is three arrays, not one array
-with an axis of three: every function here is elementwise, and compiles into loops over time and people.
+with an axis of three: so every function is elementwise, and compiles into loops over time and people.
 """
 
 from collections.abc import Callable

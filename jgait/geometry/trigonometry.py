@@ -11,8 +11,8 @@ The largest error, found by comparing with values of higher precision:
 
 Beyond these limits the error is that of rounding x to its float type, where the compiler fuses multiplications with
 additions, as it does by default; without fusion the error is up to twice as large. From 6.5e6 (float32) and 3.5e15
-(float64) on, the rounding of x is a good part of a turn and only |sin|, |cos| ≤ 1 holds.
-Infinity gives NaN. Derivatives are the functions themselves: (sin)' = cos, (cos)' = −sin.
+(float64) on, the rounding error of x is a large part of a turn and only |sin|, |cos| ≤ 1 holds.
+Infinity gives NaN. Derivatives use the same values: (sin)' = cos, (cos)' = −sin.
 """
 
 from typing import NamedTuple
@@ -68,7 +68,7 @@ _DOUBLE = _Recipe(
     ),
 )  # fmt: skip
 _QUARTER = 0.7858
-"""A little more than π/4: where r is kept when x is too large for k to be right."""
+"""[rad] Limit on |r|, a little more than π/4, for an x so large that k is not exact."""
 
 
 @jax.custom_jvp
@@ -118,7 +118,7 @@ def _horner(coefficients: tuple[float, ...], u: Float[Array, "..."]) -> Float[Ar
 def _negated(
     value: Float[Array, "*shape"], second_bit: Int[Array, "*shape"], recipe: _Recipe
 ) -> Float[Array, "*shape"]:
-    """The value with its sign turned where the second bit of the quadrant is set."""
+    """The value, negated where the second bit of the quadrant is set."""
     sign = lax.shift_left(second_bit, jnp.full_like(second_bit, recipe.bits - 2))
     return lax.bitcast_convert_type(lax.bitcast_convert_type(value, recipe.integer) ^ sign, value.dtype)
 

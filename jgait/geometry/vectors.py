@@ -21,7 +21,7 @@ class Vector(NamedTuple):
 
 
 def kept[T](values: T) -> T:
-    """The same values, computed once: without this barrier the compiler computes them again at every use."""
+    """The same values, computed once: without this barrier the compiler repeats the computation at every use."""
     return lax.optimization_barrier(values)
 
 
@@ -51,12 +51,12 @@ def dot(a: Vector, b: Vector) -> Values:
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product a × b, right-handed."""
+    """The vector product a × b, right-handed."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
 
 def root(square: Values) -> Values:
-    """The square root; 0, with gradient 0, of what is not positive."""
+    """The square root; 0, with gradient 0, for values that are not positive."""
     positive = square > 0.0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, jnp.ones_like(square))), 0.0)
 
