@@ -1,6 +1,6 @@
 r"""Butterworth low-pass filters: causal, sample by sample, and without delay over a whole recording.
 
-A cascade of second-order sections by the bilinear transform, the cut-off where it was asked for. With
+A cascade of second-order sections by the bilinear transform, prewarped so that the cut-off is exact. With
 k = tan(π f_c / f_s) and each section's damping d,
 
     y_n = b (x_n + 2 x_{n−1} + x_{n−2}) − a_1 y_{n−1} − a_2 y_{n−2},
@@ -20,11 +20,11 @@ from jaxtyping import Float
 from jgait.types import AnyArray, Integer, Scalar, Values
 
 UNROLL = 4
-"""Samples per iteration of the scan: the work on one sample costs less than the overhead of an iteration."""
+"""Samples per iteration of the scan [1]; chosen because one sample costs less than the overhead of an iteration."""
 
 
 class FilterSection(NamedTuple):
-    """One second-order low-pass, gain 1 at rest: b (1, 2, 1) over (1, a1, a2)."""
+    """One second-order low-pass, gain 1 at zero frequency: numerator b (1, 2, 1), denominator (1, a1, a2)."""
 
     b: Scalar
     a1: Scalar
@@ -32,7 +32,7 @@ class FilterSection(NamedTuple):
 
 
 class SectionState(NamedTuple):
-    """The two delayed values of a section in the transposed direct form II; each of a sample's shape."""
+    """The two delayed values of a section in the transposed direct form II; each has the shape of a sample."""
 
     first: Values
     second: Values
@@ -67,21 +67,21 @@ def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tup
 
 
 def delay(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Scalar:
-    """The delay of slow signals by the causal filter [s]: its group delay at zero frequency, Σ d / (2 f_s k)."""
+    """The delay of the causal filter for slow signals [s]: its group delay at zero frequency, Σ d / (2 f_s k)."""
     k = jnp.tan(jnp.pi * jnp.asarray(cutoff_hz) / sampling_rate_hz)
     damped = sum(2.0 * math.sin(math.pi * (2 * number + 1) / (2 * order)) for number in range(order // 2))
     return damped / (2.0 * sampling_rate_hz * k)
 
 
 def at_rest(cascade: tuple[FilterSection, ...], sample: Values) -> tuple[SectionState, ...]:
-    """The state of the sections after an endless constant input.
+    """The state of the sections after a constant input of infinite duration.
 
     Args:
         cascade: from `sections`.
         sample: (...) the constant value, any unit.
 
     Returns:
-        One state a section.
+        One state for each section.
     """
     x = jnp.asarray(sample)
     return tuple(SectionState((1.0 - s.b) * x, (s.b - s.a2) * x) for s in cascade)
@@ -90,15 +90,15 @@ def at_rest(cascade: tuple[FilterSection, ...], sample: Values) -> tuple[Section
 def step(
     cascade: tuple[FilterSection, ...], state: tuple[SectionState, ...], sample: Values
 ) -> tuple[tuple[SectionState, ...], Float[Array, "..."]]:
-    """One sample through the filter.
+    """Filter one sample.
 
     Args:
         cascade: from `sections`.
-        state: from `at_rest` or the step before.
+        state: from `at_rest` or the previous step.
         sample: (...) any unit.
 
     Returns:
-        The state to carry on, and the filtered sample.
+        The next state, and the filtered sample.
     """
     value: Array = jnp.asarray(sample)
     after = []
@@ -137,7 +137,7 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: in
         order: 2, 4, 6 …; static.
 
     Returns:
-        The same shape and unit, late by `delay`.
+        The filtered signal, the same shape and unit, delayed by `delay`.
 
     Raises:
         ValueError: as `sections`; if there is no sample, or they are not floating point.
@@ -148,9 +148,9 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: in
 def low_pass_both_ways(
     x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2
 ) -> Float[Array, "time *rest"]:
-    """The filter forwards and then backwards: no delay, its gain squared.
+    """The filter forwards and then backwards: no delay, and the squared gain of one way.
 
-    Both ends are continued by a point reflection of 3 (order + 1) samples, as SciPy's `filtfilt` does.
+    Both ends of the signal are continued by a point reflection of 3 (order + 1) samples, as SciPy's `filtfilt` does.
 
     Args:
         x: (T, ...) samples, floating point, any unit, finite; T > 3 (order + 1).

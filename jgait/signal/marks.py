@@ -9,11 +9,11 @@ from jgait.types import AnyArray, Flags
 
 
 class Marks(NamedTuple):
-    """Where strides begin and end, as flags at samples, (T,) or, online, a scalar.
+    """Flags of the begin and the end of strides at each sample, (T,) or, online, a scalar.
 
     Attributes:
-        begin: bool, a stride begins here.
-        end: bool, a stride ends here; one may begin at the same sample.
+        begin: bool, a stride begins at this sample.
+        end: bool, a stride ends at this sample; the next stride may begin at the same sample.
     """
 
     begin: Flags
@@ -32,7 +32,7 @@ def marks(
         begin: sample at which each stride begins.
         end: sample at which each stride ends: after its begin, not after the next begin.
         samples: T; static.
-        valid: False for rows that are no stride; None: all rows are strides.
+        valid: False for rows without a stride; None: all rows are strides.
     """
     there = jnp.ones(jnp.shape(begin), bool) if valid is None else jnp.asarray(valid)
     flags = []

@@ -4,14 +4,14 @@ With a wavelet's taps h (low-pass) and g (high-pass), L of each, the level j of 
 
     a_j[n] = Σ_k h[k] a_{j−1}[n − 2^{j−1} (k − L/2)],   d_j[n] = Σ_k g[k] a_{j−1}[n − 2^{j−1} (k − L/2)],
 
-indices modulo T; nothing is thrown away, so that a shifted signal has shifted details. The inverse takes the mean of
-all the ways back,
+indices modulo T; no sample is dropped, so that a shifted signal has shifted details. The inverse is the mean over all
+shifts of the decimated inverse,
 
     a_{j−1}[n] = ½ Σ_k (h̃[k] a_j[n − 2^{j−1} (k − L/2 + 1)] + g̃[k] d_j[n − 2^{j−1} (k − L/2 + 1)]).
 
-Taps are pywavelets', read on the host; results are those of `pywt.swt` and `pywt.iswt`. Everything else is JAX, along
+Taps come from pywavelets, on the host; results equal those of `pywt.swt` and `pywt.iswt`. Everything else is JAX, along
 the first axis, usable under `jit`, `vmap` and `grad`; wavelet and levels are static. Details 1 to 3 do not depend on
-how many levels follow, so three levels rebuild from them what ten do.
+the number of further levels, so the signal rebuilt from them is the same with three levels as with ten.
 """
 
 import functools
@@ -26,18 +26,18 @@ from jaxtyping import Array, Bool, Float
 from jgait.types import AnyArray, Scalar, Values
 
 MAGNITUDES = ("max", "rms")
-"""What a threshold is relative to: the greatest absolute value of a detail, or its root mean square."""
+"""Magnitude of a detail to which its threshold is relative: greatest absolute value, or root mean square."""
 
 MULTIPLE = 1024
-"""Samples to a multiple of which signals are padded before they are thresholded: what ten levels need."""
+"""[samples] Signals are padded to a multiple of this length before thresholding; ten levels need 1024."""
 
 
 class Decomposition(NamedTuple):
     """A signal over several scales; every field has the signal's shape and unit.
 
     Attributes:
-        approximation: (T, ...) what is left at the coarsest level.
-        details: one (T, ...) a level, the finest (level 1) first.
+        approximation: (T, ...) approximation at the coarsest level.
+        details: one (T, ...) for each level, the finest (level 1) first.
     """
 
     approximation: Float[AnyArray, "time *rest"]
@@ -45,7 +45,7 @@ class Decomposition(NamedTuple):
 
 
 class Taps(NamedTuple):
-    """Filters of a wavelet, of equal and even length: there (`dec`) and back (`rec`)."""
+    """Filters of a wavelet, of equal and even length: of the transform (`dec`) and of its inverse (`rec`)."""
 
     dec_lo: Float[np.ndarray, "tap"]
     dec_hi: Float[np.ndarray, "tap"]
@@ -55,7 +55,7 @@ class Taps(NamedTuple):
 
 @functools.cache
 def taps(wavelet: str) -> Taps:
-    """The filters of an orthogonal or biorthogonal wavelet, as pywavelets has them; on the host.
+    """The filters of an orthogonal or biorthogonal wavelet, from pywavelets; on the host.
 
     Args:
         wavelet: pywavelets' name, such as "db5", "sym4", "bior2.4".
@@ -73,7 +73,7 @@ def _filtered(
 ) -> list[Float[Array, "time *rest"]]:
     """Σ_k f[k] x[n − spread (k − lead)] for every filter, indices modulo T.
 
-    The delays are known while tracing: each is a slice of the signal written twice, and XLA makes one loop of them.
+    The delays are static: each delayed signal is a slice of the signal repeated twice, and XLA fuses them to one loop.
     """
     count = values.shape[0]
     delays = [(-spread * (k - lead)) % count for k in range(len(filters[0]))]
@@ -100,7 +100,7 @@ def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
     Args:
         x: (T, ...) samples, floating point, any unit, finite; T a multiple of 2^levels.
         wavelet: pywavelets' name; static.
-        levels: how many, at least 1; static.
+        levels: number of levels, at least 1; static.
 
     Returns:
         The coarsest approximation and the details, finest first.
@@ -124,11 +124,11 @@ def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
 
 
 def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
-    """The signal of a transform, as `pywt.iswt`; for changed coefficients, the mean of all the ways back.
+    """The signal of a transform, as `pywt.iswt`; for changed coefficients, the mean over all shifts (see the module).
 
     Args:
-        t: as `transform` gives it, changed or not.
-        wavelet: the one that it was made with; static.
+        t: the result of `transform`, or the same with changed coefficients.
+        wavelet: pywavelets' name, the same as for `transform`; static.
 
     Returns:
         (T, ...) the signal.
@@ -152,14 +152,14 @@ def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
 
 
 def padded(x: AnyArray, multiple: int = MULTIPLE) -> tuple[Float[Array, "padded *rest"], int]:
-    """Both ends continued by reflection that repeats the edge, to the next multiple of a length.
+    """The signal with both ends continued by reflection that repeats the edge, to the next multiple of a length.
 
     Args:
         x: (T, ...) samples, floating point, any unit.
-        multiple: of which the padded length is one [samples]; static.
+        multiple: the padded length is a multiple of this length [samples]; static.
 
     Returns:
-        The padded signal, and how many samples come before the first; half of them, rounded down.
+        The padded signal, and the number of samples added before the first; half of all added samples, rounded down.
 
     Raises:
         ValueError: if `multiple` is not positive, or there is no sample.
@@ -176,15 +176,15 @@ def padded(x: AnyArray, multiple: int = MULTIPLE) -> tuple[Float[Array, "padded 
 def magnitude(
     x: Float[AnyArray, "time *rest"], kind: str, mask: Bool[AnyArray, "time"] | None = None
 ) -> Float[Array, "*rest"]:
-    """How large a signal is, max |x| or √(mean x²), along the first axis.
+    """The magnitude of a signal, max |x| or √(mean x²), along the first axis.
 
     Args:
         x: (T, ...) samples, any unit.
         kind: one of `MAGNITUDES`; static.
-        mask: (T,) bool, False where a sample is to be ignored; None: all count.
+        mask: (T,) bool, False where a sample is ignored; None: all count.
 
     Returns:
-        (...) in the signal's unit; 0 if nothing counts. Where it is 0, so is its gradient.
+        (...) in the signal's unit; 0 if no sample counts. A magnitude of 0 has a gradient of 0.
 
     Raises:
         ValueError: if there is no such magnitude.
@@ -201,12 +201,12 @@ def magnitude(
 
 
 def threshold(x: Values, limit: Values, *, hard: bool) -> Float[Array, "..."]:
-    """What of a signal is above a limit: x where |x| > limit (hard), sign(x) max(|x| − limit, 0) (soft), else 0.
+    """The part of a signal above a limit: x where |x| > limit (hard), sign(x) max(|x| − limit, 0) (soft), else 0.
 
     Args:
         x: (...) any unit.
-        limit: as many axes as it, or none, and the same unit.
-        hard: static.
+        limit: as many axes as `x`, or none, and the same unit.
+        hard: whether the threshold is hard; static.
 
     Returns:
         The same shape. A hard threshold has no gradient in its limit; a soft one has.
@@ -220,18 +220,18 @@ def from_details(
     x: AnyArray, shares: Sequence[Scalar] | Float[AnyArray, "level"], wavelet: str = "db5", *, relative_to: str = "rms",
     hard: bool = False, mask: Bool[AnyArray, "time"] | None = None, multiple: int = MULTIPLE,
 ) -> Float[Array, "time *rest"]:  # fmt: skip
-    """A signal rebuilt from its finest details alone, each thresholded at a share of its own magnitude.
+    """A signal rebuilt from its finest details alone, each thresholded at a share of the detail's magnitude.
 
-    d_j → threshold(d_j, c_j |d_j|), a → 0, and back; |d_j| over the samples that were there before padding.
+    d_j → threshold(d_j, c_j |d_j|), a → 0, then the inverse; |d_j| is computed without the padding.
 
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
-        shares: c_1 … c_J, one a detail level that is kept [1]; how many is static.
+        shares: c_1 … c_J, one for each detail level that is kept [1]; their number is static.
         wavelet: pywavelets' name; static.
         relative_to: one of `MAGNITUDES`; static.
         hard: whether thresholds are hard; static.
         mask: (T,) bool, False where a sample does not count for the magnitudes; None: all count.
-        multiple: the padded length is a multiple of it, itself one of 2^J [samples]; static.
+        multiple: the padded length is a multiple of this length, a multiple of 2^J [samples]; static.
 
     Returns:
         The same shape and unit.

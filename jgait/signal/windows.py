@@ -1,7 +1,7 @@
 """Medians and moving statistics over centred windows.
 
 Everything except `true_runs` is JAX: usable under `jit` and `vmap`, along the first axis, and differentiable wherever
-the operation itself is (a median has the gradient of the sample it picks; a comparison has none). Windows are centred,
+the operation itself is (a median has the gradient of the median sample; a comparison has none). Windows are centred,
 of an odd number of samples, and the ends are continued by reflection that does not repeat the edge.
 """
 
@@ -59,15 +59,15 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     """
     padded = _reflected(x, size)
     window = (size,) + (1,) * (padded.ndim - 1)
-    # A window sum, not the difference of two cumulative sums: those lose float32's digits on long recordings.
+    # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
     zero = np.zeros((), padded.dtype)
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
 
 
 def moving_std(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), of the window itself (no n-1).
+    """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), divided by n (not n-1).
 
-    Its gradient is zero where the window is constant.
+    The gradient is zero where the window is constant.
 
     Args:
         x: (T, ...) samples, floating point, any unit.
@@ -83,7 +83,7 @@ def moving_std(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "tim
     centred = values - values.mean(axis=0, keepdims=True)
     mean = moving_mean(centred, size)
     variance = moving_mean(centred * centred, size) - mean * mean
-    # The two terms cancel; what is left below their rounding is nothing.
+    # The two terms cancel: a difference below their rounding error is set to 0.
     positive = variance > jnp.finfo(variance.dtype).eps * (mean * mean)
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
 
@@ -101,6 +101,6 @@ def true_runs(flags: Bool[AnyArray, "time"] | Sequence[bool]) -> list[tuple[int,
 
 
 def vertex(before: Values, here: Values, after: Values) -> Values:
-    """Where between −1/2 and 1/2 the parabola through three samples is greatest; `here` is not less than the others."""
+    """Position of the maximum, −1/2 to 1/2, of the parabola through three samples; `here` is the greatest sample."""
     bend = 2.0 * here - before - after
     return jnp.where(bend > 0.0, 0.5 * (after - before) / jnp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)
