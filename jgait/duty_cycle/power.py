@@ -26,17 +26,17 @@ from jgait.types import AnyArray
 
 JOULES_PER_WATT_HOUR = 3600.0
 PAPER_UNIT = 1.4
-"""Unit of the paper's schedules [s]: a tenth of its 14 s, about a stride."""
+"""Unit of the paper's schedules [s]: a tenth of the paper's period of 14 s, about the duration of a stride."""
 
 
 class Sensor(NamedTuple):
     """The power of a sensor.
 
     Attributes:
-        on: power while it measures [W].
-        off: power while it sleeps [W].
-        wake: power while it wakes up [W]; None: as while it measures.
-        wake_up: from power on to the first usable sample [s].
+        on: power while the sensor measures [W].
+        off: power while the sensor is off [W].
+        wake: power while the sensor wakes up [W]; None: the same as while it measures.
+        wake_up: time from power on to the first usable sample [s].
     """
 
     on: float
@@ -46,7 +46,7 @@ class Sensor(NamedTuple):
 
     @property
     def waking(self) -> float:
-        """Power while it wakes up [W]."""
+        """Power while the sensor wakes up [W]."""
         return self.on if self.wake is None else self.wake
 
 
@@ -77,14 +77,14 @@ class Battery(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """On and off in turn, on first.
+    """A periodic schedule: an on-time, followed by an off-time.
 
     Attributes:
         on: units on in each period [1].
-        off: units off in each period [1]; 0 never switches.
+        off: units off in each period [1]; 0: the sensor is always on.
         unit: length of a unit [s].
         ahead: True: the sensor wakes up at the end of the off-time, and the whole on-time is measured (the paper);
-            False: it wakes up at the start of the on-time, whose first samples are lost.
+            False: the sensor wakes up at the start of the on-time, whose first samples are lost.
     """
 
     on: int
@@ -94,7 +94,7 @@ class Schedule(NamedTuple):
 
     @property
     def period(self) -> float:
-        """On-time and off-time together [s]."""
+        """Duration of on-time and off-time together [s]."""
         return (self.on + self.off) * self.unit
 
     @property
@@ -104,11 +104,11 @@ class Schedule(NamedTuple):
 
 
 class Masks(NamedTuple):
-    """A sensor over time.
+    """The state of a sensor at each sample.
 
     Attributes:
-        powered: (T,) True where it draws power, measuring or waking up.
-        usable: (T,) True where its samples can be used.
+        powered: (T,) True where the sensor draws power, measuring or waking up.
+        usable: (T,) True where the sample can be used.
     """
 
     powered: Shaped[AnyArray, "*batch time"]
@@ -116,7 +116,7 @@ class Masks(NamedTuple):
 
 
 def check_duty(duty: float) -> None:
-    """Refuse a duty cycle outside (0, 1].
+    """Check that a duty cycle is within (0, 1].
 
     Raises:
         ValueError: if the duty cycle lies outside; 40 % is 0.4.
@@ -127,7 +127,7 @@ def check_duty(duty: float) -> None:
 
 
 def check_sensor(sensor: Sensor) -> None:
-    """Refuse powers and times that no sensor can have.
+    """Check the powers and times of a sensor.
 
     Raises:
         ValueError: if a power or time is negative or not finite.
@@ -139,7 +139,7 @@ def check_sensor(sensor: Sensor) -> None:
 
 
 def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
-    """Refuse a schedule that the sensor cannot follow.
+    """Check that the sensor can follow a schedule.
 
     Raises:
         ValueError: if the numbers of units are not whole, if the wake-up is longer than the on-time (waking up would
@@ -169,10 +169,10 @@ def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
 def schedule_of_duty(
     duty: float, unit: float = PAPER_UNIT, *, largest: int = 10, ahead: bool = True, sensor: Sensor = GYROSCOPE
 ) -> Schedule:
-    """The shortest schedule of whole units that has a duty cycle: p of q units on, p/q in lowest terms.
+    """The shortest schedule of whole units with a given duty cycle: p of q units on, p/q in lowest terms.
 
     Args:
-        duty: part of the time that is measured [1], in (0, 1].
+        duty: share of the time in which the sensor is on [1], in (0, 1].
         unit: length of a unit [s].
         largest: largest number of units in a period; the paper's tenths need 10.
         ahead: see `Schedule`.
@@ -217,7 +217,7 @@ def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
 def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
     """The masks of a schedule at the samples of a recording that starts with the on-time.
 
-    The sensor followed the schedule before the recording: with `ahead`, the first sample is usable.
+    The sensor followed the schedule before the recording too: with `ahead`, the first sample is usable.
 
     Args:
         schedule: the schedule.
@@ -236,7 +236,7 @@ def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYR
         raise ValueError(f"rate_hz must be positive; got {rate_hz!r}")
     if schedule.off == 0:
         return Masks(np.ones(samples, bool), np.ones(samples, bool))
-    # A sample belongs to the interval that it begins; a hundredth of a sample keeps rounding errors away from edges.
+    # A sample belongs to the interval that it begins; a hundredth of a sample prevents rounding errors at the edges.
     late = 0.01 / rate_hz
     phase = np.mod(np.arange(samples) / rate_hz + late, schedule.period)
     on = phase < schedule.on * schedule.unit
@@ -251,7 +251,7 @@ def wake_samples(sensor: Sensor, rate_hz: float) -> int:
 
 
 def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor = GYROSCOPE) -> Bool[Array, "time"]:
-    """When the sensor must be powered so that the wanted samples are usable: it wakes up ahead of them.
+    """When the sensor must be powered so that the wanted samples are usable: it wakes up before them.
 
     Args:
         wanted: (T,) bool.
@@ -260,7 +260,7 @@ def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor =
 
     Returns:
         (T,) bool: wanted, or within the wake-up time before a wanted sample. A wake-up before the first sample is not
-        part of it.
+        included.
     """
     wanted = jnp.asarray(wanted, bool)
     lead = wake_samples(sensor, rate_hz)
@@ -273,7 +273,7 @@ def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Floa
     """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1.
 
     Args:
-        used: (T,) masks; a sensor that is powered and not usable wakes up.
+        used: (T,) masks; a sensor that is powered but not usable wakes up.
         rate_hz: sampling rate [Hz].
         sensor: the sensor that is switched.
 
@@ -285,7 +285,7 @@ def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Floa
     """
     if np.shape(used.powered) != np.shape(used.usable):
         raise ValueError(f"the masks must have one shape; got {np.shape(used.powered)} and {np.shape(used.usable)}")
-    # A boolean becomes the default float, a fraction keeps its own.
+    # A boolean becomes the default floating type; a fraction keeps its floating type.
     powered, usable = (jnp.where(m, 1.0, 0.0) if jnp.asarray(m).dtype == bool else jnp.asarray(m) for m in used)
     on, good = jnp.sum(powered), jnp.sum(usable)
     asleep = powered.shape[0] - on

@@ -1,7 +1,7 @@
-"""Gyroscopes that are switched off part of the time: when each was on, and the recording with its gaps filled.
+"""Gyroscopes that are switched off part of the time: the times when each was on, and the recording with filled gaps.
 
-A sample of a gyroscope is usable where three masks are True: the sensor's mask, a mask of the gyroscope alone (its
-accelerometer is always on), and that of a schedule, which hides samples of a gyroscope that was always on.
+A sample of a gyroscope is usable where three masks are True: the sensor's mask, a mask of the gyroscope alone (the
+accelerometer is always on), and the mask of a schedule, which hides samples of a gyroscope that was always on.
 """
 
 import math
@@ -51,7 +51,7 @@ def gyroscope_masks(
     gyro_on: Mapping[str, On] | None = None, asleep: Collection[str] = ("shank",), warm_up: float = 0.0,
     sensor: Sensor = GYROSCOPE,
 ) -> dict[str, Masks]:  # fmt: skip
-    """When the gyroscopes were powered, and when their samples were good.
+    """Masks of the gyroscopes: when each was powered, and when its samples were usable.
 
     Args:
         recording: with its sensors.
@@ -59,12 +59,12 @@ def gyroscope_masks(
         schedule: hides samples, wake-up time included; or a duty cycle [1]; or None.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or no entry: always.
         asleep: the segments of `SEGMENTS` that follow the schedule.
-        warm_up: time for which they are on before the schedule, which is then off first [s]; 0: the schedule begins at
-            once, on first.
+        warm_up: time for which their gyroscopes are on before the schedule, which then begins with the off-time [s];
+            0: the schedule begins at the first sample, with the on-time.
         sensor: the gyroscope.
 
     Returns:
-        Placement → masks (T,). A gyroscope that a mask states to be off was switched off and woken ahead.
+        Placement → masks (T,). A gyroscope that is off in a mask was switched off, and woken before the next sample.
 
     Raises:
         ValueError: if the gyroscope cannot follow the schedule, a mask has the wrong shape or names no sensor, `asleep`
@@ -91,7 +91,7 @@ def gyroscope_masks(
         if plan is not None and name.split("_")[0] in asleep:
             followed = _followed(plan, count, rate_hz, warm_up, sensor)
             powered, usable = powered & followed.powered, usable & followed.usable
-        # A lost sample cost energy too.
+        # A lost sample also costs energy.
         masks[name] = Masks(powered, usable & np.asarray(imu.mask, bool))
     return masks
 
@@ -121,7 +121,7 @@ def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] |
 
     Args:
         imu: the sensor.
-        gyro_on: (T,) bool, when its gyroscope was on; where it was off, the accelerometer's sample is not lost.
+        gyro_on: (T,) bool, when its gyroscope was on; while it was off, the accelerometer's sample is not lost.
     """
     if imu.acc is None:
         return None
@@ -145,8 +145,8 @@ class _Turned(NamedTuple):
     """A sensor's signals with the sagittal rate first.
 
     Attributes:
-        gyr: (T, 3) [rad/s], about the axes in `rows`.
-        rows: (3, 3) these axes in the sensor's axes; first the axis about which the sensor turns most.
+        gyr: (T, 3) angular rate about the axes in `rows` [rad/s].
+        rows: (3, 3) these axes in the sensor's axes; the first is the axis about which the sensor turns most.
         acc: (T, 3) [m/s²] in the sensor's axes, or None.
         usable: (T,) bool.
     """
@@ -183,21 +183,21 @@ def fill_recording(
     """The recording with the gaps of the gyroscopes of thighs and shanks filled, for any other estimator.
 
     The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the rates
-    about the two axes across it, each from its own past and the same accelerometer: they repeat with the stride too,
-    and zeros would mean that the leg keeps its plane. The number of measured strides comes from the sagittal rate for
-    all three. As long as it is less than the filler needs, samples are masked as lost, accelerometer included: a held
-    rate would turn the leg over. A sample that the sensor's mask hides has no accelerometer and stays masked, unless
-    `gyro_on` states that only the gyroscope was off, as in a file whose gyroscope columns are partly empty:
-    {name: recording.sensors[name].mask}.
+    about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat with the
+    stride, and zeros would mean that the leg stays in its plane. The sagittal rate gives the number of measured strides
+    for all three. While it is less than the filler needs, samples are masked as lost, accelerometer included: a held
+    rate would rotate the leg by a large angle. A sample that the sensor's mask hides has no accelerometer and stays
+    masked, unless `gyro_on` shows that only the gyroscope was off, as in a file whose gyroscope columns are partly
+    empty: {name: recording.sensors[name].mask}.
 
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.
         schedule: hides samples; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
         filler: name, see `jgait.duty_cycle.fillers.registry`.
-        params: of the filler; None: its usual ones.
+        params: parameters of the filler; None: its default parameters.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
         asleep: segments that follow the schedule: "shank", "thigh" or both.
-        warm_up: time for which they are on before the schedule, which is then off first [s].
+        warm_up: time for which their gyroscopes are on before the schedule, which then begins with the off-time [s].
         thigh: whether the filler of a shank uses the signals of a sensor on the thigh.
         sensor: the gyroscope, for its wake-up time.
 

@@ -1,1 +1,1 @@
-"""fillers."""
+"""Methods that fill the gaps of a duty-cycled gyroscope."""

@@ -1,11 +1,11 @@
-"""What all fillers of gyroscope gaps share: their records, the check of their arguments, and the end of each of them.
+"""Shared parts of all fillers of gyroscope gaps: records, the check of the arguments, and the last stage of a filler.
 
 Every filler has the same arguments and the same result,
 
     fill(rate, usable, acc, sampling_rate_hz, params, *, thigh=None) → Filled(rate, how, latency).
 
 `rate` (T,) [rad/s] and `acc` (T, 3) [m/s²] are signals of the shank, `usable` (T,) is True where the gyroscope was on
-and awake, `thigh` has the signals of a sensor on the thigh. A filler is causal, or states how many samples it waits. It
+and awake, `thigh` has the signals of a sensor on the thigh. A filler is causal, or reports its latency in samples. It
 is a `lax.scan` over the samples with fixed shapes, so it works under `jit` and `vmap`, and it is differentiable in its
 parameters. Measured samples are passed on unchanged. As long as fewer than `least_strides` strides were measured, the
 last measured value is held and `how` is `HELD`. `check_signals` and `started` list the errors.
@@ -25,7 +25,7 @@ MEASURED, FILLED, HELD = 0, 1, 2
 """Origin of a sample: the gyroscope; the filler; the last measured value, since too little was measured before."""
 
 RATES = (25.0, 400.0)
-"""[Hz] Sampling rates for which the fillers are meant."""
+"""[Hz] Least and greatest sampling rate that the fillers support."""
 
 PERIODS = (0.7, 2.0)
 """[s] Range of stride periods."""
@@ -51,9 +51,9 @@ class Filled(NamedTuple):
     """A rate without gaps.
 
     Attributes:
-        rate: (T,) [rad/s].
+        rate: (T,) sagittal rate [rad/s].
         how: (T,) int, `MEASURED`, `FILLED` or `HELD`.
-        latency: how many samples after its time a value is known [samples]; 0: causal.
+        latency: number of samples after which a value is known [samples]; 0: causal.
     """
 
     rate: Float[AnyArray, "*batch time"]
@@ -62,13 +62,13 @@ class Filled(NamedTuple):
 
 
 class Filler(NamedTuple):
-    """A way to fill gaps.
+    """A method that fills gaps.
 
     Attributes:
         fill: the function, see the module.
-        params: its usual parameters.
-        transforms: of the parameters.
-        needs_acc: whether it needs an accelerometer.
+        params: default parameters.
+        transforms: transforms of the parameters.
+        needs_acc: whether the filler needs an accelerometer.
     """
 
     fill: Callable[..., Filled]
@@ -130,7 +130,7 @@ def started[P](
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: P, thigh: Thigh | None, *,
     needs_acc: bool = False,
 ) -> tuple[Signals, P]:  # fmt: skip
-    """The begin of every filler: its arguments checked, and its parameters in their floating type.
+    """The first stage of every filler: its arguments checked, and its parameters in the same floating type.
 
     Raises:
         ValueError: as `check_signals`, or if the filler needs an accelerometer and there is none.
@@ -142,7 +142,7 @@ def started[P](
 
 
 def held(s: Signals) -> Float[Array, "time"]:
-    """The last measured rate [rad/s]; 0 before the first one."""
+    """The last measured rate [rad/s]; 0 before the first measured rate."""
 
     def step(last: Array, sample: tuple[Array, Array]) -> tuple[Array, Array]:
         value = jnp.where(sample[1], sample[0], last)
@@ -159,5 +159,5 @@ def finished(s: Signals, filled: Rate, enough: On, latency: int = 0) -> Filled:
 
 
 def pushed(register: Shaped[Array, "n *rest"], now: Shaped[Array, "*rest"]) -> Shaped[Array, "n *rest"]:
-    """The register of the latest n samples, newest first, with one more sample; the oldest one is dropped."""
+    """The register of the latest n samples, newest first, after one more sample; the oldest sample is dropped."""
     return jnp.concatenate([now[None], register[:-1]])

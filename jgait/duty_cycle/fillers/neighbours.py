@@ -1,6 +1,6 @@
-r"""Gaps of a gyroscope filled with rates measured when the accelerometer's history was alike: weighted neighbours.
+r"""Gaps of a gyroscope filled with rates measured after similar accelerometer histories: weighted neighbours.
 
-Two samples are alike if their recent histories are alike. With scales s, the sample j before the present sample t and a
+Two samples are similar if their recent histories are. With scales s, the sample j before the present sample t and a
 memory ρ = exp(−1/(τ f_s)) of the history,
 
     c_{t,j} = ‖a_t − a_{t−j}‖² / s_a²  (+ the same of the thigh's signals)
@@ -9,9 +9,9 @@ memory ρ = exp(−1/(τ f_s)) of the history,
     w_{t,j} = softmax_j (−(q_{t,j} − min q) / (2 h² (min q + ε)))  over the samples j at which the gyroscope was on
     ω̂_t    = Σ_j w_{t,j} ω_{t−j}
 
-The lag j stays the same as both histories move on, so each sample costs one pass over the memory. Only rates measured
-before are used. The accelerometer's axes share one scale: the axis with little movement carries little information, and
-a scale of its own, which enlarges its noise, makes the error a quarter larger.
+The lag j stays the same while both histories advance, so each sample costs one pass over the memory. Only earlier rates
+are used. The accelerometer's axes share one scale: an axis with little movement carries little information, and a
+separate scale for each axis, which enlarges the noise of that axis, makes the error a quarter larger.
 """
 
 from functools import partial
@@ -29,7 +29,7 @@ from jgait.params import Param, Parameter, documented, fixed, positive, ranges
 from jgait.types import Scalar
 
 MEMORY_S = 90.0
-"""[s] How far back the filler searches neighbours."""
+"""[s] Longest time before a sample in which the filler searches neighbours."""
 
 
 @documented
@@ -55,11 +55,11 @@ TRANSFORMS = ranges(NEIGHBOURS)
 
 
 class NeighboursState(NamedTuple):
-    """The memory that goes from one sample to the next, newest first.
+    """The memory, passed from one sample to the next, newest first.
 
     Attributes:
-        signals: (n, k) scaled signals of the samples before.
-        rate: (n,) their rates [rad/s].
+        signals: (n, k) scaled signals of the past samples.
+        rate: (n,) sagittal rates of the past samples [rad/s].
         usable: (n,) bool, whether each rate was measured.
         there: (n,) bool, False before the first sample of the recording.
         distance, weight: (n,) d and n of each lag.
@@ -94,7 +94,7 @@ def step(
     Args:
         p: parameters.
         dt: interval of the samples [s].
-        s: from `begin` or the step before.
+        s: state from `begin` or the previous step.
         signals: (k,) scaled signals of the sensors that are always on.
         rate: sagittal rate [rad/s]; finite where the gyroscope is off.
         usable: bool, whether the rate was measured.
@@ -150,7 +150,7 @@ def neighbours(
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Neighbours = NEIGHBOURS, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
-    """Rates measured before, weighted by the likeness of the accelerometer's history; causal.
+    """Earlier measured rates, weighted by the similarity of the accelerometer's histories; causal.
 
     Arguments and errors: see `base`; an accelerometer is needed.
     """

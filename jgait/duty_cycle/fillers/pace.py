@@ -1,7 +1,7 @@
 r"""The stride period and the number of measured strides, from a gyroscope with gaps and an accelerometer; causal.
 
-The stride period is the lag at which the running mean square difference between a signal and the same signal that lag
-ago is least. The accelerometer is always on, so with it the period is followed through a gap of the gyroscope.
+The stride period is the lag with the least running mean square difference between a signal and the signal delayed by
+that lag. The accelerometer is always on, so with it the period is followed through a gap of the gyroscope.
 """
 
 from functools import partial
@@ -18,14 +18,14 @@ from jgait.params import Param
 from jgait.signal.windows import vertex
 
 RATE_SCALE, ACC_SCALE = 2.0, 6.0
-"""[rad/s], [m/s²] How much a shank's signals vary in walking; differences are divided by these scales."""
+"""[rad/s], [m/s²] Scales of a shank's rate and specific force in walking, by which differences are divided."""
 
 MOVING = 0.5
 """[rad/s] A shank whose rate has a larger root mean square over about 0.5 s walks; in standing it stays under 0.1."""
 
 
 class Pace(NamedTuple):
-    """Stride period and number of strides at each sample, from this sample and those before it.
+    """Stride period and number of strides at each sample, from this sample and earlier samples.
 
     Attributes:
         period: (T,) stride period [s].
@@ -52,9 +52,9 @@ class _Differences(NamedTuple):
 
 
 def _mean(d: _Differences, some: float) -> Float[Array, "lag"]:
-    """Mean difference at each lag over the mean of all lags; a lag with few samples is drawn to 1.5, a poor fit.
+    """Mean difference at each lag over the mean of all lags; a lag with few samples is moved towards 1.5, a poor fit.
 
-    Each signal is divided by its own mean, so that a lag at which the gyroscope was never on twice has no advantage.
+    Each signal is divided by its mean, so that a lag without pairs of measured rates has no advantage.
     """
     sums = [(d.rate, d.rate_weight), (d.acc, d.acc_weight)]
     total = sum(s * (w.sum() + 1.0) / (s.sum() + 1.0) for s, w in sums)
@@ -62,7 +62,7 @@ def _mean(d: _Differences, some: float) -> Float[Array, "lag"]:
 
 
 def _valley(score: Float[Array, "lag"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
-    """Index of the deepest valley, and the offset of its bottom from that index; the two ends are no valleys."""
+    """Index of the deepest valley, and the offset of its minimum from that index; the two ends are no valleys."""
     inner = score[1:-1]
     valley = (inner <= score[:-2]) & (inner <= score[2:])
     at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
@@ -77,8 +77,8 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
 
         D_l ← γ D_l + u_t u_{t−l} (ω_t − ω_{t−l})² / s_ω² + ‖a_t − a_{t−l}‖² / s_a²,
 
-    each sum is divided by its own mean, and their total by the total weight; the period is the lag where the result is
-    least, refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the
+    each sum is divided by its mean, and their total by the total weight; the period is the lag of the smallest result,
+    refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the
     gyroscope is off.
 
     Args:
@@ -126,7 +126,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
 
 
 def measured_enough(found: Pace, least_strides: Param) -> Bool[Array, "time"]:
-    """True from the sample on at which so many strides were measured, rounded to whole strides."""
+    """True from the sample on at which `least_strides` strides, rounded to a whole number, were measured."""
     measured = found.known & (found.strides >= jnp.asarray(least_strides, found.strides.dtype) - 0.5)
     return lax.cummax(measured.astype(jnp.int32)) > 0
 
@@ -134,5 +134,5 @@ def measured_enough(found: Pace, least_strides: Param) -> Bool[Array, "time"]:
 def filled_once_enough(
     s: Signals, filled: Float[Array, "time"], sampling_rate_hz: float, least_strides: Param, latency: int = 0
 ) -> Filled:
-    """The end of most fillers: filled samples once so many strides were measured, held samples before."""
+    """The last stage of most fillers: filled samples after `least_strides` measured strides, held samples before."""
     return finished(s, filled, measured_enough(pace(s, sampling_rate_hz), least_strides), latency)

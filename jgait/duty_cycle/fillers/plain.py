@@ -1,4 +1,4 @@
-"""The two plain ways to fill gaps: hold the last measured value, or repeat the last cycle.
+"""The two simplest fillers of gaps: hold the last measured value, or repeat the last cycle.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for gait
 assessment using wearable sensors", Wireless Health 2010, section 5: `replicate`.
@@ -48,7 +48,7 @@ def hold(
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: Hold = HOLD, *,
     thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
-    """The last measured value, which decays to zero with a time constant; a baseline for the others.
+    """The last measured value, which decays to zero with a time constant; a baseline for the other fillers.
 
     Every filled sample is flagged `HELD`. Arguments and errors: see `base`.
     """
@@ -84,9 +84,9 @@ def replicate(
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
     params: Replicate = REPLICATE, *, thigh: Thigh | None = None,
 ) -> Filled:  # fmt: skip
-    """The last cycle once more: ω̂_t = ω̂_{t − P}, P the stride period estimated up to then.
+    """The last cycle repeated: ω̂_t = ω̂_{t − P}, P the stride period estimated from the samples up to t.
 
-    With an accelerometer the period is followed through the gap. Arguments and errors: see `base`.
+    With an accelerometer the stride period is also estimated during the gap. Arguments and errors: see `base`.
     """
     s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
     stride = pace(s, sampling_rate_hz)

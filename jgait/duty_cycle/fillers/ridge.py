@@ -6,7 +6,7 @@ minimise Σ_s γ^{t−s} u_s (ω_s − w·x_s)² + γ^t λ ‖w‖², u = 1 wher
     e = ω_t − w·x_t,   v = Q x_t,   k = v / (γ + x_t·v),   w ← w + k e,   Q ← (Q − k vᵀ) / γ,   Q_0 = I / λ,
 
 in Joseph's form, so that rounding in float32 cannot make Q indefinite. With `latency_s` x_t has later samples as well,
-and the filled rate is late by as much.
+and the filled rate is delayed by `latency_s`.
 """
 
 from functools import partial
@@ -25,7 +25,7 @@ from jgait.duty_cycle.fillers.pace import filled_once_enough
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 HISTORY_S, SPACING_S = 0.4, 0.04
-"""[s] How far back the samples of the regression reach, and their spacing."""
+"""[s] Longest time before a sample of the regression's samples, and their spacing."""
 
 
 @documented
@@ -67,7 +67,7 @@ def step(
 
     Args:
         p: parameters.
-        s: from `begin` or the step before.
+        s: state from `begin` or the previous step.
         features: (k,) scaled samples [1].
         rate: sagittal rate [rad/s]; finite where the gyroscope is off.
         usable: bool, whether the rate was measured.
@@ -122,7 +122,7 @@ def _filled(s: Signals, p: Ridge, sampling_rate_hz: float, latency: int) -> Fill
 
 
 LATER_S = 0.4
-"""[s] Latency of the variant that waits."""
+"""[s] Latency of the variant that uses later samples."""
 
 
 _later = partial(ridge, latency_s=LATER_S)
