@@ -211,6 +211,8 @@ def described(value: object) -> str:
     if isinstance(value, functools.partial):
         return f"partial({described(value.func)}, {described(value.args)}, {described(value.keywords)})"
     if inspect.isfunction(value):
+        if hasattr(value, "__wrapped__"):
+            return described(value.__wrapped__)
         held = {name: _held(inner) for name, inner in inspect.getclosurevars(value).nonlocals.items()}
         inside = ", ".join(f"{name}: {held[name]}" for name in sorted(held))
         text = f"{value.__module__}.{value.__qualname__}" + (f" {{{inside}}}" if held else "")

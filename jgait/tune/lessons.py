@@ -141,7 +141,7 @@ def _foot(foot: FootTrajectory | None, here: Callable[[npt.ArrayLike], np.ndarra
         return None
 
     def columns(values: AnyArray) -> np.ndarray:
-        return None if values is None else np.stack([here(column) for column in as_float(values).T], axis=1)
+        return np.stack([here(column) for column in as_float(values).T], axis=1)
 
     attitude = foot.orientation
     if attitude is not None:
@@ -149,7 +149,8 @@ def _foot(foot: FootTrajectory | None, here: Callable[[npt.ArrayLike], np.ndarra
         kept = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
         attitude = columns(q * np.concatenate([[1.0], np.cumprod(kept)])[:, None])
         attitude = attitude / np.maximum(np.linalg.norm(attitude, axis=1, keepdims=True), 1e-12)
-    return FootTrajectory(columns(foot.position), columns(foot.velocity), attitude)
+    velocity = None if foot.velocity is None else columns(foot.velocity)
+    return FootTrajectory(columns(foot.position), velocity, attitude)
 
 
 def _is_number(value: npt.ArrayLike) -> bool:

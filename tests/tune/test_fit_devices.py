@@ -96,6 +96,7 @@ def test_two_processes_share_the_items_and_both_get_the_result(tmp_path):
     close(tmp_path / "two.npz", (alone(), batches()))
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_items_to_be_judged_by_must_divide_by_the_devices():
     class Three:
         size, axis_names = 3, ("items",)
@@ -104,6 +105,7 @@ def test_items_to_be_judged_by_must_divide_by_the_devices():
         alone(mesh=Three(), validation=np.arange(6) < 2)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_minibatches_must_divide_by_the_devices():
     class Three:
         size, axis_names = 3, ("items",)
