@@ -1,7 +1,7 @@
 """Public recordings with a reference, by name: `load("neura_sparse")`, `load("walking5m")`.
 
-Nothing is bundled and nothing is downloaded unasked: `fetch(name)` downloads, or `JGAIT_DATA_DIR` names a folder that
-holds the sets. A set may hold more recordings than this version of jgait lists; they are used, and marked unverified.
+The package contains no data: `fetch(name)` downloads a set, or `JGAIT_DATA_DIR` names a folder that contains the sets.
+A set may contain more recordings than this version of jgait lists; these are loaded and marked as unverified.
 """
 
 from collections.abc import Collection
@@ -44,10 +44,10 @@ __all__ = [
 
 
 def names(name: str) -> tuple[str, ...]:
-    """Names of the recordings of a data set that are there, those not known to this version of jgait included.
+    """Names of the recordings of a data set on this computer, including those that jgait does not list.
 
     Raises:
-        DatasetUnavailable: if none is there; the message states how to get the set.
+        DatasetUnavailable: if the computer has none; the message states how to get the set.
     """
     there = tuple(loader(name).names())
     if not there:
@@ -56,7 +56,7 @@ def names(name: str) -> tuple[str, ...]:
 
 
 def available(name: str) -> bool:
-    """Whether any recording of a data set is there.
+    """Whether any recording of a data set is on this computer.
 
     Raises:
         ValueError: if the data set is not known.
@@ -65,18 +65,18 @@ def available(name: str) -> bool:
 
 
 def load(name: str, only: Collection[str] | None = None) -> Walks:
-    """Every recording of a data set that is there, with its reference.
+    """Every recording of a data set on this computer, with its reference.
 
     Args:
         name: data set, see `list_datasets`.
         only: names of recordings (see `names`); None: all.
 
     Returns:
-        The walks, a list; its attribute `failures` names each recording that could not be read and why.
+        The walks, a list; its attribute `failures` has the name of each recording that could not be read, and why.
 
     Raises:
         ValueError: if the data set, or a recording in `only`, is not known.
-        DatasetUnavailable: if nothing of the set is there; the message states how to get it.
+        DatasetUnavailable: if no file of the set is on this computer; the message states how to get the set.
     """
     there = names(name)
     if only is not None:

@@ -1,16 +1,16 @@
-"""How far a foot travelled, from the sensor on it: strapdown between stances.
+"""Stride lengths of a foot from its inertial sensor: strapdown integration between stances.
 
-Between two instants at which the foot stands, the gyroscope turns the sensor's axes with the exact rotation of each
-step, starting level (the accelerometer measures which way is up at the first instant). At the second instant the foot
-stands again: the tilt that the accelerometer shows there, and the velocity that is left there, are drift, and are
-removed linearly in time. What remains is integrated to the displacement; its horizontal length is the stride.
+Between the quiet instants of two stances, the attitude is integrated from the gyroscope with the exact rotation of each
+sample interval; the accelerometer gives the tilt at the first instant. At the second instant the foot stands again: the
+difference to the accelerometer's tilt and the remaining velocity are drift, and are removed linearly in time. The
+corrected velocity is integrated to the displacement; its horizontal length is the stride length.
 
-In a slow swing the gyroscope and the accelerometer can both be quiet for a moment. Gravity gives such a moment away:
-the accelerometer then disagrees with the attitude by 10–60°, at a stance by 0–5°. What disagrees is no stance, and
-the stride runs on to the next one.
+In a slow swing the gyroscope and the accelerometer can both be quiet for a moment. Gravity distinguishes it from a
+stance: the tilt from the accelerometer and the attitude then differ by 10–60°, at a stance by 0–5°. An instant with a
+larger difference is not accepted as a stance, and the stride continues to the next stance.
 
-No magnetometer, no heading: strides are lengths, and their sum is the path of the foot. It makes a reference for
-estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
+No magnetometer, so no heading: strides are lengths, and their sum is the path of the foot. It is a reference
+for estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
 """
 
 from typing import NamedTuple
@@ -20,15 +20,15 @@ import numpy as np
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
 
-STANCE_RATE = 1.0  # [rad/s] peak rate of a standing foot over 50 ms
-STANCE_ACC = 1.2  # [m/s²] standard deviation of a standing foot's specific force over 50 ms
+STANCE_RATE = 1.0  # [rad/s] largest angular rate of a standing foot over 50 ms
+STANCE_ACC = 1.2  # [m/s²] largest standard deviation of a standing foot's specific force over 50 ms
 STANCE_TIME = 0.08  # [s] shortest stance
 STRIDE_TIME = (0.25, 3.0)  # [s] shortest and longest time between the quiet instants of two stances
-STANCE_TILT = 0.12  # [rad] most that the attitude may have drifted from the accelerometer's at the next stance
-CANDIDATES = 3  # stances tried as the end of a stride
-STRIDE_LENGTH = 0.05  # [m] a shorter displacement is a foot that was shifted, not a stride
-BOTH_STANDING = 0.4  # [s] both feet stand this long only between bouts of walking
-BOUT_LENGTH = 1.0  # [m] a shorter bout is steps on the spot
+STANCE_TILT = 0.12  # [rad] largest difference between attitude and accelerometer's tilt at the next stance
+CANDIDATES = 3  # number of successive stances that are tried as the end of a stride
+STRIDE_LENGTH = 0.05  # [m] shortest stride; in a shorter displacement a standing foot is shifted
+BOTH_STANDING = 0.4  # [s] shortest common stance of both feet that separates two bouts of walking
+BOUT_LENGTH = 1.0  # [m] shortest path of a walking bout; a shorter bout is steps on the spot
 
 
 class FootPath(NamedTuple):
@@ -36,9 +36,9 @@ class FootPath(NamedTuple):
 
     Attributes:
         start: (n,) sample of the quiet instant before each stride.
-        end: (n,) sample of the quiet instant after it.
+        end: (n,) sample of the quiet instant after each stride.
         length: (n,) [m] horizontal displacement.
-        rise: (n,) [m] vertical displacement; near 0 on level ground, so its size shows how far to trust `length`.
+        rise: (n,) [m] vertical displacement; it is 0 on level ground, so its size indicates the error of `length`.
         distance: (T,) [m] path since the first sample, constant while the foot stands.
         tilt: (n,) [rad] attitude drift removed from each stride.
         standing: (T,) bool, whether the foot stands.
@@ -86,14 +86,14 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
         acc_end: (3,) [m/s²] at rest at the second instant.
 
     Returns:
-        (n, 3) [m] position, z up, with zero velocity at both ends; and the attitude drift that was removed [rad].
+        (n, 3) [m] position, z up, with zero velocity at both ends; and the removed attitude drift [rad].
     """
     turns = exponential((gyr[1:] + gyr[:-1]) * (dt / 2))
     attitude = np.empty((len(gyr), 3, 3))
     attitude[0] = level(acc_start)
     for k, turn in enumerate(turns):
         attitude[k + 1] = attitude[k] @ turn
-    # At the second rest the specific force must point up: what it takes to turn it there has built up linearly.
+    # At the second rest the specific force must point up: the rotation that achieves this is drift, linear in time.
     correction = level(attitude[-1] @ acc_end)
     angle = np.arccos(np.clip((np.trace(correction) - 1) / 2, -1.0, 1.0))
     axis = np.array([correction[2, 1] - correction[1, 2], correction[0, 2] - correction[2, 0], 0.0])
@@ -108,10 +108,10 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
 
 
 def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
-    """Stretches in which the foot stands, (start, end) [samples], half-open.
+    """Stances of the foot, (start, end) [samples], half-open.
 
-    It stands where the largest rate of 50 ms is below `STANCE_RATE` and the specific force's standard deviation over
-    50 ms is below `STANCE_ACC`, for at least `STANCE_TIME`, all samples there.
+    The foot stands where its largest angular rate over 50 ms is below `STANCE_RATE` and the standard deviation of the
+    specific force over 50 ms is below `STANCE_ACC`, for at least `STANCE_TIME`, without missing samples.
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -130,13 +130,13 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
     Args:
         imu: sensor on the foot; gyroscope [rad/s], accelerometer [m/s²].
         rate_hz: sampling rate [Hz].
-        gyr_bias: (3,) [rad/s] taken off the gyroscope; None: the median while the foot stands longest.
+        gyr_bias: (3,) [rad/s] subtracted from the gyroscope; None: the gyroscope's median in the longest stance.
 
     Returns:
         The strides.
 
     Raises:
-        ValueError: if the foot has no accelerometer, never stands, or never strides; the message states which.
+        ValueError: if the sensor has no accelerometer, or no stance or no stride is detected; the message states which.
     """
     if imu.acc is None:
         raise ValueError("the foot has no accelerometer")
@@ -173,14 +173,14 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
 
 
 def select(path: FootPath, keep: np.ndarray) -> FootPath:
-    """The same foot with some of its strides left out.
+    """The path of a foot without some of its strides.
 
     Args:
         path: strides of a foot.
         keep: (n,) bool, False for a stride to be left out.
 
     Returns:
-        The strides kept; what the others travelled is taken off the distance.
+        The strides kept; the lengths of the other strides are subtracted from the distance.
     """
     step = np.diff(path.distance, prepend=0.0)
     for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
@@ -199,15 +199,15 @@ def select(path: FootPath, keep: np.ndarray) -> FootPath:
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
     """The strides of walking, without steps on the spot before and after it.
 
-    Where both feet stand for `BOTH_STANDING` or longer, a bout of walking ends and another may begin. A bout whose
-    path, the mean of the feet, is shorter than `BOUT_LENGTH` is turning round or shifting a foot.
+    Bouts of walking are separated by times in which both feet stand for `BOTH_STANDING` or longer. A bout whose path,
+    the mean of both feet, is shorter than `BOUT_LENGTH` is a turn or a shift of a foot on the spot.
 
     Args:
         feet: side → strides, of the same recording.
         rate_hz: sampling rate [Hz].
 
     Returns:
-        The same with the other strides left out.
+        side → strides of the walking bouts.
     """
     both = np.logical_and.reduce([path.standing for path in feet.values()])
     pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]
@@ -243,10 +243,10 @@ class _Stride(NamedTuple):
 def _next_stride(
     gyr: np.ndarray, imu: Imu, rate_hz: float, standing: list[tuple[int, int]], current: int
 ) -> tuple[int, _Stride | None]:
-    """The stride from one stance to the next that gravity confirms, or to the best of those tried.
+    """The stride to the next stance with a tilt difference below `STANCE_TILT`, or the smallest of those tried.
 
     Returns:
-        Index of the stance to go on from, and the stride; None if samples are missing or the times are implausible.
+        Index of the stance that ends it, and the stride; None if samples are missing or the times are implausible.
     """
     tried: list[tuple[int, _Stride]] = []
     acc = as_float(imu.acc)
@@ -274,12 +274,12 @@ def _next_stride(
 
 
 def _integral(rate: np.ndarray, dt: float) -> np.ndarray:
-    """Trapezoid rule along the first axis, from zero."""
+    """Cumulative integral by the trapezoid rule along the first axis, 0 at the first sample."""
     return np.concatenate([np.zeros_like(rate[:1]), np.cumsum((rate[1:] + rate[:-1]) * (dt / 2), axis=0)])
 
 
 def _quietest(gyr: np.ndarray, start: int, end: int) -> int:
-    """The sample around which the rate, averaged over five samples, is least."""
+    """The sample with the smallest angular rate, averaged over five samples."""
     rate = np.linalg.norm(gyr, axis=1)
     padded = np.pad(rate, 2, mode="edge")
     smooth = np.convolve(padded, np.full(5, 0.2), mode="valid")

@@ -1,26 +1,26 @@
 """`footprints`: one shoe, and every footprint measured with a ruler (Çetin and Köroğlu, 2025).
 
-Walks along corridors, 200 Hz (3DM-GX5-25), each with the floor's tiles as a measure. The upstream repository has more
-recordings than this version of jgait can fetch; whichever `SensorConnectData_*_LLIO.mat` are there are read. Upstream
-m/s² and rad/s. It states neither which foot it was nor who walked: the sensor is called `foot_right`, and everybody
-counts as one subject, so that no split can leak. The shoe stands at the start, 1.5 to 2.3 s in recordings 36 and 39.
+Walks along corridors, 200 Hz (3DM-GX5-25); the tiles of the floor are the ruler. The upstream repository has more
+recordings than this version of jgait can fetch; all `SensorConnectData_*_LLIO.mat` in the folder are read. Upstream
+m/s² and rad/s. Upstream states neither foot nor person: the sensor is named `foot_right`, and all recordings have one
+subject, so that no split mixes a person. The shoe stands at the start, 1.5 to 2.3 s in recordings 36 and 39.
 
-Axes: at rest the sensor's z reads −8 to −9 m/s², so z points down. It is turned half a turn about x here (y and z
-change sign: a proper rotation). Which way x points differs: backwards in 36, forwards in 39. Upstream's positions are
-seen from below: its script takes the ruler's, changes the sign of y and turns them to its own trajectory. As its sensor
-and trajectory are those of a z down, that is the same half turn, and here it is undone: y changes sign. Then the
-shoe turns left where the footprints do, and the footprints are the ruler's (`own/*.mat`), only turned. What remains
-between a trajectory and the footprints is a rotation about the vertical and a shift. No walk closes a loop.
+Axes: at rest the sensor's z reads −8 to −9 m/s², so z points down. jgait turns the axes by half a turn about x (y and z
+change sign: a proper rotation). The direction of x differs: backwards in 36, forwards in 39. Upstream's positions are
+seen from below: its script changes the sign of the ruler's y and turns the positions to upstream's trajectory, because
+sensor and trajectory have z down. jgait changes the sign of y back. Then the shoe turns left where the footprints turn
+left, and the footprints differ from the ruler's (`own/*.mat`) by a rotation only. A trajectory and the footprints then
+differ by a rotation about the vertical and a shift. No walk is a closed loop.
 
-Reference: the distance along the footprints, even in time from one to the next, and the strides between them, from
+Reference: the distance along the footprints, linear in time between two footprints, and the strides between them, from
 the end of one stance to the end of the next; contacts are not known.
 
 Keys of `Walk.info`:
-    footprints: {"samples": (n,) int, the last sample of each stance (by the publisher, the shoe turns at up to
-        1.3 rad/s already), "time": (n,) [s], "position": (n, 2) [m]}, from above, the first at the origin; None
+    footprints: {"samples": (n,) int, the last sample of each stance as published (the shoe's angular rate is then up
+        to 1.3 rad/s), "time": (n,) [s], "position": (n, 2) [m]}, from above, the first at the origin; None
         where there are none.
-    publisher_trajectory: (T, 2) [m] the publisher's own estimate, from above; None where there is none. Its strides
-        are 3 cm short, and of stride 17 of recording 36 it lost 0.8 m; the sensor agrees with the ruler there.
+    publisher_trajectory: (T, 2) [m] the publisher's estimate, from above; None where there is none. Its strides are
+        3 cm too short, and stride 17 of recording 36 is 0.8 m too short, where the sensor agrees with the ruler.
     ruler: {"position": (n, 2) [m] in the corridor's axes, "tile" [m] edge of a floor tile}; None without the file.
     speed: [m/s] from the first footprint to the last; None where there are none.
     no_reference: why there is no reference; None where there is one.
@@ -42,8 +42,8 @@ ROOT = "data/LLIO_training_data"
 RULER = "data/own"
 ENDING = "_LLIO.mat"
 COLUMNS = ("strideIndex", "timestamp", "gcpX", "gcpY")
-CLOCKS = 1e-3  # [s] most that the time of a footprint may differ from that of its sample
-ABOVE = np.array([1.0, -1.0])  # a plan seen from below, seen from above
+CLOCKS = 1e-3  # [s] largest difference between the time of a footprint and the time of its sample
+ABOVE = np.array([1.0, -1.0])  # factors that convert a plan seen from below to a plan seen from above
 AXES_FROM_BELOW = Kind(
     "axes_from_below",
     "info",
@@ -53,7 +53,7 @@ AXES_FROM_BELOW = Kind(
 
 
 def names() -> list[str]:
-    """Recordings that are there: `SensorConnectData_*` without the ending."""
+    """Recordings on this computer: `SensorConnectData_*` without the ending."""
     files = registry.listing("footprints", ROOT, f"SensorConnectData_*{ENDING}")
     return [Path(file).name.removesuffix(ENDING) for file in files]
 
@@ -94,7 +94,7 @@ def _trajectory(path: Path) -> np.ndarray | None:
 
 
 def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: list[bool]) -> str | None:
-    """What the ruler said, into `details`; why the footprints cannot be used, None where they can."""
+    """Add the ruler's measurements to `details`; returns why the footprints cannot be used, None where they can."""
     try:
         path, known = registry.file("footprints", f"{RULER}/{name}.mat")
     except registry.DatasetUnavailable as error:
@@ -111,7 +111,7 @@ def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: lis
 
 
 def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, flags: list[bool]) -> str | None:
-    """The footprints, into `details`; why there are none, None where there are."""
+    """Add the footprints to `details`; returns why there are none, None where there are some."""
     import pandas as pd
 
     try:

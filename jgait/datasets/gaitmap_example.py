@@ -3,25 +3,25 @@
 The main walk, `imu_sample`: 20 m out and 20 m back, 204.8 Hz, sensors' axes x forward, y left, z up. `_not_rotated` is
 the same walk in the axes of the sensors' cases. The others have no motion capture: two stairs (204.8 Hz), strides cut
 at initial contact (`_ic_stride`; 102.4 Hz, else a stride took 0.57 s), and a person with multiple sclerosis (102.4 Hz;
-left and right are not synchronised, so each is a recording of its own). Upstream m/s² and deg/s; the accelerometers
+left and right are not synchronised, so each foot is a separate recording). Upstream m/s² and deg/s; the accelerometers
 clip at 16 g.
 
 Reference: heel, toe and fifth metatarsal of both feet, 100 Hz, mm; no lag against the IMUs. The distance is the path
-of the middle of the heels, smoothed so that sway adds nothing. A foot is the middle of its markers; its velocity and
-orientation are not told. Strides are those of the events. There are no joint angles.
+of the midpoint of the heels, smoothed so that sway does not count. A foot's position is the mean of its markers; its
+velocity and orientation are not given. Strides are those of the events. There are no joint angles.
 
-Keys of `Walk.info`; the reference's are {} (or None) where there is none:
+Keys of `Walk.info`; keys of the reference are {} (or None) where there is no reference:
     mocap: {"right": {"heel" | "toe" | "fm5": (M, 3) [m]}, "left": …}, z up, 100 Hz.
     mocap_time: (M,) [s] on the clock of the sensors; None where there is no motion capture.
     stride_borders: {"right": (n, 2) [samples], "left": …}, by hand, at the gyroscope's extremum before toe-off.
-    events: {"right": {"start", "end", "ic", "tc", "min_vel", "pre_ic": (n,) [samples]}, "left": …}: a stride from
-        standing to standing, in it the terminal and initial contact, before it the previous initial contact.
+    events: {"right": {"start", "end", "ic", "tc", "min_vel", "pre_ic": (n,) [samples]}, "left": …}: each stride from
+        standing to standing, the terminal and initial contact in the stride, and the initial contact before the stride.
     strides: {"right": {"length", "width", "width_toe", "step_length", "height" [m], "time" [s], "stance_fraction" [1],
-        "straight" (bool): (n,)}, "left": …}: of the events' strides. Length: horizontal way of the heel from standing
-        to standing; width: distance of the other heel, standing, from the line of that way, NaN where the other foot
-        does not stand in between; step_length: how far along that way it stands; `width_toe` the width by the toes,
-        twice as wide, for the feet are turned out; height: rise of the heel; time: from initial contact to initial
-        contact; `straight` leaves out the turn and the steps next to it.
+        "straight" (bool): (n,)}, "left": …}: of the events' strides. Length: horizontal displacement of the heel from
+        standing to standing; width: distance of the other, standing heel from the line of this displacement, NaN where
+        the other foot does not stand in between; step_length: position of the other heel along this line; `width_toe`:
+        width by the toes, twice the width, because the feet are turned out; height: rise of the heel; time: from
+        initial contact to initial contact; `straight`: False in the turn and in the strides next to it.
     no_reference: why there is no reference; None where there is one.
     verified: whether every file's sha256 was known and agreed.
 """
@@ -57,25 +57,25 @@ CAPTURED = ("imu_sample", "imu_sample_not_rotated")
 MARKERS = {"heel": "FCC", "toe": "TOE", "fm5": "FM5"}
 SIGNALS = ("gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z")
 EVENTS = ("start", "end", "ic", "tc", "min_vel", "pre_ic")
-PATH_SMOOTHING = 0.3  # [s] width of a Gaussian over the middle of the heels
-STRAIGHT = np.deg2rad(15.0)  # a stride that turns more from the walkway is part of the turn
-SHORT = 0.8  # of the median length; a shorter stride starts, stops or turns
+PATH_SMOOTHING = 0.3  # [s] width of the Gaussian that smooths the midpoint of the heels
+STRAIGHT = np.deg2rad(15.0)  # [rad] largest angle of a straight stride to the walkway
+SHORT = 0.8  # [1] of the median length; a shorter stride is a first stride, a last stride, or in a turn
 
 
 FOOT_ABSENT = Kind("foot_absent", "info", "no sensor on the {side} foot", LEFT_OUT)
 
 
 def names() -> list[str]:
-    """Recordings that are there: files `imu_sample*.csv`, without the extension."""
+    """Recordings on this computer: files `imu_sample*.csv`, without the extension."""
     return [Path(file).stem for file in registry.listing("gaitmap_example", ROOT, "imu_sample*.csv")]
 
 
 def load_one(name: str) -> Walk:
-    """One recording: both shoes, or one, and motion capture where there is any."""
+    """One recording: the sensors of one or both shoes, and motion capture where available."""
     path, known = registry.file("gaitmap_example", f"{ROOT}/{name}.csv")
     rate = SLOW_HZ if "_ms_" in name or name.endswith("_ic_stride") else RATE_HZ
     sensors = _read_sensors(path, rate)
-    # Stairs, the cut strides and the person with multiple sclerosis are other people than the main walk's.
+    # The main walk, the stairs, the cut strides and the person with multiple sclerosis are different people.
     subject = name.removeprefix("imu_sample").strip("_") if name not in CAPTURED else "healthy"
     subject = subject.removesuffix("_left").removesuffix("_right")
     notes = [FOOT_ABSENT(side=side) for side in SIDES if f"foot_{side}" not in sensors]
@@ -122,7 +122,7 @@ def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
 def _add_reference(
     details: dict[str, Any], time: np.ndarray, rate_hz: float, notes: list[Note]
 ) -> tuple[Estimate | None, str | None, bool]:
-    """The motion capture, and the strides on it, into `details`; the reference, why there is none, files known."""
+    """Add motion capture and strides to `details`; returns the reference, why there is none, and known files."""
     known = [_add_borders(details, "stride_borders_sample.csv", notes)]
     try:
         path, verified = registry.file("gaitmap_example", f"{ROOT}/mocap_sample.csv")
@@ -195,7 +195,7 @@ def _read_by_foot(path: Path, columns: tuple[str, ...]) -> dict[str, dict[str, n
 
 
 def _path(heels: dict[str, np.ndarray]) -> np.ndarray:
-    """(M,) [m] horizontal path of the middle of the heels, from the first sample on."""
+    """(M,) [m] horizontal path of the midpoint of the heels since the first sample."""
     from scipy.ndimage import gaussian_filter1d
 
     middle = sum(heel[:, :2] for heel in heels.values()) / len(heels)
@@ -243,9 +243,9 @@ def _strides(
 def _across(
     first: np.ndarray, last: np.ndarray, stands: np.ndarray, this: np.ndarray, other: np.ndarray, mocap_time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far the other foot's marker stands from the line of each stride, and along it from its start [m].
+    """Position of the other foot's standing marker: distance from the line of each stride, and along the line [m].
 
-    NaN where the other foot does not stand in between.
+    NaN where the other foot does not stand during the stride.
     """
     start, end = _at(this, mocap_time, first), _at(this, mocap_time, last)
     width, step = np.full(len(start), np.nan), np.full(len(start), np.nan)
@@ -283,7 +283,7 @@ def _table(
 
 
 def _foot(markers: dict[str, np.ndarray], mocap_time: np.ndarray, time: np.ndarray) -> FootTrajectory:
-    """The middle of a foot's markers on the clock of the sensors; held where there is no motion capture any more."""
+    """The mean of a foot's markers on the clock of the sensors; constant after the end of the motion capture."""
     middle = np.mean(list(markers.values()), axis=0)
     position = np.stack([np.interp(time, mocap_time, middle[:, axis]) for axis in range(3)], axis=1)
     return FootTrajectory(position, None, None)

@@ -1,45 +1,45 @@
 """`ipol_gait`: lower back and both feet, 100 Hz; stand, 10 m, U-turn, 10 m, stand (Voisard et al. 2023, IPOL 497).
 
 Upstream has 110 recordings (`<subject>-<trial>`) of 19 healthy people, more than this version of jgait can fetch;
-whichever are there are read. Upstream m/s² and rad/s, in the sensors' own axes, which are kept. Lower back: x up,
-y left, z backwards, tilted by up to 30° (z rises after every initial contact). Feet, as the instep slopes: x backwards
+all recordings in the folder are read. Upstream m/s² and rad/s; the sensors' axes are kept. Lower back: x up, y left,
+z backwards, tilted by up to 30° (z rises after every initial contact). Feet, parallel to the instep: x backwards
 and up, y right, z up.
 
 The accelerometers are not calibrated: at rest they read 9.8 to 10.1 m/s² on the back, 9.8 to 10.0 on the right foot,
-10.0 to 10.5 on the left. They are left so: who integrates them divides by what they read at rest.
+10.0 to 10.5 on the left. The scale is not corrected here: divide by the reading at rest before integrating.
 
 Time is the packet counter, the same for all sensors; lost packets are masked (one in 8-4, one in 19-3, in all three
 sensors; up to a quarter of a sensor's in 17-2 and others), and so is a packet whose number the counter repeats (11-1).
-Events are packets and not rows: in 8-4 the signals' shape about the events moves by a sample where one was lost, if
-they are taken for rows.
+Events are packet numbers and not rows: if they are read as rows, the signals about the events in 8-4 are shifted by a
+sample after a lost packet.
 
-In 4-1 and 4-2 the foot sensors were worn on the other foot: late in swing the feet raise the outer edge and not the
-inner one, each foot moves as the other one in 4-5, and the back is accelerated towards the foot that is listed as
-the one that carries it. In recordings in which the feet move so, sensors and events of right and left are exchanged.
+In 4-1 and 4-2 the foot sensors were worn on the wrong feet: late in swing the outer edge of the foot rises and not the
+inner edge, each foot's signals are those of the other foot in 4-5, and the back is accelerated towards the foot that
+is listed as the stance foot. In such recordings, jgait exchanges sensors and events of right and left.
 
-Reference: swings of both feet, packets of foot off and foot strike, found by two published methods and all checked by
-hand. One contact seems to be lacking in the U-turn of 19-3 and of some others, and one or two elsewhere in 2-3, 17-2
-and 18-3; the stride over it is not `valid`. Twelve recordings (3-3, 12-3, 18-1 …) have events 1 to 12 s after the
-trial's end: single steps of a person who stands, some where a third of the packets is lost. They are among the
-contacts; their strides are not `valid`, and bout and straight parts end with the trial. No distance was measured; 20 m
-is what the person was instructed to walk. Strides have no lengths.
+Reference: swings of both feet, packets of foot off and foot strike, detected by two published methods and all checked
+by hand. One contact seems to be missing in the U-turn of 19-3 and of some others, and one or two elsewhere in 2-3, 17-2
+and 18-3; a stride with a missing contact is not `valid`. Twelve recordings (3-3, 12-3, 18-1 …) have events 1 to 12 s
+after the trial's end: single steps of a standing person, some where a third of the packets is lost. They are among the
+contacts; their strides are not `valid`, and bout and straight parts end with the trial. No distance was measured; the
+person was instructed to walk 20 m. Strides have no lengths.
 
-Keys of `Walk.info`; empty or None where nothing is known, as without the .json:
+Keys of `Walk.info`; empty or None where unknown, for example without the .json:
     initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
-    final_contacts, final_contact_sides: (n,) [s] and sides, the same number: each begins the swing that a contact ends.
+    final_contacts, final_contact_sides: (n,) [s] and sides; each final contact begins a swing that a contact ends.
     bouts: {"start", "end" [s], "distance" [m], "speed" [m/s], "straight" (bool): (1,)}, one from the first contact to
         the last of the trial; distance and speed are NaN.
-    turns: {"start", "end" [s]: (1,)}, the U-turn. 15-1 turns round once more 2 s before its end, which upstream does
-        not say.
-    straight_parts: (2, 2) [s] from the first contact to the U-turn, from there to the last contact of the trial.
+    turns: {"start", "end" [s]: (1,)}, the U-turn. 15-1 has one more turn 2 s before its end, which upstream does not
+        list.
+    straight_parts: (2, 2) [s] from the first contact to the U-turn, from the U-turn to the trial's last contact.
     trial: (start, end) [s], upstream's: first foot off to last strike.
     nominal_distance: [m] 20, there and back.
     test: what the person was instructed to do.
     height [m], mass [kg], age [years], gender: None where not known; upstream writes NaN for height and mass of persons
-        10 and 14 and for the mass of person 2. sensor_height: None, never said.
-    reference_system: where the reference comes from.
+        10 and 14 and for the mass of person 2. sensor_height: None, upstream does not give it.
+    reference_system: source of the reference.
     no_reference: why there is no reference; None where there is one.
-    feet_exchanged: whether upstream's right is left; it is put right here.
+    feet_exchanged: whether upstream's right is left; jgait has corrected it.
     verified: whether every file's sha256 was known and agreed.
 """
 
@@ -63,9 +63,9 @@ RATE_HZ = 100.0
 SENSORS = {"lb": "lower_back", "rf": "foot_right", "lf": "foot_left"}
 COLUMNS = ("PacketCounter", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z")
 EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
-LOST = 0.5  # part of the packets that may be lost; with more the counter counts something else
-REPEATED = 0.01  # part of the rows that may repeat the packet before them; with more the counter counts something else
-EXCHANGED = -1.0  # [rad/s] roll late in swing, the right foot's less the left foot's: below it they are exchanged
+LOST = 0.5  # [1] largest share of lost packets; with more, the column is not a packet counter
+REPEATED = 0.01  # [1] largest share of rows that repeat a packet number; with more, the column is not a counter
+EXCHANGED = -1.0  # [rad/s] right minus left roll rate late in swing; below it the sensors are exchanged
 NOMINAL_DISTANCE = 20.0  # [m]
 ACC_AS_UPSTREAM = Kind(
     "acc_as_upstream",
@@ -95,7 +95,7 @@ INTERVAL_OUTSIDE = Kind(
 
 
 def names() -> list[str]:
-    """Recordings of which a sensor on the back or the table of events is there, for example '17-5'."""
+    """Recordings whose back sensor or table of events is on this computer, for example '17-5'."""
     trials = [Path(file).name.removesuffix("_lb.txt") for file in registry.listing("ipol_gait", ROOT, "*_lb.txt")]
     trials += [Path(file).stem for file in registry.listing("ipol_gait", ROOT, "*.json")]
     return sorted(
@@ -161,7 +161,7 @@ def load_one(name: str) -> Walk:
 
 
 def _read_sensor(path: Path) -> np.ndarray:
-    """(n, 7): packet, accelerometer [m/s²], gyroscope [rad/s]; above the names of the columns may stand the rate."""
+    """(n, 7): packet, accelerometer [m/s²], gyroscope [rad/s]; a line with the rate may precede the header."""
     import pandas as pd
 
     with path.open() as stream:
@@ -186,7 +186,7 @@ def _read_sensor(path: Path) -> np.ndarray:
 
 
 def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -> tuple[dict[str, Imu], int]:
-    """Sensors on the packets that any of them has, what one lacks masked; and the first packet."""
+    """Sensors on the union of their packets, a sensor's missing packets masked; and the number of the first packet."""
     first = min(int(table[0, 0]) for table in tables.values())
     length = max(int(table[-1, 0]) for table in tables.values()) + 1 - first
     fewest = min(map(len, tables.values()))
@@ -199,7 +199,7 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -
         signals[packets - first] = table[:, 1:]
         twice = packets[1:][np.diff(packets) == 0]
         if len(twice):
-            # which of the two rows was measured at that time is not known
+            # it is not known which of the two rows was measured at that time
             signals[twice - first] = np.nan
             notes.append(COUNTER_REPEATS(placement=placement, numbers=list(twice)))
         time = np.arange(length) / RATE_HZ
@@ -222,7 +222,7 @@ def _read_about(path: Path) -> dict[str, Any]:
 
 
 def _swings(what: str, events: PyTree, first: int, length: int, notes: list[Note]) -> np.ndarray:
-    """(n, 3) int: samples of foot off and foot strike, and which of upstream's events it is; bad ones are left out."""
+    """(n, 3) int: samples of foot off and foot strike, and upstream's event number; impossible swings are left out."""
     try:
         swings = np.asarray(events, np.float64).reshape(len(events), 2) - first
     except (TypeError, ValueError) as error:
@@ -238,10 +238,10 @@ def _swings(what: str, events: PyTree, first: int, length: int, notes: list[Note
 
 
 def _feet_exchanged(sensors: dict[str, Imu], swings: dict[str, np.ndarray]) -> bool:
-    """Whether each foot's sensor was worn on the other foot: late in swing a foot raises its inner edge.
+    """Whether the foot sensors were exchanged: late in swing, the inner edge of a foot rises.
 
-    That is the left edge of a right foot. The right foot's median rate about forward, over the second halves of its
-    swings, is at least 1.1 rad/s more than the left foot's, and 3.5 rad/s less in 4-1 and 4-2.
+    The inner edge is the left edge of a right foot. The median rate about the forward axis, over the second halves of
+    the swings, is at least 1.1 rad/s larger for the right foot than for the left, and 3.5 rad/s less in 4-1 and 4-2.
     """
     rates = []
     for side in SIDES:
@@ -267,9 +267,9 @@ def _contacts(swings: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def _strides(swings: dict[str, np.ndarray]) -> Strides:
-    """From each contact of a foot to its next; not valid where a swing between them is lacking, or was left out.
+    """Strides from each contact of a foot to its next; not valid where a swing between them is missing or left out.
 
-    That one is lacking shows by the other foot, which comes down twice meanwhile.
+    A swing is missing where the other foot has two contacts during the stride.
     """
     before, after = (np.concatenate([swings[side][part] for side in SIDES]) for part in (slice(-1), slice(1, None)))
     side = np.concatenate([np.full(max(len(swings[side]) - 1, 0), SIDES.index(side)) for side in SIDES])
@@ -284,7 +284,7 @@ def _strides(swings: dict[str, np.ndarray]) -> Strides:
 def _intervals(
     name: str, about: dict[str, Any], swings: dict[str, np.ndarray], first: int, length: int, notes: list[Note]
 ) -> dict[str, Any]:
-    """The walk, the trial, the turn and what is straight."""
+    """The walking bout, the trial, the turn and the straight parts."""
 
     def interval(key: str) -> tuple[float, float] | None:
         given = about.get(key)
@@ -317,7 +317,7 @@ def _intervals(
 def _person(about: dict[str, Any]) -> dict[str, Any]:
     def number(key: str, factor: float) -> float | None:
         value = about.get(key)
-        # Upstream writes NaN for a measure that it does not know.
+        # Upstream writes NaN for an unknown measure.
         if not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
             return None
         return float(value) * factor

@@ -1,35 +1,35 @@
 """`mobgap_lab`: lower back, 100 Hz, with motion capture and with the INDIP system (the Mobilise-D consortium's mobgap).
 
-Recordings are called `<cohort>/<participant>/<test>/<trial>`. `Test5` is a straight walk, `Test11` a circuit of daily
-activities with short bouts and turns. Upstream has more participants than this version of jgait can fetch; whichever
-`<cohort>/<participant>/data.mat` are there are read. Upstream g and deg/s. Axes kept: x up, y right, z forwards.
+Recordings are named `<cohort>/<participant>/<test>/<trial>`. `Test5` is a straight walk, `Test11` a circuit of daily
+activities with short bouts and turns. Upstream has more participants than this version of jgait can fetch; all
+`<cohort>/<participant>/data.mat` in the folder are read. Upstream g and deg/s. Axes kept: x up, y right, z forwards.
 
 Reference: contacts, strides and walking bouts by motion capture (`Stereophoto`) and by insoles, foot sensors and
-distance sensors (`INDIP`); the walk's reference is the motion capture, where it saw none the INDIP, and both are in
-`systems`. Upstream counts samples from 1 and writes times as count / rate, so that a sample's time is less by one
-sample; here every time is on the sensor's clock, which begins with 0. Strides are upstream's in seconds
-(`Stereophoto`) or counts (`INDIP`). A contact that upstream knows to have been, but not when, is NaN there and left
-out here; what upstream calls a stride over such a contact is two, and not `valid` here. A bout's distance is upstream's
-`Length` (the motion capture's is the sum of its step lengths); `distance_feet` is the motion capture's `LengthFeet`, up
-to 11 % apart, and known of some bouts whose `Length` is not. A bout's speed is the mean of its strides' speeds, and not
-its distance over its time.
+distance sensors (`INDIP`); the walk's reference is the motion capture, or the INDIP where the motion capture has no
+bout, and both are in `systems`. Upstream counts samples from 1 and writes times as count / rate; here every time is on
+the sensor's clock, which begins with 0, and is one sample less. Upstream's strides are in seconds (`Stereophoto`) or in
+counts (`INDIP`). A contact without a known time is NaN upstream and left out here; upstream's stride over such a
+contact consists of two strides, and is not `valid` here. A bout's distance is upstream's `Length` (the motion capture's
+is the sum of its step lengths); `distance_feet` is the motion capture's `LengthFeet`, which differs by up to 11 % and
+is known for some bouts without a `Length`. A bout's speed is the mean of its strides' speeds, and not its distance over
+its time.
 
-Keys of `Walk.info`; empty or None where nothing is known:
+Keys of `Walk.info`; empty or None where unknown:
     initial_contacts, initial_contact_sides: (n,) [s], and 0 right, 1 left; in order of time.
-    initial_contact_bouts: (n,) which bout each is part of.
+    initial_contact_bouts: (n,) number of the bout of each initial contact.
     final_contacts, final_contact_sides: (m,) likewise.
     bouts: {"start", "end" [s], "distance", "distance_feet" [m], "speed" [m/s], "cadence" [steps/s], "straight" (bool),
-        "unseen_contacts" (int): (b,)}, each from its first contact to its last; NaN where not said. `straight`:
-        upstream found no turn in it; `unseen_contacts`: how many initial contacts have no time.
+        "unseen_contacts" (int): (b,)}, each from its first contact to its last; NaN where not given. `straight`:
+        upstream detected no turn in the bout; `unseen_contacts`: number of initial contacts without a time.
     turns: {"start", "end" [s], "angle" [rad], left positive: (k,)} inside bouts. Take the sign from the gyroscope: in
-        HA/001 and HA/002 the motion capture's is the other one in 1 of 13 turns, the INDIP's in 7 of 10.
+        HA/001 and HA/002 the sign is wrong in 1 of 13 turns of the motion capture and in 7 of 10 of the INDIP.
     straight_parts: (p, 2) [s] the bouts without a turn.
     trial: (start, end) [s] of the recording.
     test, trial_name: "Test5", "Trial1". straight: whether the test is a straight walk.
-    height, sensor_height [m], mass [kg]: None where not said.
-    reference_system: "Stereophoto", "INDIP" or None; that of all of the above.
+    height, sensor_height [m], mass [kg]: None where not given.
+    reference_system: "Stereophoto", "INDIP" or None; the system of all of the above.
     systems: name → the keys from `initial_contacts` to `straight_parts`, and "strides" (`Strides`), of each system that
-        saw a bout.
+        recorded a bout.
     no_reference: why there is no reference; None where there is one.
     verified: whether every file's sha256 was known and agreed.
 """
@@ -48,12 +48,12 @@ from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "example_data/data/lab"
-STANDARD_GRAVITY = 9.80665  # [m/s²] what a g is
+STANDARD_GRAVITY = 9.80665  # [m/s²] one g
 SYSTEMS = ("Stereophoto", "INDIP")
-LEVEL = "MicroWB"  # upstream's walking bout; its ContinuousWalkingPeriod may hold several, with breaks
-USUAL = "TimeMeasure1"  # the only time of measurement there is; another one would be part of the name
+LEVEL = "MicroWB"  # upstream's walking bout; a ContinuousWalkingPeriod may contain several, with breaks
+USUAL = "TimeMeasure1"  # the only time of measurement upstream; any other one becomes part of the name
 STRAIGHT_TESTS = ("Test5",)
-COUNTS = 10.0  # strides that reach so many times the end of their bout are in counts and not in seconds
+COUNTS = 10.0  # [1] strides that end later than so many times the end of their bout are in counts, not in seconds
 BOUT = {
     "start": "Start",
     "end": "End",
@@ -91,7 +91,7 @@ STRIDES_LEFT_OUT = Kind(
 
 
 def names() -> list[str]:
-    """Trials that are there, for example 'HA/001/Test5/Trial1'; a participant whose trials cannot be told is one."""
+    """Trials on this computer, for example 'HA/001/Test5/Trial1'; the participant if its trials cannot be listed."""
     walks = []
     for file in registry.listing("mobgap_lab", ROOT, "data.mat"):
         participant = Path(file).parent.relative_to(ROOT).as_posix()
@@ -133,7 +133,7 @@ def load_one(name: str) -> Walk:
 
 
 def _trials(participant: str) -> list[str]:
-    """'Test5/Trial1', … by upstream's list, which needs no SciPy, else by the data; none where neither is there."""
+    """'Test5/Trial1', … by upstream's list, which needs no SciPy, else by the data; empty if both files are missing."""
     try:
         path, _ = registry.file("mobgap_lab", f"{ROOT}/{participant}/test_list.json", strict=False)
         keys = [tuple(map(str, entry["key"])) for entry in json.loads(path.read_text())["data"]]
@@ -141,7 +141,7 @@ def _trials(participant: str) -> list[str]:
         try:
             measures = _descend(_read(registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")[0]), "", "data")
             keys = [(measure, test, trial) for measure, of in measures.items() for test in of for trial in of[test]]
-        except (ImportError, ValueError, TypeError, AttributeError):  # reported when it is loaded
+        except (ImportError, ValueError, TypeError, AttributeError):  # the error is reported when the trial is loaded
             return []
     return ["/".join(key[1:] if key[0] == USUAL else key) for key in keys]
 
@@ -152,7 +152,7 @@ def _read(path: Path) -> dict[str, Any]:
 
     try:
         return dict(loadmat(path, simplify_cells=True))
-    except Exception as error:  # a truncated file raises whatever its reader stumbles over
+    except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{'/'.join(path.parts[-3:])} is no whole MATLAB file: {error}") from error
 
 
@@ -166,7 +166,7 @@ def _descend(tree: PyTree, file: str, *keys: str) -> PyTree:
 
 
 def _as_list(bouts: PyTree) -> list[dict[str, PyTree]]:
-    """A struct, an array of structs, or an empty array for none."""
+    """List of structs, from a struct, an array of structs, or an empty array."""
     return [bouts] if isinstance(bouts, dict) else [bout for bout in bouts if isinstance(bout, dict)]
 
 
@@ -235,7 +235,7 @@ def _system(bouts: list[dict[str, PyTree]], system: str, rate: float, last: floa
 
 
 def _number(bout: dict[str, Any], key: str) -> float:
-    """One number; NaN where upstream has an empty array, or nothing."""
+    """A number of the bout; NaN where upstream has an empty array or lacks the key."""
     values = np.asarray(bout.get(key, []), np.float64).ravel()
     return float(values[0]) if values.size else np.nan
 
@@ -248,7 +248,7 @@ def _numbers(bout: dict[str, Any], key: str, where: str) -> np.ndarray:
 
 
 def _events(bout: dict[str, Any], event: str, where: str) -> np.ndarray:
-    """(n, 2): time [s] as upstream counts it, NaN where it is not known, and side."""
+    """(n, 2): upstream's time [s], NaN where unknown, and side."""
     time = _numbers(bout, f"{event}_Event", where)
     labels = [str(label).lower() for label in np.atleast_1d(bout.get(f"{event}_LeftRight", []))]
     if len(labels) != len(time) or not set(labels) <= set(SIDES):
@@ -283,7 +283,7 @@ def _strides(
 
 
 def _reference(time: AnyArray, details: dict[str, Any], system: str) -> Estimate:
-    """Distance along the bouts, even in time through each; valid inside those whose length is known."""
+    """Distance along the bouts, linear in time within each bout; valid inside bouts with a known length."""
     bouts = details["bouts"]
     known = np.isfinite(bouts["distance"])
     start, end = bouts["start"][known], bouts["end"][known]
@@ -296,7 +296,7 @@ def _reference(time: AnyArray, details: dict[str, Any], system: str) -> Estimate
 
 
 def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str, float | None], bool]:
-    """Body measures, and whether the file is known."""
+    """Body measures, and whether jgait lists the file."""
     about: dict[str, Any] = {}
     known = True
     try:

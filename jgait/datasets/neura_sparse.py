@@ -1,8 +1,8 @@
 """`neura_sparse`: IMUs on pelvis and both legs, with Vicon joint centres (Sy et al. 2020, gait-tech/gaittoolbox).
 
 Sensors: Xsens, 100 Hz, m/s² and rad/s, on pelvis, thighs, shanks (upstream `LowLeg2`, mid shank), ankles (upstream
-`LowLeg`, lower shank, turned about 90° round it) and feet. Reference: Vicon joint centres and markers, 100 Hz, mm,
-z up.
+`LowLeg`, lower shank, turned by 90° about the shank's axis) and feet. Reference: Vicon joint centres and markers,
+100 Hz, mm, z up.
 
 The IMU lags Vicon by two samples, so the first two IMU samples and the last two Vicon frames are dropped; all indices
 in `info` count samples of the aligned recording from 0, half-open.
@@ -12,11 +12,11 @@ Keys of `Walk.info`:
     lengths: {"right": (thigh, shank), "left": …} [m] from the joint centres while standing.
     joint_centres: {"right": {"hip" | "knee" | "ankle" | "heel" | "toe": (T, 3) [m]}, "left": …}, z up.
     heading: (T,) [rad] of the pelvis, low-passed, counter-clockwise from the laboratory's x axis.
-    contact: {"right": (T,) bool, "left": …}, foot on the ground, upstream's own flags; {} where there are none.
+    contact: {"right": (T,) bool, "left": …}, foot on the ground, upstream's flags; {} where there are none.
     ankle_strides: {"right": (n, 3) (stance sample, next stance sample, horizontal ankle displacement [m]), "left": …}.
-    forward_distance: (T,) [m] the pelvis' steps along the heading, summed; the reference's `distance` is instead the
-        length of its horizontal path, smoothed so that sway adds nothing. On the straight parts both lie within
-        1.2 % of the net displacement; in the U-turn the pelvis also moves sideways, which only the path counts.
+    forward_distance: (T,) [m] the sum of the pelvis' displacements along the heading; the reference's `distance` is
+        the length of the pelvis' horizontal path, smoothed so that sway does not count. On the straight parts both lie
+        within 1.2 % of the net displacement; in the U-turn the pelvis also moves sideways, which only the path counts.
     verified: whether every file's sha256 was known and agreed.
 """
 
@@ -40,7 +40,7 @@ IMU_LATE = Kind(
 PACKETS_MASKED = Kind("packets_masked", "check", "{lost} packets of {placement} were lost and are masked", LOSSES)
 
 RATE_HZ = 100.0
-LAG = 2  # samples by which the IMU follows Vicon
+LAG = 2  # [samples] delay of the IMU against Vicon
 ROOT = "data/sample"
 LIST = f"{ROOT}/data-list.csv"
 
@@ -56,7 +56,7 @@ SERIALS = {
     "foot_left": "00B40C55",
 }
 
-# The parts of the published trial on which results are quoted, chosen by eye on the pelvis' path.
+# The parts of the published trial for which results are reported, chosen by eye on the pelvis' path.
 _WINDOWS = {
     "S02-Trial-Walk-1": {
         "standing": (200, 1000),
@@ -68,7 +68,7 @@ _WINDOWS = {
 
 
 def names() -> list[str]:
-    """Trials in upstream's list whose raw IMU files are there, for example 'S02-Trial-Walk-1'."""
+    """Trials in upstream's list whose raw IMU files are on this computer, for example 'S02-Trial-Walk-1'."""
     if not registry.listing("neura_sparse", ROOT, Path(LIST).name):
         return []
     return [name for name in _trials()[0] if _sensor_paths(name)]
@@ -109,9 +109,9 @@ def load_one(name: str) -> Walk:
 
 
 def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
-    """Trial name → (first, last + 1) frame of its walk, and whether the list is the one known.
+    """Trial name → (first, last + 1) frame of its walk, and whether the list has the known sha256.
 
-    Upstream's list counts from 1, both ends in. A fuller set has a longer list, so another sha256 is no error.
+    Upstream counts frames from 1, both ends included. A fuller set has a longer list, so another sha256 is no error.
     """
     import pandas as pd
 
@@ -145,7 +145,7 @@ def _read_sensor(path: Path) -> np.ndarray:
 
 
 def _on_one_clock(tables: dict[str, np.ndarray]) -> tuple[dict[str, Imu], dict[str, int]]:
-    """Sensors by packet counter on one time axis, the lag removed; and how many packets each lost."""
+    """Sensors on one time axis by packet counter, the lag removed; and the number of lost packets of each sensor."""
     counters = {p: np.unwrap(table[:, 0], period=65536).astype(np.int64) for p, table in tables.items()}
     first = min(counter[0] for counter in counters.values()) + LAG
     length = max(counter[-1] for counter in counters.values()) + 1 - first
@@ -187,9 +187,9 @@ def _read_contact(name: str) -> tuple[dict[str, np.ndarray], bool]:
 
 
 def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
-    """Where the pelvis faces in the horizontal plane, low-passed at 1 Hz without delay.
+    """Heading of the pelvis in the horizontal plane, low-passed at 1 Hz without delay.
 
-    The lateral axis runs through the iliac spines, front and back averaged; forward is a quarter turn from it.
+    The lateral axis joins the iliac spines, front and back averaged; the forward axis is at a right angle to it.
 
     Args:
         vicon: LASI, RASI, LPSI, RPSI, each (T, 3) [m], z up.
@@ -202,7 +202,7 @@ def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def forward_path(position: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Distance walked: the step along the heading, summed, so that sway to and fro adds nothing.
+    """Distance walked: the sum of the displacements along the heading, so that lateral sway does not count.
 
     Args:
         position: (T, 2) [m] horizontal.
@@ -230,7 +230,7 @@ def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if len(starts) < 2:
         return np.zeros((0, 3))
-    # Standing before and after the walk is long: take its inner end, where the foot left or came to rest.
+    # The first and the last stance are long: take the instant at which the foot leaves or comes to rest.
     middles = (starts + ends) // 2
     middles[0], middles[-1] = max(middles[0], ends[0] - 30), min(middles[-1], starts[-1] + 30)
     displacement = np.linalg.norm(np.diff(ankle[middles, :2], axis=0), axis=1)
@@ -286,7 +286,7 @@ def _reference(
 def _windows(
     name: str, frames: tuple[int, int], sensors: dict[str, Imu], heading: np.ndarray
 ) -> dict[str, tuple[int, int]]:
-    """Standing, walking and straight parts; by rule for trials that are not in `_WINDOWS`."""
+    """Standing, walking and straight parts; computed for trials that are not in `_WINDOWS`."""
     if name in _WINDOWS:
         return {"whole": frames, **_WINDOWS[name]}
     from jgait.events.rest import longest_still

@@ -1,11 +1,11 @@
-"""Kinds of facts that loaders of several public data sets notice."""
+"""Kinds of notes that the loaders of several public data sets share."""
 
 from jgait.notes import LEFT_OUT, LOSSES, ORIGIN, Kind
 
 SAMPLES_MASKED = Kind("samples_masked", "check", "{placement}: {masked} of {samples} samples are masked", LOSSES)
 
 FILE_ABSENT = Kind("file_absent", "info", "{dataset} lacks {file}; jgait.datasets.fetch({dataset!r}) gets it", LEFT_OUT)
-"""A part of the set is not on this computer."""
+"""A file of the set is not on this computer."""
 
 SENSOR_FILE_ABSENT = Kind("sensor_file_absent", "info", "no file for {placements}", LEFT_OUT)
 

@@ -1,4 +1,4 @@
-"""What the data sets with one sensor on one foot have in common: files, axes, and the way along footprints."""
+"""Functions for the data sets with one sensor on one foot: files, axes, and the distance along footprints."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,18 +8,18 @@ import numpy as np
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, Strides
 
 FLIP = np.array([1.0, -1.0, -1.0])
-"""Half a turn about x, a proper rotation: what a sensor reads whose z points down, in axes of which z points up."""
+"""Half a turn about x, a proper rotation: converts readings of a sensor with z down to axes with z up."""
 
 
 SHORTEST = 0.1
-"""[m] Footprints that are nearer to each other are one foot set down again where it stood."""
+"""[m] Shortest stride between two footprints; at a smaller distance the foot was put down again on the spot."""
 
 
 def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Variables of a MATLAB file (version 5), arrays without axes of length one.
 
     Raises:
-        RecordingError: if the file lacks one of them.
+        RecordingError: if the file lacks one of the variables.
     """
     from scipy.io import loadmat
 
@@ -31,10 +31,10 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
 
 
 def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:
-    """A sensor on its own clock from 0 on, what is not finite masked; and its rate by the median sample time.
+    """A sensor with time from 0, non-finite samples masked; and its sampling rate from the median sample time.
 
     Args:
-        name: of the file, for messages.
+        name: name of the file, for messages.
         time: (T,) [s].
         gyr: (T, 3) [rad/s].
         acc: (T, 3) [m/s²].
@@ -43,7 +43,7 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
         The sensor, and the rate [Hz].
 
     Raises:
-        RecordingError: if the shapes do not fit or time does not run forwards.
+        RecordingError: if the shapes do not fit or time does not increase.
     """
     if time.ndim != 1 or len(time) < 2 or gyr.shape != (len(time), 3) or acc.shape != (len(time), 3):
         raise RecordingError(
@@ -59,7 +59,7 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
 
 
 def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -> np.ndarray:
-    """Distance along footprints (T,) [m]: the same while the foot stands, in between even in time.
+    """Distance along footprints (T,) [m]: constant while the foot stands, linear in time between stances.
 
     Args:
         time: (T,) [s].
@@ -83,7 +83,7 @@ def footprint_strides(
         position: (n, 2) or (n, 3) [m] of the footprints; height does not count.
         arrived: (n,) [s] when the foot comes to stand on each.
         left: (n,) [s] when it leaves.
-        whole: (n − 1,) bool, False between footprints that may have another between them; None: all are known.
+        whole: (n − 1,) bool, False where a footprint between two footprints may be missing; None: none is missing.
 
     Returns:
         Fields (n − 1,).

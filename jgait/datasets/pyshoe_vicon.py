@@ -1,32 +1,32 @@
 """`pyshoe_vicon`: the right shoe under Vicon, 200 Hz, about 3 × 3 m (Wagstaff, Peretroukhin and Kelly, 2019).
 
-Upstream has 56 trials, of which this version of jgait can fetch five; whichever are there are read. People walk,
-run and crawl; which trial is which, and who it was, upstream does not state: compare `speed`, and everybody counts as
-one subject, so that no split can leak. Upstream m/s², rad/s and m. The shoe stands for 0.9 to 3.3 s at the start.
+Upstream has 56 trials, of which this version of jgait can fetch five; all trials in the folder are read. People walk,
+run and crawl; upstream states neither activity nor person of a trial: compare `speed`; all trials have one subject, so
+that no split mixes a person. Upstream m/s², rad/s and m. The shoe stands for 0.9 to 3.3 s at the start.
 
-Axes: at rest the sensor's z reads −9.4 m/s², so z points down (x forwards and 15° down). It is turned half a turn
-about x here (y and z change sign: a proper rotation). Vicon's z points up as published, but its x and y are those
-of a plan seen from below, so the three axes are left-handed: with them the shoe turns left where the path turns right,
-and no rotation fits one to the other (1.3 to 1.7 m are left over, mirrored 0.04 to 0.1 m). So y changes sign.
+Axes: at rest the sensor's z reads −9.4 m/s², so z points down (x forwards and 15° down). jgait turns the axes by half a
+turn about x (y and z change sign: a proper rotation). Vicon's published z points up, but its x and y are those of a
+plan seen from below, so the three axes are left-handed: the shoe turns left where the path turns right, and no
+rotation fits the shoe's path to Vicon's (residual 1.3 to 1.7 m, mirrored 0.04 to 0.1 m). So y changes sign.
 
-Time: the published one, which jitters by some milliseconds (steps of 1.6 to 8 ms) although the sensor samples evenly.
-Vicon is 3 to 12 ms behind the sensor, differently in each trial: compare where the shoe stands.
+Time: the published time, which jitters by some milliseconds (steps of 1.6 to 8 ms) although the sensor samples evenly.
+Vicon is 3 to 12 ms behind the sensor, differently in each trial: compare positions while the shoe stands.
 
-Reference: where the foot is, z up, on the sensor's time; velocity and orientation are not known. `valid` is False at
+Reference: position of the foot, z up, on the sensor's time; velocity and orientation are not known. `valid` is False at
 both ends of a jump faster than 10 m/s and where Vicon held a value for three samples or more (0.4 s in
-2017-11-22-11-22-03). Lesser jumps remain, up to 5 cm. The height of a standing shoe differs by up to 6 cm from place to
-place, also between two long stands, so judge lengths and not heights. The distance is the path from stance to stance,
-the strides those between the footprints; contacts are not known.
+2017-11-22-11-22-03). Smaller jumps remain, up to 5 cm. The height of a standing shoe differs by up to 6 cm between
+places, also between two long stances, so compare lengths and not heights. The distance is the path from stance to
+stance, the strides those between the footprints; contacts are not known.
 
 Keys of `Walk.info`:
     footprints: {"samples": (n,) int, the middle of each stance, "time": (n,) [s], "position": (n, 3) [m], "start",
-        "end": (n,) [samples], half-open}: of the stretches in which Vicon is slower than 0.5 m/s. Where
-        Vicon was lost between two of them, one may be missing.
+        "end": (n,) [samples], half-open}: of the intervals in which Vicon's speed is below 0.5 m/s. Where
+        Vicon lost the foot between two footprints, one may be missing.
     zero_velocity: {"vicon" | "shoe" | "ared" | "amvd" | "mbgtd": (T,) bool}, the publisher's detectors, each with
-        the threshold that suited the trial best. They flicker: joined over 0.15 s and with stances of 0.08 s at
-        least, `vicon` gives 25 of the 29 stances of 2017-11-27-11-13-10; `shoe` calls some swings still.
-    best_detector: the one that gave the publisher's filter the smallest error.
-    speed: [m/s] path over the time from leaving the first footprint to reaching the last; None below two.
+        the best threshold for the trial. Their output flickers: with gaps below 0.15 s closed and stances of 0.08 s at
+        least, `vicon` gives 25 of the 29 stances of 2017-11-27-11-13-10; `shoe` detects stances in some swings.
+    best_detector: the detector with which the publisher's filter had the smallest error.
+    speed: [m/s] path over the time from leaving the first footprint to reaching the last; None below two footprints.
     no_reference: None.
     verified: whether the file's sha256 was known and agreed.
 """
@@ -47,25 +47,25 @@ from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Recordi
 ROOT = "data/vicon/processed"
 DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
 RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
-JUMP = 10.0  # [m/s] no foot is as fast
-HELD = 3  # steps without any change: Vicon lost the foot and repeats itself
-STILL = 0.5  # [m/s] a standing foot's sensor still rolls and creeps; a swing that is slower is none
-MEDIAN = 9  # samples over which the speed's median is taken, for single samples are off by some centimetres
-FLICKER = 0.1  # [s] a shorter movement is none
-SHORTEST = 0.05  # [s] a shorter stance is none
-REACH = 0.3  # [s] a stride is timed from at most so long before the foot leaves, to so long after it arrives
-SEEN = 0.8  # share of the samples between two footprints in which the foot must be visible to Vicon
+JUMP = 10.0  # [m/s] speed above which a change of position is a jump; no foot is as fast
+HELD = 3  # [samples] fewest equal successive positions that mean that Vicon lost the foot
+STILL = 0.5  # [m/s] largest speed of a standing foot, which still rolls a little
+MEDIAN = 9  # [samples] window of the speed's median; single positions have errors of some centimetres
+FLICKER = 0.1  # [s] a movement between two stances that is shorter is removed
+SHORTEST = 0.05  # [s] shortest stance
+REACH = 0.3  # [s] a stride begins at most so long before the foot leaves, and ends so long after it arrives
+SEEN = 0.8  # [1] smallest share of valid Vicon samples between two footprints
 VICON_MIRRORED = Kind("vicon_mirrored", "info", "Vicon's axes are left-handed upstream: y changed sign", ORIGIN)
 VICON_MASKED = Kind("vicon_masked", "info", "{masked} samples of Vicon masked", LOSSES)
 
 
 def names() -> list[str]:
-    """Recordings that are there: the trials' dates, which are the files' names."""
+    """Recordings on this computer: the trials' dates, which are the files' names."""
     return [Path(file).stem for file in registry.listing("pyshoe_vicon", ROOT, "*.mat")]
 
 
 def load_one(name: str) -> Walk:
-    """One trial with the foot's way."""
+    """One trial with the trajectory of the foot."""
     path, known = registry.file("pyshoe_vicon", f"{ROOT}/{name}.mat")
     flags = {detector: f"zv_{detector}_opt" for detector in DETECTORS}
     raw = read_mat(path, ("ts", "imu", "gt", "best_detector", *flags.values()))
@@ -111,7 +111,7 @@ def load_one(name: str) -> Walk:
 
 
 def _strides(prints: dict[str, np.ndarray], valid: np.ndarray, time: np.ndarray) -> Strides:
-    """Strides between footprints; one during which Vicon lost the foot for long may hide another, and is not valid."""
+    """Strides between footprints; not valid where Vicon lost the foot for long, because a footprint may be missing."""
     left = np.maximum(prints["time"], time[prints["end"] - 1] - REACH)
     arrived = np.minimum(prints["time"], time[prints["start"]] + REACH)
     whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
@@ -119,11 +119,11 @@ def _strides(prints: dict[str, np.ndarray], valid: np.ndarray, time: np.ndarray)
 
 
 def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:
-    """(T,) bool: False at both ends of a jump, where the position (T, 3) [m] was held, and where there is none."""
+    """(T,) bool: False at both ends of a jump, and where the position (T, 3) [m] was held or is missing."""
     known = np.isfinite(position).all(axis=1)
     step = np.linalg.norm(np.diff(np.where(known[:, None], position, 0.0), axis=0), axis=1)
     step = np.where(known[1:] & known[:-1], step, np.nan)
-    # The published times jitter more than the sensor does, so the speed is that of the nominal rate.
+    # The published times jitter more than the sensor's sampling, so the speed is computed with the nominal rate.
     jump = np.flatnonzero(step * rate_hz > JUMP)
     known[jump] = False
     known[jump + 1] = False
@@ -134,7 +134,7 @@ def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def stances(position: np.ndarray, valid: np.ndarray, time: np.ndarray, rate_hz: float) -> dict[str, np.ndarray]:
-    """Where and when the foot stands, by motion capture alone; the keys are those of `info["footprints"]`."""
+    """Footprints of the stances by motion capture alone; the keys are those of `info["footprints"]`."""
     from scipy.ndimage import median_filter
 
     speed = np.linalg.norm(np.gradient(position, axis=0), axis=1) * rate_hz

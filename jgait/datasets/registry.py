@@ -1,4 +1,4 @@
-"""Where public recordings come from, and where they lie: address, sha256, folder.
+"""Sources and folders of the public recordings: address, sha256, local folder.
 
 Every file is named by its upstream address (repository, commit, path) and its sha256. A data set NAME is three things:
 its name in `NAMES`, its description and files in `NAME.json`, and its reader `NAME.py` with the functions of `Loader`.
@@ -31,15 +31,15 @@ DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
 
 class DatasetInfo(NamedTuple):
-    """What a data set is, where it comes from and on which terms.
+    """Description, source and licence of a data set.
 
     Attributes:
         name: short name, as in `load(name)`.
         title: one line that states what was recorded.
         repository: upstream repository, host/owner/name.
         commit: upstream commit the files are taken from.
-        licence: upstream's licence, or what its absence means.
-        citation: whom to cite.
+        licence: upstream's licence, or the consequence if it has none.
+        citation: the work to cite.
         files: upstream path → sha256, the files this version of jgait can fetch.
     """
 
@@ -64,7 +64,7 @@ class DatasetUnavailable(LookupError):
 
     Attributes:
         dataset: name of the set.
-        file: path of the file in the set; empty: the whole set is absent.
+        file: path of the file in the set; empty if the whole set is absent.
     """
 
     def __init__(self, message: str, dataset: str = "", file: str = "") -> None:
@@ -73,14 +73,14 @@ class DatasetUnavailable(LookupError):
 
 
 class ChecksumError(ValueError):
-    """A file's content does not have the sha256 that is listed."""
+    """The content of a file does not have the listed sha256."""
 
 
 class Loader(Protocol):
-    """What the module of a data set offers."""
+    """The functions of a data set's module."""
 
     def names(self) -> Collection[str]:
-        """Names of the recordings that are there."""
+        """Names of the recordings on this computer."""
 
     def load_one(self, name: str) -> Walk:
         """One recording with its reference."""
@@ -111,7 +111,7 @@ def info(name: str) -> DatasetInfo:
     """Title, address, licence, citation and file list of a data set.
 
     Raises:
-        ValueError: if there is no data set of that name; the message lists those there are.
+        ValueError: if there is no data set of that name; the message lists all data sets.
     """
     known = _registry()
     if name not in known:
@@ -120,7 +120,7 @@ def info(name: str) -> DatasetInfo:
 
 
 def path(name: str) -> Path:
-    """The folder that holds a data set, files at their upstream paths; it may not exist yet.
+    """The folder of a data set, with files at their upstream paths; it may not exist yet.
 
     `$JGAIT_DATA_DIR/<name>` when that folder exists, otherwise the download cache.
     """
@@ -128,7 +128,7 @@ def path(name: str) -> Path:
 
 
 def _folders(name: str) -> tuple[Path, ...]:
-    """Where files are looked for, in this order: the user's own folder, then what was fetched."""
+    """Folders that are searched for files, in this order: the user's data folder, the download cache."""
     info(name)
     root = os.environ.get(DATA_DIR_VARIABLE)
     users = (Path(root) / name,) if root and (Path(root) / name).is_dir() else ()
@@ -140,7 +140,7 @@ def _locate(name: str, upstream_path: str) -> Path | None:
 
 
 def listing(name: str, under: str, pattern: str) -> list[str]:
-    """Upstream paths of the files that are there, known or not.
+    """Upstream paths of the files on this computer, whether jgait lists them or not.
 
     Args:
         name: data set.
@@ -157,12 +157,12 @@ def listing(name: str, under: str, pattern: str) -> list[str]:
 
 
 def missing(name: str) -> tuple[str, ...]:
-    """Upstream paths of the known files that are not there."""
+    """Upstream paths of the listed files that are not on this computer."""
     return tuple(file for file in info(name).files if _locate(name, file) is None)
 
 
 def unavailable_reason(name: str) -> str:
-    """The message where a data set is absent: where it was looked for and how to get it."""
+    """The message for an absent data set: the searched folders, and how to get the set."""
     root = os.environ.get(DATA_DIR_VARIABLE)
     looked = f"{DATA_DIR_VARIABLE}={root} has no folder {name}" if root else f"{DATA_DIR_VARIABLE} is not set"
     return (
@@ -177,11 +177,11 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
     """Download a data set into the user's cache, each file checked against its sha256.
 
     Only this call downloads; `load` never does. A set without a stated licence (`walking5m`) is fetched for the
-    caller's own use and must not be redistributed. Files that are there already are not fetched again.
+    caller's own use and must not be redistributed. Files that are already on this computer are not fetched again.
 
     Args:
         name: data set.
-        files: upstream paths; None: every known file that is missing.
+        files: upstream paths; None: every listed file that is missing.
         progress: show a progress bar (needs tqdm).
 
     Returns:
@@ -189,7 +189,7 @@ def fetch(name: str, files: Iterable[str] | None = None, *, progress: bool = Fal
 
     Raises:
         ValueError: if the data set, or a file of it, is not known.
-        ChecksumError: if what arrived is not what was expected.
+        ChecksumError: if a downloaded file does not have the listed sha256.
         OSError: if there is no network.
     """
     known = info(name)
@@ -225,7 +225,7 @@ def file(name: str, upstream_path: str, *, strict: bool = True) -> tuple[Path, b
         (upstream has more files than this version of jgait lists).
 
     Raises:
-        DatasetUnavailable: if the file is not there.
+        DatasetUnavailable: if the file is not on this computer.
         ChecksumError: if the file is listed and its sha256 differs.
     """
     local = _locate(name, upstream_path)

@@ -1,23 +1,23 @@
 """`tripod`: IMUs on shanks, feet and sacrum on a treadmill, with OptoGait and Zebris (Trautmann et al. 2021).
 
-Upstream's repository holds one person at three speeds, the full set (15 people) is handed out on request; both have
-`<root>/Sub_XX/<trial>/IMU/*.csv`, and any root is taken. Trials: `PWS` (preferred speed), `PWS+20`, `PWS-20`; two
-minutes each after the first step, the right foot first. Sensors: Physilog, 128 Hz, deg/s and g. The shank's gyroscope
-z is mediolateral: swing + right, − left. The sacrum is the recording's `pelvis`; `LH` and `RH` are not read.
+Upstream's repository has one person at three speeds, the full set (15 people) is available on request; both have
+`<root>/Sub_XX/<trial>/IMU/*.csv`, with any root. Trials: `PWS` (preferred speed), `PWS+20`, `PWS-20`; two minutes each
+after the first step, which is a right step. Sensors: Physilog, 128 Hz, deg/s and g. The shank's gyroscope z is
+mediolateral: in swing positive right, negative left. The sacrum is named `pelvis`; `LH` and `RH` are not read.
 
-Reference: the belt's speed; the distance is speed × time, on the belt, from the first swing on. A treadmill's frame
-does not advance, so the distance is what the feet walked, and not a displacement. There are no joint angles.
-OptoGait gives every step, noisy (standard deviation of a stride 6.5–8.3 cm, Zebris 2.6–3.1 cm), so compare medians. Its
-clock started at another time; it is shifted as a whole so that its contacts follow the shanks' swings as the
-gyroscopes' do, which leaves it some 0.1 s off, differently for each leg: take durations from it, not instants.
+Reference: the belt's speed; the distance is speed × time, on the belt, from the first swing on. A person on a treadmill
+stays in place, so the distance is the path on the belt, and not a displacement. There are no joint angles.
+OptoGait gives every step with noise (standard deviation of a stride 6.5–8.3 cm, Zebris 2.6–3.1 cm): compare medians.
+Its clock started at another time; jgait shifts it by a constant so that contacts follow the shanks' swings in the
+gyroscopes. An error of some 0.1 s remains, different for each leg: use OptoGait's durations, not its instants.
 
 Keys of `Walk.info`:
     speed: [m/s] of the belt; None where neither MetaInfo.csv nor Zebris states it.
     leg_length: [m] greater trochanter to lateral malleolus, or None.
     windows: name → (start, end) [samples], half-open: `standing` (before the first swing), `whole` (from the first
         swing to the last), `steady` (10 s after the first swing to 118 s after it); {} without a shank sensor.
-    optogait: {"right": {"time" (of the contact that begins the stride, on the sensors' clock [s], NaN where no shank
-        tells it), "stride_length" [m], "stride_time", "stance_time", "swing_time" [s], "kept" (bool): (n,)},
+    optogait: {"right": {"time" (of the contact that begins the stride, on the sensors' clock [s], NaN without a shank
+        sensor), "stride_length" [m], "stride_time", "stance_time", "swing_time" [s], "kept" (bool): (n,)},
         "left": …}; {} without the file. `kept`: 10 to 118 s after the first contact, and 0.5 m to 2.5 m.
     zebris: name → number: "stride_length" [m], "stride_time" [s], "step_width" [m], "step_length_right", … [m],
         "stance_fraction_right", … [1], "speed" [m/s], each also with "_sd"; {} without the file.
@@ -47,9 +47,9 @@ SENSORS = {
     "SA": "pelvis",
 }
 HEADER = 7
-STEADY = (10.0, 118.0)  # [s] after the first swing or contact; the belt is at its speed by then, and until then
+STEADY = (10.0, 118.0)  # [s] after the first swing or contact; between these times the belt has constant speed
 STRIDE_LENGTH = (0.5, 2.5)  # [m]
-SWING = 2.0  # [rad/s] least peak of a shank's swing
+SWING = 2.0  # [rad/s] smallest peak of the angular rate of a shank in swing
 OPTOGAIT = {
     "time": ("Split", 0, 1.0),
     "stride_length": ("Stride", 1, 0.01),
@@ -57,7 +57,7 @@ OPTOGAIT = {
     "stance_time": ("TStance", 0, 1.0),
     "swing_time": ("TSwing", 1, 1.0),
 }
-"""Column upstream; rows of the same foot by which it comes late (a stride is known when it has ended); factor to SI."""
+"""Upstream's column; its delay in rows of the same foot (a stride is measured when it has ended); factor to SI."""
 ZEBRIS = {
     "Stride length": ("stride_length", 0.01),
     "Stride time": ("stride_time", 1.0),
@@ -73,7 +73,7 @@ ZEBRIS = {
 
 
 def names() -> list[str]:
-    """Trials that are there, for example 'Sub_FZ/PWS+20'."""
+    """Trials on this computer, for example 'Sub_FZ/PWS+20'."""
     return sorted(_folders())
 
 
@@ -119,7 +119,7 @@ def load_one(name: str) -> Walk:
 
 
 def _folders() -> dict[str, str]:
-    """Name → upstream folder of each trial that has a sensor file; the first root wins."""
+    """Name → upstream folder of each trial that has a sensor file; the first root is used."""
     folders: dict[str, str] = {}
     for file in registry.listing("tripod", "", "*.csv"):
         folder, parent, stem = Path(file).parent.parent, Path(file).parent.name, Path(file).stem
@@ -129,7 +129,7 @@ def _folders() -> dict[str, str]:
 
 
 def _optional(path: str, read: PyTree, notes: list[Note]) -> tuple[dict[str, PyTree], bool]:
-    """The content of a file and whether the file is known; {} and a note where it is not there."""
+    """The content of a file and whether jgait lists the file; {} and a note where the file is missing."""
     try:
         local, known = registry.file("tripod", path)
     except registry.DatasetUnavailable:
@@ -152,7 +152,7 @@ def _read_sensor(path: Path) -> np.ndarray:
 
 
 def _on_one_clock(tables: dict[str, np.ndarray], notes: list[Note]) -> dict[str, Imu]:
-    """Sensors on the samples that all span; what a sensor lacks is masked."""
+    """Sensors on the time that all of them cover; missing samples of a sensor are masked."""
     rows = {placement: np.rint(table[:, 0] * RATE_HZ).astype(np.int64) for placement, table in tables.items()}
     first = max(int(row[0]) for row in rows.values())
     length = min(int(row[-1]) for row in rows.values()) + 1 - first
@@ -173,7 +173,7 @@ def _on_one_clock(tables: dict[str, np.ndarray], notes: list[Note]) -> dict[str,
 
 
 def _swings(rate: AnyArray, side: str) -> np.ndarray:
-    """(n,) [s] of the middles of a shank's swings."""
+    """(n,) [s] times of the middles of a shank's swings."""
     from scipy.signal import butter, filtfilt, find_peaks
 
     numerator, denominator = butter(2, 6.0 / (RATE_HZ / 2))
@@ -194,7 +194,7 @@ def _windows(swings: dict[str, np.ndarray], samples: int) -> dict[str, tuple[int
 def _reference(
     time: AnyArray, windows: dict[str, tuple[int, int]], speed: float | None
 ) -> tuple[Estimate | None, str | None]:
-    """The belt's distance, valid while it is at its speed; or why there is none."""
+    """The distance on the belt, valid while the belt has constant speed; or why there is none."""
     if speed is None:
         return None, "neither MetaInfo.csv nor Zebris states the belt's speed"
     if "steady" not in windows:
@@ -208,7 +208,7 @@ def _reference(
 
 
 def _read_zebris(path: Path) -> dict[str, float]:
-    """Names and units share the header's commas: type, name, unit, name, unit …; the values have one column each."""
+    """Numbers of a Zebris file; its header has names and units in turn, its second row only the values."""
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     header, values = (line.split(",") for line in lines[:2])
     numbers = {}
@@ -221,7 +221,7 @@ def _read_zebris(path: Path) -> dict[str, float]:
 
 
 def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
-    """Side → strides; a row of the file is a contact, with the stride that the contact ends."""
+    """Side → strides; each row of the file is a contact with the stride that ends at the contact."""
     import pandas as pd
 
     table = pd.read_csv(path)
@@ -244,12 +244,12 @@ def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _shift_clock(optogait: dict[str, dict[str, np.ndarray]], swings: dict[str, np.ndarray]) -> None:
-    """Put OptoGait's contacts on the sensors' clock, in place; NaN where no shank sensor shows it.
+    """Put OptoGait's contacts on the sensors' clock, in place; NaN without a shank sensor.
 
-    A first guess lets the first of the steady contacts follow one of its leg's swings. The right one is that under
-    which the time from the nearest swing to each contact varies least, for no two strides last equally long; both legs
-    decide, as one alone sometimes has a stride of delay that fits nearly as well. A shank's swing is fastest about 0.16
-    of a stride before the foot lands.
+    Candidate shifts put the first steady contact after one of the swings of its leg. The shift is chosen at which the
+    time from the nearest swing to each contact varies least, because the strides' durations differ. Both legs are used:
+    with one leg, a shift by one more stride sometimes fits nearly as well. The angular rate of a shank in swing is
+    largest about 0.16 of a stride before the initial contact.
     """
     legs, guesses = [], []
     for side, middles in swings.items():

@@ -1,6 +1,6 @@
 """`walking5m`: IMUs on both feet, shanks and thighs, straight walks of about 5 m (Marpino/Walking-dataset).
 
-Twenty young and twenty elderly people upstream, one walk each, 100 Hz, and some additional walks; the files are xlsx
+Upstream has twenty young and twenty elderly people, one walk each, 100 Hz, and some additional walks; files are xlsx
 with raw counts. No licence is stated: the files are for local use and must never be redistributed; they are downloaded
 only when the user calls `fetch("walking5m")`.
 
@@ -9,21 +9,21 @@ Each sensor has its own time stamps [ms]; all are put on one 100 Hz clock. Gaps 
 ones masked. Six left-foot sensors give a new value only every 20 ms and are interpolated between these. The back sensor
 (7) is not synchronised with the others and is left out.
 
-Reference: the authors' foot trajectories are not fetched; the distance comes from the foot sensors themselves
-(`jgait.datasets.foot_reference`), the mean of both feet. It tells about ±5 % between people.
+Reference: the authors' foot trajectories are not fetched; the distance is computed from the foot sensors
+(`jgait.datasets.foot_reference`), the mean of both feet. Its error is about ±5 % between people.
 
-Leg lengths per person are in upstream's two PDFs, without the row of each file, so only the group's mean is given:
+Leg lengths per person are in upstream's two PDFs, but not which file is which person, so only group means are given:
 table 4.3 (young): thigh T 48.5 cm, shank S 44.6 cm; table 4.2 (elderly): T 40.5 cm, S 41.7 cm.
 
 Keys of `Walk.info`:
     group: 'young', 'elderly', or the folder of an additional walk ('marzia', 'long_distance', 'disability').
     lengths: {"right": (thigh, shank), "left": …} [m], the group's mean; None for the additional walks.
     windows: name → (start, end) [samples], half-open: `whole` (from the first stride to the last), `standing` and
-        `end_standing` (before and after it, where there is any, not always still); {} where there is no reference.
+        `end_standing` (before and after the walk, if any, not always motionless); {} where there is no reference.
     insoles: {"right": (toe, heel), "left": (toe, heel)}, each (T,) raw pressure counts.
-    feet: {"right": FootPath, "left": FootPath}, those that gave strides.
+    feet: {"right": FootPath, "left": FootPath}, of the feet with strides.
     no_reference: why there is no reference; None where there is one.
-    misplaced: pairs of placements that seem to have changed places, because the thigh turns faster than the shank:
+    misplaced: pairs of placements that seem to be exchanged, because the thigh turns faster than the shank:
         (("thigh_left", "shank_left"),) in Elderly/20180417_2 and _4. The recording keeps upstream's labels.
     verified: whether the file's sha256 was known and agreed.
 """
@@ -64,7 +64,7 @@ TIMES_BACKWARD = Kind("times_backward", "check", "{placement}: {rows} times that
 
 
 def names() -> list[str]:
-    """Recordings that are there, for example 'Young/20180518_1'."""
+    """Recordings on this computer, for example 'Young/20180518_1'."""
     files = registry.listing("walking5m", ROOT, "*.xlsx")
     return [file.removeprefix(f"{ROOT}/").removesuffix(".xlsx") for file in files]
 
@@ -75,7 +75,7 @@ def load_one(name: str) -> Walk:
     table = _read_table(path)
     group = Path(name).parent.name.lower().replace(" ", "_")
     sensors, insoles, notes = _sensors(table, path.name)
-    # One file a person in the two groups; the additional walks of a folder are all of one person.
+    # In the two groups each file is another person; the additional walks of a folder are of one person.
     subject = name if group in LENGTHS else f"Additional/{group}"
     swapped = _swapped(sensors)
     notes += [SENSORS_SWAPPED(placement=placement, other=other) for placement, other in swapped]
@@ -102,7 +102,7 @@ def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, in
 
 
 def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
-    """Thigh and shank of a side, where the thigh turns faster; in walking the shank does, by half or more."""
+    """Thigh and shank of a side where the thigh turns faster; in walking the shank turns faster, by half or more."""
     pairs = []
     for side in SIDES:
         thigh, shank = f"thigh_{side}", f"shank_{side}"
@@ -114,9 +114,9 @@ def _swapped(sensors: dict[str, Imu]) -> tuple[tuple[str, str], ...]:
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:
-    """Distance as the mean of both feet; what each foot gave; and why there is none.
+    """Distance as the mean of both feet; the strides of each foot; and why there is no distance.
 
-    Both feet are needed: one alone may have started or stopped half a stride apart from the body.
+    Both feet are needed: one foot may start or stop half a stride before or after the body.
     """
     feet, reasons = {}, []
     for side in SIDES:
@@ -153,7 +153,7 @@ def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[s
 
 
 def _read_table(path: Path) -> dict[str, np.ndarray]:
-    """Column → (n,) values; what is no number becomes NaN."""
+    """Column → (n,) values; cells without a number become NaN."""
     from python_calamine import CalamineWorkbook
 
     rows = CalamineWorkbook.from_path(path).get_sheet_by_index(0).to_python()
@@ -186,7 +186,7 @@ def _columns(number: int) -> list[str]:
 def _sensors(
     table: dict[str, np.ndarray], file: str
 ) -> tuple[dict[str, Imu], dict[str, tuple[np.ndarray, np.ndarray]], list[Note]]:
-    """Every sensor on one clock, the insoles, and what was noticed on the way."""
+    """Every sensor on one clock, the insoles, and notes."""
     notes: list[Note] = []
     raw = {}
     for number, placement in SENSORS.items():
@@ -206,7 +206,7 @@ def _sensors(
         raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
     if "Time_7" in table:
         notes.append(BACK_LEFT_OUT())
-    # The part that all sensors have; they start and stop within a few samples of each other.
+    # The time that all sensors cover; they start and stop within a few samples of each other.
     first = max(time[0] for time, _ in raw.values())
     last = min(time[-1] for time, _ in raw.values())
     if last - first < 1.0:
@@ -226,7 +226,7 @@ def _sensors(
 def _increasing(
     time: np.ndarray, values: np.ndarray, placement: str, notes: list[Note]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Samples with a number in every column and a time later than all before; the others are dropped and noted."""
+    """Samples with a number in every column and an increasing time; the other samples are dropped and noted."""
     finite = np.isfinite(time) & np.isfinite(values).all(axis=1)
     if not finite.all():
         notes.append(ROWS_EMPTY(placement=placement, rows=(~finite).sum()))
@@ -239,7 +239,7 @@ def _increasing(
     if repeated > len(time) // 4:
         step = np.median(np.diff(time[later])) * 1000
         notes.append(VALUES_HELD(placement=placement, step_ms=step))
-    elif repeated > 1:  # the last row of sensor 1 always repeats its time
+    elif repeated > 1:  # the last row of sensor 1 always repeats the time before it
         notes.append(TIMES_REPEATED(placement=placement, rows=repeated))
     if backward > 0:
         notes.append(TIMES_BACKWARD(placement=placement, rows=backward))
@@ -248,7 +248,7 @@ def _increasing(
 
 def _on_clock(time: np.ndarray, values: np.ndarray, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values interpolated on the clock, 0 and masked where the samples around lie further apart than `MAX_GAP`."""
-    tick = 1e-6  # stamps are whole milliseconds
+    tick = 1e-6  # [s] tolerance; time stamps are whole milliseconds
     right = np.clip(np.searchsorted(time, clock - tick), 0, len(time) - 1)
     left = np.clip(np.searchsorted(time, clock + tick, side="right") - 1, 0, len(time) - 1)
     mask = time[right] - time[left] <= MAX_GAP + tick

@@ -1,4 +1,4 @@
-"""Reading a data set walk by walk: a failure is kept with its reason, and the others are not lost."""
+"""Reading a data set walk by walk: a recording that cannot be read is listed with its reason."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ class Walks(list[Walk]):
     """Walks in a list; `failures` names the recordings that could not be read.
 
     Attributes:
-        failures: (name, reason) of every recording that gave no walk.
+        failures: (name, reason) of every recording that could not be read.
     """
 
     def __init__(self, walks: Iterable[Walk] = (), failures: Iterable[Failure] = ()) -> None:
@@ -26,9 +26,9 @@ class Walks(list[Walk]):
 
 
 def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
-    """Load recordings one by one; what fails is named, and the others are not lost.
+    """Load recordings one by one; a recording that cannot be read is listed in `failures`.
 
-    A missing package is the installation's fault and not the recording's, so ImportError passes through.
+    ImportError is raised: a missing package is an error of the installation and not of the recording.
     """
     walks, failures = [], []
     for name in names:
@@ -36,20 +36,20 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
             walks.append(load_one(name))
         except ImportError:
             raise
-        except Exception as error:  # whatever is wrong with one file, the others are still wanted
+        except Exception as error:  # any error of one file is listed, and the other files are read
             failures.append(Failure(name, reason_of(error)))
     return Walks(walks, failures)
 
 
 def body(walk: Walk) -> dict[str, Any]:
-    """Body measures of the person, as far as the walk has them, for `evaluate.cohort` and `tune.lessons`.
+    """Body measures of the person, as far as known, for `evaluate.cohort` and `tune.lessons`.
 
     Args:
-        walk: with lengths in `info["lengths"]`, as those of the public sets, or with `thigh_length` and `shank_length`
-            among the diagnostics of its reference, as simulated ones.
+        walk: with lengths in `info["lengths"]` (public sets), or with `thigh_length` and `shank_length` among the
+            diagnostics of its reference (simulated walks).
 
     Returns:
-        "thigh_length" and "shank_length" [m], each (right, left); what is not known is left out.
+        "thigh_length" and "shank_length" [m], each (right, left); unknown lengths are left out.
     """
     lengths = walk.info.get("lengths")
     if lengths is not None:

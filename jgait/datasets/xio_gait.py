@@ -1,19 +1,19 @@
 """`xio_gait`: one foot that ends where it began, about 398 Hz (x-io Technologies, Gait-Tracking).
 
-`short_walk` goes about 25 m, `long_walk` (upstream only) about 60 m, each in a loop; the publisher's own algorithm
-ends 82 mm and 421 mm from where it began, height included. Upstream g and deg/s, sensor's axes with z up and x
-forwards (29° down). The foot stands for 15 s at the start of the short walk. Which foot it was is not said: the sensor
-is called `foot_right`.
+`short_walk` is about 25 m long, `long_walk` (upstream only) about 60 m, each a loop; the trajectory of the publisher's
+algorithm ends 82 mm and 421 mm from its start, height included. Upstream g and deg/s, sensor's axes with z up and x
+forwards (29° down). The foot stands for 15 s at the start of the short walk. Upstream does not state which foot it is:
+the sensor is named `foot_right`.
 
-Time: the file's. 205 rows of `short_walk` repeat the row before, time included, and are dropped; samples were lost
-beside them (165 gaps, up to 12.6 ms instead of 2.5), so time steps must be taken from `time` and not from the rate.
+Time: the file's. 205 rows of `short_walk` repeat the row before, time included, and are dropped; other samples are
+missing (165 gaps, up to 12.6 ms instead of 2.5), so time steps must be taken from `time` and not from the rate.
 
-There is no reference but the closed loop.
+The only reference is the closed loop.
 
 Keys of `Walk.info`:
     closes: whether the foot is known to end where it began.
-    publisher_closure: [m] how far the publisher's own trajectory ends from its start; None where it is not said.
-    publisher_path: [m] how far the walk goes, as the publisher says, roughly; None where it is not said.
+    publisher_closure: [m] distance from start to end of the publisher's trajectory; None where it is not given.
+    publisher_path: [m] approximate length of the walk by the publisher; None where it is not given.
     no_reference: why there is no reference.
     verified: whether the file's sha256 was known and agreed.
 """
@@ -28,7 +28,7 @@ from jgait.datasets.one_foot import foot_imu
 from jgait.notes import LOSSES, ORIGIN, Kind
 from jgait.types import Recording, RecordingError, Walk
 
-STANDARD_GRAVITY = 9.80665  # [m/s²] what a g is
+STANDARD_GRAVITY = 9.80665  # [m/s²] one g
 TIME = "Time (s)"
 GYROSCOPE = tuple(f"Gyroscope {axis} (deg/s)" for axis in "XYZ")
 ACCELEROMETER = tuple(f"Accelerometer {axis} (g)" for axis in "XYZ")
@@ -40,7 +40,7 @@ TIME_STEPS = Kind("time_steps", "info", "time steps {least_ms:.1f} to {most_ms:.
 
 
 def names() -> list[str]:
-    """Recordings that are there: files `*_walk.csv`, without the extension."""
+    """Recordings on this computer: files `*_walk.csv`, without the extension."""
     return [Path(file).stem for file in registry.listing("xio_gait", "", "*_walk.csv") if "/" not in file]
 
 
