@@ -1,4 +1,4 @@
-"""What the ankle's estimator states about itself."""
+"""Description of the ankle's estimator: body measures, options, table columns, figures and flags."""
 
 import numpy as np
 from jaxtyping import PyTree
@@ -11,13 +11,13 @@ from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_str
 from jgait.types import SIDES, Estimate, as_float
 
 TAPE_SD = 0.01
-"""[m] Standard deviation of a height over the ankle that was measured with a tape."""
+"""[m] Standard deviation of the sensor's height over the ankle, measured with a tape."""
 
 FLAGS = (TURNING, STAIRS, CLIPPED, HALF)
 
 
 def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """One row for each leg that wore a sensor: totals of its strides; medians are over whole strides."""
+    """One row for each leg with a sensor: totals of the leg's strides; medians are over whole strides."""
     strides, rows = estimate.strides, []
     side, half = np.asarray(strides.side), np.asarray(estimate.diagnostics["half"], bool)
     lasts = as_float(strides.end) - as_float(strides.start)
@@ -43,12 +43,12 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
 
 
 def leg_table(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """The totals without the words for the terminal."""
+    """The totals without the column of words (`special`), which only the terminal shows."""
     return [{name: value for name, value in row.items() if name != "special"} for row in totals(estimate)]
 
 
 def _lever(p: AnkleParams, _: float) -> AnkleParams:
-    """A lever that was measured is trusted more than a default one."""
+    """A measured lever gets a smaller standard deviation than the default lever."""
     return p._replace(lever_along_sd=min(TAPE_SD, float(p.lever_along_sd)))
 
 

@@ -1,4 +1,4 @@
-"""From prepared inputs to strides of the shanks."""
+"""Strides of the shanks from prepared inputs."""
 
 from functools import partial, reduce
 from typing import Any
@@ -33,7 +33,7 @@ from jgait.signal import butterworth
 from jgait.types import SIDES, Estimate, Legs, Recording, Strides, Values
 
 TOGETHER_S = 0.06
-"""[s] Zero velocities so near to each other err together: they count as one, whatever the sampling rate."""
+"""[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
 
 _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
 _PENDULUM = ("leg_length", "angle_gain", "time_gain")
@@ -62,7 +62,7 @@ __all__ = [
 
 
 def model_params(p: AnkleParams) -> FootModelParams:
-    """The model's parameters; it has no pivot, the lever is a state."""
+    """The model's parameters; the pivot of the foot's model is zero, because the lever is a state."""
     return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
 
 
@@ -71,19 +71,19 @@ def _mean_over_interval(values: Values) -> Values:
 
 
 def controls(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values) -> AnkleControl:
-    """What the sensor reads, and how far to trust it: an error white over an interval h has the density σ² h."""
+    """Readings of the sensor and densities of their errors; an error white over an interval h has the density σ² h."""
     means = (vector(_mean_over_interval(values)) for values in (gyr, acc))
     return control(p, leg, vector(gyr), *means)
 
 
 def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
-    """What the sensor reads, of one sample or, elementwise, of many.
+    """Readings of the sensor and variances of their errors, for one sample or, elementwise, for many.
 
     Args:
         p: parameters.
         now: jumps, doubts, dt, restart, rate_hz and gyr_bias by the names of `AnkleSignals`.
         rate: angular rate at the sample [rad/s].
-        gyr: its mean over the interval [rad/s].
+        gyr: mean angular rate over the interval [rad/s].
         acc: mean specific force over the interval [m/s²].
     """
     h = now.dt
@@ -101,19 +101,19 @@ def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector)
 
 
 def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
-    """The belief at the first stance: level as gravity says, the ankle at rest, the lever as the placement says."""
+    """The belief at the first stance: tilt from gravity, the ankle at rest, the lever of the sensor's placement."""
     attitude = Quaternion(*(leg.attitude[i] for i in range(4)))
     return standing_prior(p, leg, attitude, vector(gyr[jnp.argmax(leg.valid)]))
 
 
 def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vector) -> Belief:
-    """The belief at a stance of which nothing but gravity tells.
+    """The belief at a stance, without any information from before the stance.
 
     Args:
         p: parameters.
         leg: gyr_bias, still_time and mid_shank by the names of `AnkleSignals`.
-        attitude: of the sensor.
-        rate: that it reads [rad/s].
+        attitude: attitude of the sensor, from gravity.
+        rate: angular rate of the sensor [rad/s].
     """
     dtype = rate.x.dtype
     bias = vector(leg.gyr_bias)
@@ -149,7 +149,7 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, optio
 def _of_leg(
     p: AnkleParams, leg: AnkleSignals, side: int, options: AnkleOptions
 ) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
-    """Strides of one leg, their deviations, flags, diagnostics, and where they mean something."""
+    """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results."""
     gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
     if options.length != "filter":
         strides, flags = ankle_strides.by_method(p, leg, gyr, acc, side, options.length)
@@ -177,9 +177,9 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
         options: which parts are on; static under jit.
 
     Returns:
-        `strides`, with the filter `strides_stddev`; `distance` is the mean way of the legs worn; `diagnostics` holds
-        `FLAGS` for each stride, and of each leg log-likelihood, mean normalised innovation squared, and the lever [m]
-        and gyroscope's bias [rad/s] (forward, left, up) that were found.
+        `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`
+        holds `FLAGS` for each stride, and for each leg log-likelihood, mean normalised innovation squared, and the
+        estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up).
 
     Raises:
         ValueError: options that are none.
@@ -203,9 +203,9 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
 
 
 def _walked(strides: Strides, time: Values) -> Values:
-    """Way along the strides (T,) [m], each one's length spread evenly over its swing."""
+    """Distance along the strides (T,) [m]; it grows by each stride's length, evenly over the stride's swing."""
     lengths = jnp.where(strides.valid, strides.length, 0.0)
-    # rows that hold no stride lie behind the recording, each a little later, where nothing more is walked
+    # rows without a stride get times after the end of the recording, in order, so that they add no distance
     row = jnp.arange(lengths.shape[0], dtype=jnp.int32).astype(time.dtype)
     real = strides.final_contact < strides.end
     beyond = time[-1] + 1.0 + row
@@ -238,8 +238,8 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
         options: which parts are on.
 
     Returns:
-        An `Estimate`; `diagnostics["notes"]` says what was decided on the way, `instants_right` and `instants_left` are
-        the samples (n, 2) at which each of a leg's strides begins and ends.
+        An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `instants_right` and `instants_left` are
+        the samples (n, 2) at which each stride of the leg begins and ends.
 
     Raises:
         RecordingError: see `prepare`.

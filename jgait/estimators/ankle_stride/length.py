@@ -1,21 +1,21 @@
-r"""Stride lengths from one sensor at the ankle or on the shank, given its events.
+r"""Stride lengths from one sensor at the ankle or on the shank, given the gait events.
 
-Everything is a `lax.scan` from event to event in constant memory, and differentiable in leg length, gains, lever,
-sensor biases and cut-off; the events are given, and carry no gradient. Signals are in the axes of the segment
-(forward x, left y, up z, see `mounting.shank`), so that the forward swing is a negative rate about y.
+Each method is a `lax.scan` from event to event in constant memory, and differentiable in leg length, gains, lever,
+sensor biases and cut-off; the events are inputs, and carry no gradient. Signals are in the axes of the segment
+(forward x, left y, up z, see `mounting.shank`), so that the rate about y is negative in the forward swing.
 
 `pendulum`: the angle θ of the swing from toe-off to heel strike,
 
     SL₁ = 2 L sin(θ/2),    SL₂ = L θ,    SL₂' = L (c θ + e θ / T_swing).
 
 `inertial`: strapdown from one stance instant to the next, q' = q exp(h ω), v' = v + h R(q) f, in the axes of the first
-instant; with the velocities ω × r that the lever r over the ankle gives at both ends, v₀ and v₁ = R(ω_T × r),
+instant; with the velocities of the sensor at both stance instants, v₀ = ω × r and v₁ = R(ω_T × r), r the lever,
 
     s = ∫ v dt − T v(T)/2 + T (v₀ + v₁)/2 − (R r − r),    up = v(T)/T − (v₁ − v₀)/T.
 
-Any constant acceleration cancels in s, and with it gravity: the length |s| needs to know neither where up is nor how
-the sensor is worn. R r − r is how far the sensor came without its ankle. `up` is gravity by the same integral; it tells
-the level part of s and its rise.
+Any constant acceleration cancels in s, and with it gravity: the length |s| depends neither on the vertical nor on the
+sensor's mounting. R r − r is the displacement of the sensor relative to the ankle. `up` is gravity by the same
+integral; it gives the horizontal part of s and the rise.
 
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
 unit", 2017, equations 1 to 6.
@@ -59,12 +59,12 @@ __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "mar
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
-    """Low-pass without delay, as the inertial methods take their signals; None leaves them as they are.
+    """Low-pass without delay, for the signals of the inertial methods; without a cut-off the signal is unchanged.
 
     Args:
         signal: (T, 3) any unit.
-        cutoff_hz: [Hz]; the paper has 4 Hz; differentiable.
-        sampling_rate_hz: of the samples [Hz].
+        cutoff_hz: cut-off [Hz]; the paper has 4 Hz; differentiable; None: no filter.
+        sampling_rate_hz: sampling rate [Hz].
     """
     values = jnp.asarray(signal)
     return values if cutoff_hz is None else butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz)
@@ -76,7 +76,7 @@ def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike
     Args:
         p: parameters.
         gyr: (T, 3) rate in the segment's axes [rad/s], not filtered.
-        swings: where the shank swings from and to, (T,).
+        swings: samples at which swings of the shank begin and end, (T,).
         dt: sample time [s].
         all_axes: the paper's norm of the rate instead of the sagittal rate; static.
 
@@ -106,10 +106,10 @@ def inertial(
         p: parameters.
         gyr: (T, 3) rate in the segment's axes [rad/s], see `smoothed`.
         acc: (T, 3) specific force in the segment's axes [m/s²], see `smoothed`.
-        strides: where strides begin and end, (T,): instants at which the ankle stands.
+        strides: samples at which strides begin and end, (T,): instants at which the ankle stands.
         dt: sample time [s].
         euler: the paper's equation 3; static.
-        sample_up: the paper's direction of gravity, one sample's; static.
+        sample_up: the paper's direction of gravity, from one sample; static.
 
     Returns:
         (T,) each, at the samples at which strides end.
@@ -132,7 +132,7 @@ def scanned(
     acc: Values,
     strides: Marks,
 ) -> Travelled:
-    """A method's step from sample to sample: its state begins with `begin`, the arguments are those of `inertial`."""
+    """A scan of a method's step `one` over the samples, from the state of `begin`; other arguments as of `inertial`."""
     rate, force = _vector(gyr, strides), _vector(acc, strides)
     state = begin(p, Vector(*(v[0] for v in rate)), Vector(*(v[0] for v in force)))
     samples = (rate, force, strides)
@@ -150,6 +150,6 @@ def _vector(signal: Values, flags: Marks) -> Vector:
 
 
 def _typed(one: Callable[[Values, Values], Values], state: PyTree, samples: PyTree) -> PyTree:
-    """The first state in the types that a step gives back: parameters may be of another precision than signals."""
+    """The first state in the dtypes that a step returns, because parameters and signals may differ in precision."""
     after = jax.eval_shape(lambda s, x: one(s, x)[0], state, jax.tree.map(lambda v: v[0], samples))
     return jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)

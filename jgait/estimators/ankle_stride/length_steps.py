@@ -1,7 +1,7 @@
-"""Stride lengths sample by sample: the steps that `ankle_stride.length` scans; their equations and sources stand there.
+"""Stride lengths sample by sample: the steps that `ankle_stride.length` scans, with its equations and sources.
 
-Each method is a function that begins and one that takes a sample, for a device that measures while one walks. Signals
-are in the axes of the segment: forward x, left y, up z.
+Each method has two functions, for its first state and for its step over one sample, so that a device can measure during
+the walk. Signals are in the axes of the segment: forward x, left y, up z.
 """
 
 from typing import NamedTuple
@@ -19,12 +19,12 @@ class StrideLengthParams(NamedTuple):
     """Parameters of all methods, in natural units.
 
     Attributes:
-        leg_length: of the pendulum [m].
-        angle_gain: c, of the swing's angle [1].
-        time_gain: e, of the angle over the swing's time [s].
+        leg_length: L, length of the pendulum [m].
+        angle_gain: c, gain of the swing's angle [1].
+        time_gain: e, gain of the angle over the swing's duration [s].
         lever: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
-        gyr_bias: what the gyroscope reads too much, in the segment's axes [rad/s].
-        acc_bias: what the accelerometer reads too much, in the segment's axes [m/s²].
+        gyr_bias: gyroscope bias, in the segment's axes [rad/s].
+        acc_bias: accelerometer bias, in the segment's axes [m/s²].
     """
 
     leg_length: Values = 0.85
@@ -36,7 +36,7 @@ class StrideLengthParams(NamedTuple):
 
 
 class Swung(NamedTuple):
-    """A swing, at the sample at which it ends; 0 elsewhere.
+    """A swing, at the sample at which the swing ends; 0 elsewhere.
 
     Attributes:
         chord: SL₁ [m].
@@ -52,7 +52,7 @@ class Swung(NamedTuple):
 
 
 class Travelled(NamedTuple):
-    """A stride, at the sample at which it ends; 0 elsewhere.
+    """A stride, at the sample at which the stride ends; 0 elsewhere.
 
     Attributes:
         length: |s| [m].
@@ -70,7 +70,7 @@ class Travelled(NamedTuple):
 
 
 class SwingState(NamedTuple):
-    """Sum of the swing so far: angle [rad], time [s], and the rate of the sample before [rad/s]."""
+    """Integrals since the swing began: angle [rad] and duration [s]; and the rate of the sample before [rad/s]."""
 
     angle: Values
     duration: Values
@@ -86,18 +86,18 @@ def swing_begin(gyr: Vector) -> SwingState:
 def swing_step(
     p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Values, *, all_axes: bool = False
 ) -> tuple[SwingState, Swung]:
-    """One sample of the pendulum.
+    """Step of the pendulum methods over one sample.
 
     Args:
         p: parameters.
         s: from `swing_begin` or the step before.
         gyr: rate in the segment's axes [rad/s].
-        mark: whether a swing begins or ends here.
+        mark: whether a swing begins or ends at this sample.
         dt: time from the sample before [s].
         all_axes: the paper's norm of the rate instead of the sagittal rate; static.
 
     Returns:
-        The state to carry on, and the swing if one ended.
+        The state after this sample, and the swing if a swing ended.
     """
     w = subtract(gyr, p.gyr_bias)
     rate = root(w.x * w.x + w.y * w.y + w.z * w.z) if all_axes else -w.y
@@ -119,9 +119,9 @@ class StrideState(NamedTuple):
 
     Attributes:
         attitude: from the axes of this sample to those of the first.
-        velocity: ∫ R f dt, gravity in it [m/s].
-        way: ∫ of that [m].
-        duration: [s].
+        velocity: ∫ R f dt, with gravity included [m/s].
+        way: ∫ of `velocity` [m].
+        duration: time since the stride began [s].
         start: velocity ω × r at the first sample [m/s].
         sampled: specific force at the first sample [m/s²].
         gyr: rate of the sample before [rad/s].
@@ -163,20 +163,20 @@ def stride_step(
     p: StrideLengthParams, s: StrideState, gyr: Vector, acc: Vector, mark: Marks, dt: Values, *,
     euler: bool = False, sample_up: bool = False,
 ) -> tuple[StrideState, Travelled]:  # fmt: skip
-    """One sample of the 3-D method.
+    """Step of the 3-D method over one sample.
 
     Args:
         p: parameters.
         s: from `stride_begin` or the step before.
         gyr: rate in the segment's axes [rad/s].
         acc: specific force in the segment's axes [m/s²].
-        mark: whether a stride begins or ends here.
+        mark: whether a stride begins or ends at this sample.
         dt: time from the sample before [s].
         euler: the paper's equation 3; static.
-        sample_up: the paper's direction of gravity, the first sample's; static.
+        sample_up: the paper's direction of gravity, from the first sample; static.
 
     Returns:
-        The state to carry on, and the stride if one ended.
+        The state after this sample, and the stride if a stride ended.
     """
     w, f = subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias)
     if euler:
@@ -195,12 +195,12 @@ def stride_step(
 
 
 def _read(p: StrideLengthParams, s: StrideState, *, sample_up: bool) -> Travelled:
-    # A stride of no time has no length; 1 s keeps its gradient finite.
+    # A stride of zero duration has zero length; dividing by 1 s keeps the gradient finite.
     long = jnp.where(s.duration > 0.0, s.duration, 1.0)
     stop = rotated(s.attitude, cross(s.gyr, p.lever))
     drift = scale(-0.5 * s.duration, s.velocity)
     sensor = add(add(s.way, drift), scale(0.5 * s.duration, add(s.start, stop)))
-    # The lever's other end is what walked.
+    # The displacement of the ankle, from that of the sensor.
     moved = subtract(sensor, subtract(rotated(s.attitude, p.lever), p.lever))
     up = s.sampled if sample_up else scale(1.0 / long, subtract(s.velocity, subtract(stop, s.start)))
     norm = root(dot(up, up))

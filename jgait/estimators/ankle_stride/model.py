@@ -1,17 +1,17 @@
-r"""One sensor at the ankle or on the shank as a state-space model: strapdown, and an ankle that stands.
+r"""State-space model of one sensor at the ankle or on the shank: strapdown, and zero velocity of the ankle in stance.
 
-State: the way of the *ankle* since the stride began, the sensor's velocity and attitude, what its gyroscope and
-accelerometer read too much, and the lever r from the ankle to the sensor, in the sensor's axes. All but the ankle moves
-as the foot's sensor does (`foot_ins.model`, whose functions are used); the ankle is a lever away,
+State: the displacement of the *ankle* since the stride began, the sensor's velocity and attitude, the biases of its
+gyroscope and accelerometer, and the lever r from the ankle to the sensor, in the sensor's axes. The sensor moves as the
+foot's sensor does (functions of `foot_ins.model` are used); the ankle is a lever away from the sensor,
 
     p' = p + Δp_sensor − (R' r − R r),        r' = r.
 
-Around the stance valley, and while one stands, the ankle does not move:
+Around the stance valley, and while the person stands, the ankle's velocity is zero:
 
     v − R ((ω − b_g) × r) = 0.
 
-Positions are counted from the last stance that begins a stride: at the stance that ends it, the belief is that of the
-stride, with its covariance. Nothing is lost, since nothing observes where the walk is as a whole.
+Positions count from the last stance that begins a stride: at the stance that ends the stride, the belief's position is
+the stride, with its covariance. No information is lost, because no observation depends on the position of the walk.
 
 Source: the zero velocity through a lever after H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using
 an ankle-mounted inertial measurement unit", 2017, who take it for zero at the sensor; error-state navigation after
@@ -40,7 +40,7 @@ class AnkleState(NamedTuple):
 
 
 class AnkleError(NamedTuple):
-    """Its error: as `AnkleState`, the attitude's a rotation vector in the world [rad]."""
+    """Error of an `AnkleState`; the error of the attitude is a rotation vector in the world [rad]."""
 
     position: Vector
     velocity: Vector
@@ -51,10 +51,10 @@ class AnkleError(NamedTuple):
 
 
 class AnkleControl(NamedTuple):
-    """What the sensor reads.
+    """Readings of the sensor.
 
     Attributes:
-        over: means over the interval that ends at the sample, and noise, see `FootControl`.
+        over: means over the interval that ends at the sample, and their noise, see `FootControl`.
         rate: angular rate at the sample itself [rad/s].
     """
 
@@ -63,21 +63,21 @@ class AnkleControl(NamedTuple):
 
 
 class AnkleObservation(NamedTuple):
-    """What holds while the ankle stands: its velocity [m/s], its height over the last stance [m]; both zero."""
+    """Observations while the ankle stands, both zero: its velocity [m/s], its height over the last stance [m]."""
 
     velocity: Vector
     height: Values
 
 
 def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> AnkleState:
-    """Strapdown of the sensor over one interval, and what of its way was the ankle's."""
+    """Strapdown of the sensor over one interval, and the displacement of the ankle."""
     moved = foot_model.transition(p, _sensor(s), u.over, dt)
     swung = subtract(rotated(moved.attitude, s.lever), rotated(s.attitude, s.lever))
     return AnkleState(*moved._replace(position=subtract(moved.position, swung)), s.lever)
 
 
 def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl, dt: Values) -> AnkleError:
-    """As of the foot's sensor; the ankle's is less by that of R' r − R r, where δ(R r) = δ_θ × R r + R δ_r."""
+    """The sensor's error as of the foot; the ankle's is less by that of R' r − R r, δ(R r) = δ_θ × R r + R δ_r."""
     sensor = _sensor(s)
     moved = foot_model.transition(p, sensor, u.over, dt)
     own = FootError(e.position, e.velocity, e.attitude, e.gyr_bias, e.acc_bias)
@@ -92,9 +92,9 @@ def error_transition(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleC
 
 
 def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> Covariance:
-    """As of the foot's sensor; the lever is where it is, but for a nanometre that keeps the covariance's rank.
+    """Process noise as of the foot's sensor; the lever's, a nanometre, only keeps the covariance's rank.
 
-    What noise of the rate moves the ankle by through the lever is left out: a fifth of a millimetre a stride.
+    The ankle's displacement from noise of the rate times the lever is left out: a fifth of a millimetre a stride.
     """
     own = foot_model.transition_noise(p, _sensor(s), u.over, dt)
     v = own.variances()
@@ -107,14 +107,14 @@ _STILL = 1e-18
 
 
 def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
-    """Velocity of the ankle, and its height over the stance from which positions count."""
+    """Velocity of the ankle, and height of the ankle over the stance from which positions count."""
     del p
     through = rotated(s.attitude, cross(subtract(u.rate, s.gyr_bias), s.lever))
     return AnkleObservation(subtract(s.velocity, through), s.position.z)
 
 
 def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: AnkleControl) -> AnkleObservation:
-    """By how much an error changes the observation: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
+    """Change of the observation by an error: δ_v − δ_θ × R (ω × r) − R (ω × δ_r − δ_bg × r)."""
     del p
     rate = subtract(u.rate, s.gyr_bias)
     through = rotated(s.attitude, cross(rate, s.lever))
@@ -123,24 +123,24 @@ def error_observation(p: FootModelParams, s: AnkleState, e: AnkleError, u: Ankle
 
 
 def observation_noise(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
-    """Of the zero velocity as it comes, and of the level ground."""
+    """Variances of the zero velocity, for each sample from the control, and of the level ground."""
     del s
     v = u.over.velocity_variance
     return AnkleObservation(Vector(v, v, v), p.height_variance)
 
 
 def retract(s: AnkleState, e: AnkleError) -> AnkleState:
-    """The state at an error from another."""
+    """The state `s` changed by the error `e`."""
     return AnkleState(*foot_model.retract(_sensor(s), FootError(*e[:5])), add(s.lever, e.lever))
 
 
 def local(reference: AnkleState, s: AnkleState) -> AnkleError:
-    """The error of a state about another."""
+    """The error of the state `s` relative to `reference`."""
     return AnkleError(*foot_model.local(_sensor(reference), _sensor(s)), subtract(s.lever, reference.lever))
 
 
 def initial(p: FootModelParams) -> Belief:
-    """At rest and level, the sensor's z axis up, the ankle a hand below."""
+    """The belief of a sensor at rest and level, its z axis up, the ankle 0.1 m below it."""
     del p
     nothing = Vector(0.0, 0.0, 0.0)
     return standing_belief(
@@ -155,11 +155,11 @@ def standing_belief(
     """The belief at a stance, before its sample.
 
     Args:
-        attitude: of the sensor.
-        velocity: of the sensor in the world [m/s].
-        gyr_bias: [rad/s].
-        lever: from the ankle to the sensor, in its axes [m].
-        variances: of the errors.
+        attitude: attitude of the sensor.
+        velocity: velocity of the sensor in the world [m/s].
+        gyr_bias: gyroscope bias [rad/s].
+        lever: from the ankle to the sensor, in the sensor's axes [m].
+        variances: variances of the state's errors.
     """
     zero = 0.0 * gyr_bias.x
     nothing = Vector(zero, zero, zero)
@@ -175,4 +175,4 @@ MODEL = Model(
     initial, transition, transition_noise, observation, observation_noise, retract, local, None,
     error_transition, error_observation, foot_model.error_shift,
 )  # fmt: skip
-"""One ankle."""
+"""The model of one ankle."""

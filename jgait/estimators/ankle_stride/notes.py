@@ -1,4 +1,4 @@
-"""Kinds of facts that `ankle_stride` notices about a recording."""
+"""Kinds of notes that `ankle_stride` makes about a recording."""
 
 from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind
 

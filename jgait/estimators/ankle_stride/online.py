@@ -1,14 +1,13 @@
-r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts while the person walks.
+r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts strides during the walk.
 
-A sample goes through causal low-passes and a detector of `events.shank`, which tells when the shank has swung. After
-that the valley of the stance rate is looked for (`events.shank_stance_online`). The error-state filter runs a fixed
-lag behind, some 0.26 s, so that the ankle's zero velocity is there for it all around a valley that is known only
-afterwards. Where it
-has passed a valley, or while the person stands, a swing since the last such instant is a stride: its length, height
-and turn are known, with their deviations.
+Each sample passes causal low-passes and a detector of `events.shank`, which detects the swings of the shank. After a
+swing, `events.shank_stance_online` searches the valley of the stance rate, which is known only after the valley. The
+error-state filter therefore runs a fixed lag, some 0.26 s, behind the newest sample, and uses the ankle's zero velocity
+before and after the valley. When the filter has passed a valley, or while the person stands, a swing since the last
+such instant makes a stride, whose length, height and turn are then known, with their standard deviations.
 
-What the host decides beforehand (axes, the gyroscope's bias at rest, the placement, the sampling rate) comes from a
-recording of a walk through `ankle_stride.prepare.prepare`; what follows needs a few hundred numbers of memory for ever.
+The host decides beforehand on axes, gyroscope bias at rest, placement and sampling rate, from a recording of a walk
+(`ankle_stride.prepare.prepare`); the device then needs memory for a few hundred numbers, however long the walk.
 
 Deviations from `ankle_stride` without smoothing, which integrates signals filtered both ways and knows the whole walk:
     1. Signals are filtered causally, at the same cut-off; times have the delay removed.
@@ -72,7 +71,7 @@ __all__ = [
 
 
 class _Delayed(NamedTuple):
-    """A row of the history, by the names that `ankle_stride.control` knows."""
+    """A row of the history, with the field names that `ankle_stride.estimator.control` uses."""
 
     gyr_jump: Values
     acc_jump: Values
@@ -87,7 +86,7 @@ class _Delayed(NamedTuple):
 def _filter_step(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, row: PyTree, stands: Flags, options: AnkleOptions
 ) -> tuple[Belief, Values, Values]:
-    """The filter over the row of the history that leaves it: belief, whether it has started, its numbers are sound."""
+    """The filter's step over the oldest row of the history: belief, whether the filter has started, and is valid."""
     stands = stands & (row[8] == 0.0)
     started = state.started | stands
     initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, level_prior(p, worn, row[:6]))
@@ -116,7 +115,7 @@ def _filter_step(
 def _stride(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, swung: OnlineSwing, belief: Belief, stood: PyTree
 ) -> tuple[Strides, Strides, dict[str, Values], Heading]:
-    """The stride that ends at the filter's sample, its deviations, its flags, and the heading there."""
+    """The stride that ends at the filter's sample, its standard deviations and flags, and the heading at the sample."""
     way = ankle_strides.measured(belief.mean.position, ankle_strides.across(belief.cov))
     there = ankle_strides.heading(belief.mean, belief.cov)
     follows = swung.leaves - state.landed <= shank_stance.PAUSE_S
@@ -140,7 +139,7 @@ def _seen(
     measured: Flags,
     options: AnkleOptions,
 ) -> tuple[AnkleOnlineState, Values]:
-    """The state after the part that knows the newest sample, and the row (11,) that the history takes."""
+    """The state after event detection at the newest sample, and the row (11,) for the history."""
     there = jnp.asarray(measured)
     x = jnp.where(there, reading(worn, gyr, acc), state.last[1])
     index = state.index + 1
@@ -180,13 +179,13 @@ def _advanced(
     p: AnkleParams, worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Values, Values, Values],
     options: AnkleOptions,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """One sample: what it says of swing and stance, then the filter a lag behind, then the stride if there is one."""
+    """One sample: detection of swing and stance, then the filter a lag behind, then the stride if a stride ends."""
     state, newest = _seen(worn, filters, state, *sample, options)
     rows, index = state.history.shape[0], state.index
     row = state.history[index % rows]
     calm = state.history[(index + worn.shift) % rows, 10] > 0.0
     full = index >= rows
-    # the sample of the stance rates that happened when the filter's did
+    # the sample of the stance rates that was measured at the time of the filter's sample
     looked = index - rows + worn.shift
     near = full & (jnp.abs(looked - state.stood) <= worn.reach)
     belief, started, sound = _filter_step(p, worn, state, row, near | (calm & full), options)
@@ -217,7 +216,7 @@ def one(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags = True,
     options: AnkleOptions = ONLINE,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """`step`, not compiled: to be part of another program."""
+    """`step`, not compiled, for use in another compiled program."""
     check_options(options)
     filters = filters_of(p, worn, options, state.last.dtype)
     return _advanced(p, worn, filters, state, (gyr, acc, measured), options)
@@ -227,19 +226,19 @@ def over(
     p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
     options: AnkleOptions = ONLINE,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """The same step over many samples in one scan, not compiled: to be part of another program.
+    """The same step over many samples in one scan, not compiled, for use in another compiled program.
 
     Args:
         p: parameters.
         worn: from `worn`.
-        state: from `begin` or what went before.
+        state: from `begin` or an earlier call.
         gyr: (T, 3) in the sensor's axes [rad/s].
         acc: (T, 3) specific force [m/s²].
         measured: (T,) bool, False where a sample was lost; None: none was.
         options: static.
 
     Returns:
-        The state to carry on, and what was known after each sample, (T,).
+        The state after the last sample, and the results after each sample, (T,).
     """
     check_options(options)
     filters = filters_of(p, worn, options, state.last.dtype)
@@ -254,10 +253,10 @@ _over = compiled(over, static_argnames=("options",))
 def walk(
     p: AnkleParams, worn: Worn, gyr: Values, acc: Values, measured: Flags | None = None, options: AnkleOptions = ONLINE
 ) -> Now:  # fmt: skip
-    """A recording as the device would have seen it: `begin`, then `over`, compiled; arguments as of those.
+    """A recording processed as by the device: `begin`, then `over`, compiled; arguments as of these functions.
 
     Returns:
-        What was known after each sample, (T,); `table` gives the strides alone.
+        The results after each sample, (T,); `table` gives the strides alone.
     """
     state = begin(p, worn, jnp.asarray(gyr)[0], jnp.asarray(acc)[0], options)
     return _over(p, worn, state, gyr, acc, measured, options)[1]
@@ -267,7 +266,7 @@ def table(now: Now) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides of `over` or `walk` alone, in the order in which they became known; on the host.
 
     Returns:
-        Strides (n,), their standard deviations, and their flags with `known`, the sample at which each was.
+        Strides (n,), their standard deviations, and their flags with `known`, the sample at which each became known.
     """
     at = np.flatnonzero(np.asarray(now.stride))
     parts = jax.tree.map(lambda leaf: np.asarray(leaf)[at], (now.strides, now.stddev, now.flags))

@@ -1,4 +1,4 @@
-"""What the ankle's estimator online carries from sample to sample, and what it says after each."""
+"""State of the ankle's online estimator between samples, and its results after each sample."""
 
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from jgait.types import Counts, Flags, Strides, Values
 
 
 class OnlineSwing(NamedTuple):
-    """The swings since the last stride: from when to when [s], the sample at which that was known, whether any."""
+    """The swings since the last stride: begin and end [s], sample at which they became known, whether there was any."""
 
     leaves: Flags
     lands: Flags
@@ -31,27 +31,27 @@ class OnlineSwing(NamedTuple):
 
 
 class AnkleOnlineState(NamedTuple):
-    """What is carried from sample to sample, all of a fixed size.
+    """State between samples; every field has a fixed size.
 
     Attributes:
-        index: of the newest sample.
+        index: index of the newest sample.
         last: (2, 6) the two newest readings, angular rate and specific force in the segment's axes.
-        low_passed: filters of what is integrated (6,), of the stance rates (3,), of the sagittal rate ().
-        detector: of swings.
+        low_passed: low-pass states of the integrated signals (6,), the stance rates (3,) and the sagittal rate ().
+        detector: state of the swing detector.
         jumps: (n, 2) changes of the last readings.
-        history: (lag, 11) what was filtered since the filter's sample, a ring.
-        valley: the search for it, see `events.shank_stance_online`.
+        history: (lag, 11) ring buffer of the low-passed samples since the filter's sample.
+        valley: state of the search for the valley, see `events.shank_stance_online`.
         stood: sample of the last valley.
-        slow: for how many samples the leg has turned slowly.
-        swung: see `Swung`.
-        before: (6,) what was integrated last.
-        belief: of the filter.
-        restart: 1 if positions count from its sample, else 0.
-        started: whether the leg has stood.
-        heading: where the stride begins.
-        landed: end of the last stride's swing [s]; −∞ before the first.
-        count: strides so far.
-        distance: their way [m].
+        slow: number of samples for which the leg has turned slowly.
+        swung: swings since the last stride, see `OnlineSwing`.
+        before: (6,) the last integrated sample.
+        belief: belief of the filter.
+        restart: 1 if positions count from the filter's sample, else 0.
+        started: whether the leg has stood, so that the filter has started.
+        heading: heading at which the stride begins.
+        landed: end of the last stride's swing [s]; −∞ before the first stride.
+        count: number of strides so far.
+        distance: sum of their lengths [m].
     """
 
     index: Counts
@@ -75,17 +75,17 @@ class AnkleOnlineState(NamedTuple):
 
 
 class Now(NamedTuple):
-    """What is known after a sample.
+    """Results after a sample.
 
     Attributes:
-        stride: bool, a stride has become known; the next three mean something only there.
+        stride: bool, a stride has become known; `strides`, `stddev` and `flags` have a meaning only if True.
         strides: the stride, its fields scalars; times count from the first sample [s].
-        stddev: its standard deviations.
-        flags: of `ankle_stride.readout.FLAGS` all but "clipped".
-        count: strides so far.
-        distance: their way [m].
+        stddev: standard deviations of the stride.
+        flags: the flags of `ankle_stride.readout.FLAGS`, without "clipped".
+        count: number of strides so far.
+        distance: sum of their lengths [m].
         stands: bool, the person stands still.
-        valid: False where the filter's numbers broke down and it kept its prediction.
+        valid: False if the filter's update failed numerically and the filter kept its prediction.
     """
 
     stride: PyTree
@@ -99,7 +99,7 @@ class Now(NamedTuple):
 
 
 class Filters(NamedTuple):
-    """Sections of what is integrated, of the stance rates, of the sagittal rate."""
+    """Low-pass sections for the integrated signals, the stance rates and the sagittal rate."""
 
     signals: PyTree
     stance: PyTree
@@ -107,7 +107,7 @@ class Filters(NamedTuple):
 
 
 def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: DTypeLike) -> Filters:
-    """The low-passes of a device."""
+    """The low-passes of the online estimator."""
     cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, DETECTORS[options.detector][1].cutoff_hz)
     cascades = (butterworth.sections(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
     return Filters(*cascades)
@@ -125,11 +125,11 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOp
         p: parameters.
         worn: from `worn`.
         gyr: (3,) the first reading, in the sensor's axes [rad/s].
-        acc: (3,) its specific force [m/s²].
+        acc: (3,) the first specific force, in the sensor's axes [m/s²].
         options: as of `step`.
 
     Returns:
-        The state of a leg that always read this.
+        The state after a long time in which every reading equals the first one.
     """
     check_options(options)
     x = reading(worn, gyr, acc)
@@ -159,7 +159,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOp
 
 
 def level_prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
-    """The belief of a leg that stands, level as the specific force says."""
+    """The belief of a leg that stands, with the tilt from the specific force."""
     one, none = jnp.ones_like(x[0]), jnp.zeros_like(x[0])
     attitude = between(vector(x[3:]), Vector(none, none, one))
     return standing_prior(p, worn, attitude, vector(x[:3]))

@@ -79,12 +79,12 @@ class AnkleOptions(NamedTuple):
     Attributes:
         length: "filter": the error-state filter; "3d": strapdown from stance to stance; "sl1", "sl2":
             pendulum. Only the filter states standard deviations.
-        detector: "swings": lobes of the rate filtered both ways; "machine": the paper's state machine that knows a foot
-            which stops; "paper": the machine as printed.
+        detector: "swings": lobes of the rate filtered both ways; "machine": the paper's state machine, extended to a
+            foot that stops; "paper": the machine as printed.
         site: "ankle", "shank", or "auto": the ankle's sensor where there is one, else the shank's.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        level: the ground is level, and the filter knows it.
-        standing: the gyroscope's bias is read where the leg stands still; False leaves it to the filter alone.
+        level: the ground is level: the filter observes equal heights of successive stances.
+        standing: the gyroscope's bias is measured while the leg stands still; False: the filter alone estimates it.
         method: how the filter linearises, see `jgait.filtering`.
         execution: how the filter computes, see `jgait.filtering`.
     """
@@ -104,7 +104,7 @@ DEFAULT = AnkleOptions()
 
 
 def check_options(options: AnkleOptions) -> None:
-    """Refuse options that are none.
+    """Raise an error for unknown options.
 
     Raises:
         ValueError: naming what there is and what came.
@@ -115,11 +115,11 @@ def check_options(options: AnkleOptions) -> None:
 
 
 MEASURES = ("lever_ankle", "lever_shank", "leg_length")
-"""Parameters that are measures of a person."""
+"""Parameters that are body measures."""
 
 
 def with_body(p: AnkleParams, body: dict[str, Any]) -> AnkleParams:
-    """The parameters with a person's own measures put in.
+    """The parameters with a person's body measures.
 
     Args:
         p: parameters.

@@ -1,7 +1,7 @@
-"""From a recording to what the ankle's estimator takes: axes, swings, stances, rest. On the host, in NumPy.
+"""Inputs of the ankle's estimator from a recording: axes, swings, stances, standing. On the host, in NumPy.
 
-Everything here is a decision: which way the sensor looks, where strides are, when the ankle stands, what the gyroscope
-reads at rest. Nothing here carries a gradient; what follows (`ankle_stride.run`) is smooth given these decisions.
+This module makes the decisions: the sensor's axes, begin and end of strides, when the ankle stands, the gyroscope's
+bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is differentiable.
 """
 
 from typing import Any
@@ -26,28 +26,28 @@ from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 WINDOW_S = 0.03
-"""[s] The ankle stands so long before a valley, and after it."""
+"""[s] Duration before a valley, and after it, in which the ankle is taken to stand."""
 
 STANDING = 0.2
-"""[rad/s] In a pause, and before and after the walk, a leg that turns more slowly stands."""
+"""[rad/s] Threshold on the leg's angular rate in a pause, and before and after the walk; below it the leg stands."""
 
 LOST_RATE, LOST_FORCE = 2.0, 10.0
-"""[rad/s], [m/s²] How wrong a straight line through lost samples may be."""
+"""[rad/s], [m/s²] Standard deviation of the error of linear interpolation over lost samples."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 2.0, 20.0
-"""[rad/s], [m/s²] How wrong a clipped reading may be."""
+"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
-"""[rad/s], [m/s²] Equal readings in a row at the top of the range count as clipped from here on."""
+"""[rad/s], [m/s²] Threshold on an axis's largest reading; above it, equal largest readings in a row are clipped."""
 
 CLIPS_FOR = 3
-"""[samples] In a row at the top."""
+"""[samples] Lower limit on the number of equal largest readings in a row that count as clipped."""
 
 LEAST_SECONDS = 1.0
 
 
 def placement_of(recording: Recording, side: str, site: str = "auto") -> str | None:
-    """The placement whose sensor tells a side's strides; None if there is none."""
+    """The placement whose sensor measures the strides of a side; None if the recording has no such sensor."""
     for kind in ("ankle", "shank") if site == "auto" else (site,):
         if f"{kind}_{side}" in recording.sensors:
             return f"{kind}_{side}"
@@ -81,7 +81,7 @@ def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs
         placement, note = name, None
         if name.startswith("shank"):
             placement, note = shank_axes.worn_on_shank(recording, side)
-            # exchanged labels: the other one was not looked at yet
+            # if labels are exchanged, the other leg's sensor is not checked yet
             _checked(recording, [name, placement])
         legs[side], said, still = _leg(recording.sensors[placement], time, recording.sampling_rate_hz, name, options)
         notes += ([note] if note else []) + said
@@ -117,7 +117,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
 
 
 def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where each swing begins and ends, in samples and parts of them; each ends before the next begins."""
+    """Begin and end of each swing, in samples and parts of them; each swing ends before the next swing begins."""
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
     settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
     if detector == "swings":
@@ -134,7 +134,7 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
 def _leg(
     imu: Imu, time: np.ndarray, rate_hz: float, name: str, options: AnkleOptions
 ) -> tuple[AnkleSignals, list[Note], tuple[int, int] | None]:
-    """One leg's signals and decisions, what was noticed, and where it stands still."""
+    """Signals and decisions of one leg, notes about the sensor, and the samples at which the leg stands still."""
     mask = np.asarray(imu.mask, bool)
     notes: list[Note] = []
     read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
@@ -189,7 +189,7 @@ def _leg(
 
 
 def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
-    """(T,) bool: around every instant, and while the leg stands in a pause, before the walk and after it."""
+    """(T,) bool, the ankle stands: around stance instants, and in slow turning in pauses, before and after the walk."""
     flags = np.zeros(len(speed), bool)
     if not len(stood.begin):
         return flags
@@ -210,7 +210,7 @@ def _signals(
     stood: shank_stance.ShankStances,
     rate_hz: float,
 ) -> dict[str, Any]:
-    """Signals, where the filter starts, and what it starts from."""
+    """Signals, the sample at which the filter starts, and its first attitude."""
     size = max(3, 2 * round(0.0075 * rate_hz) + 1)
     jumps = [_largest(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
     first = int(np.argmax(stands)) if stands.any() else len(time)
@@ -234,7 +234,7 @@ def _signals(
 def _strides(
     start: np.ndarray, end: np.ndarray, stood: shank_stance.ShankStances, time: np.ndarray, clips: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What is known of each stride, filled up to `capacity`."""
+    """Events and flags of each stride, padded to `capacity` rows."""
     rows, index = capacity(len(time)), np.arange(len(time))
     first, last = (np.rint(values).astype(np.int32) for values in (start, end))
     clipped = np.array([clips[a : b + 1].any() for a, b in zip(first, last, strict=True)], bool)
@@ -247,13 +247,13 @@ def _strides(
 
 
 def _largest(values: np.ndarray, size: int) -> np.ndarray:
-    """The largest of a centred window of an odd number of samples."""
+    """The largest value in a centred window of an odd number of samples."""
     padded = np.pad(values, size // 2, mode="edge")
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1))
 
 
 def _clipped(values: np.ndarray, above: float) -> np.ndarray:
-    """(T,) bool: three readings or more in a row at the top of what an axis reads, above a limit."""
+    """(T,) bool: `CLIPS_FOR` readings or more in a row at the largest reading of an axis, above a limit."""
     flags = np.zeros(len(values), bool)
     for axis in values.T:
         for top in (axis.max(), -axis.min()):

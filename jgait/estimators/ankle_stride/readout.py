@@ -1,5 +1,5 @@
-"""From the ankle's filter, or a method of `ankle_stride.length`, to strides and their flags; JAX, smooth given the
-events.
+"""Strides and their flags from the ankle's filter, or from a method of `ankle_stride.length`; JAX, differentiable
+given the events.
 """
 
 from typing import Any, NamedTuple
@@ -18,19 +18,19 @@ from jgait.signal import marks
 from jgait.types import Strides, Values
 
 SHORTEST = 0.1
-"""[m] A shorter stride is a leg that was shifted; it counts as no stride."""
+"""[m] Threshold on the stride length; below it the leg was only shifted, and the stride does not count."""
 
 TURNING = 0.35
-"""[rad] A stride whose leg turns by more (20°) is flagged as part of a turn."""
+"""[rad] Threshold on the leg's turn over a stride (20°); a stride above it is flagged as part of a turn."""
 
 STAIRS = 0.12
-"""[m] A stride that rises or falls by more is flagged as one on stairs or a kerb."""
+"""[m] Threshold on the rise or fall over a stride; a stride above it is flagged as one on stairs or a kerb."""
 
 TIMING = 0.02
-"""[s] Standard deviation of the duration of a stride."""
+"""[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
 
 FLAGS = ("turning", "stairs", "clipped", "half")
-"""What `diagnostics` says of every stride, by name, in the order of the strides; (n,) bool."""
+"""Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
 
 def from_filter(
@@ -40,9 +40,9 @@ def from_filter(
 
     Args:
         p: parameters.
-        leg: its inputs.
+        leg: inputs of the leg.
         state: smoothed (or filtered) states, (T,) leaves.
-        cov: their covariance.
+        cov: covariance of the states.
         side: 0 right, 1 left.
     """
     way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
@@ -57,7 +57,7 @@ def from_filter(
 
 
 class Way(NamedTuple):
-    """How far and how high the ankle came [m], and the variances of both [m²]."""
+    """Horizontal and vertical displacement of the ankle [m], and the variances of both [m²]."""
 
     length: Values
     height: Values
@@ -66,7 +66,7 @@ class Way(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Where the sensor's forward axis points [rad], and the variance of it [rad²]."""
+    """Heading of the sensor's forward axis [rad], and the variance of the heading [rad²]."""
 
     angle: Values
     variance: Values
@@ -79,7 +79,7 @@ def across(cov: Covariance) -> tuple[Values, Values, Values, Values]:
 
 
 def measured(way: Vector, entries: tuple[Values, Values, Values, Values]) -> Way:
-    """A stride from where the ankle stands at its end, counted from its begin; see `across`."""
+    """A stride from the ankle's position at the stride's end, counted from the stride's begin; entries of `across`."""
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / jnp.maximum(length, 1e-6) for part in (way.x, way.y))
     xx, xy, yy, zz = entries
@@ -94,7 +94,7 @@ def heading(state: AnkleState, cov: Covariance) -> Heading:
 
 
 def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:
-    """Standard deviations of strides that begin and end with a heading and last for a time [s]."""
+    """Standard deviations of strides, given the headings at their begin and end and their duration [s]."""
     length_sd = root(way.length_variance + p.stride_noise**2)
     speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
     return strides._replace(
@@ -111,8 +111,8 @@ def by_method(
 
     Args:
         p: parameters.
-        leg: its inputs.
-        gyr: (T, 3) filtered rate in the segment's axes [rad/s]; with the bias.
+        leg: inputs of the leg.
+        gyr: (T, 3) filtered rate in the segment's axes [rad/s], gyroscope bias included.
         acc: (T, 3) filtered specific force [m/s²].
         side: 0 right, 1 left.
         method: "3d", "sl1" or "sl2".
@@ -137,15 +137,15 @@ def by_method(
 
 
 def lever_of(p: AnkleParams, leg: AnkleSignals) -> Vector:
-    """From the ankle to the sensor, in the segment's axes [m], before the walk tells more."""
+    """The lever from the ankle to the sensor, in the segment's axes [m], before the filter corrects it."""
     return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
 
 
 def durations(leg: AnkleSignals) -> tuple[Values, Values]:
-    """When each stride starts, and the time that its speed is over [s].
+    """Start of each stride, and the duration over which its speed is computed [s].
 
-    A stride starts with the contact that ends the one before, and lasts from contact to contact; where there is none,
-    it starts when the shank begins to swing, and its speed is over the time from standing to standing.
+    A stride starts with the contact that ends the stride before, and lasts from contact to contact. If no stride comes
+    before, the stride starts with the shank's swing, and the speed is over the time from standing to standing.
     """
     before = jnp.concatenate([leg.leaves[:1], leg.lands[:-1]])
     start = jnp.where(leg.follows, before, leg.leaves)
@@ -154,7 +154,7 @@ def durations(leg: AnkleSignals) -> tuple[Values, Values]:
 
 
 def told(leg: AnkleSignals, side: int, length: Values, height: Values, turn: Values) -> Strides:
-    """The table of strides from what was measured and what was decided."""
+    """The table of strides from the measured quantities and the decided events."""
     there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     start, duration = durations(leg)
     return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there)
@@ -169,7 +169,7 @@ def table(
     turn: Values,
     there: PyTree,
 ) -> Strides:
-    """Strides of one leg, or one of them, from start, final contact and end [s], and what was measured."""
+    """Strides of one leg, or a single stride, from start, final contact and end [s] and the measured quantities."""
     start, leaves, lands = times
     return Strides(
         side=jnp.full(length.shape, side, jnp.int32), start=start, final_contact=leaves, end=lands, length=length,
@@ -179,6 +179,6 @@ def table(
 
 
 def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
-    """What is special about each stride, what was decided among it; True only where it is valid."""
+    """Flags of each stride, those of `decided` included; True only if the stride is valid."""
     found = {"turning": jnp.abs(strides.turn) > TURNING, "stairs": jnp.abs(strides.height) > STAIRS, **decided}
     return {name: flag & strides.valid for name, flag in found.items()}

@@ -1,4 +1,4 @@
-"""Whether a sensor is worn as its wearer believes: upside down, or on the other leg."""
+"""Comparison of a sensor's mounting with the stated axes, to detect a sensor upside down or on the other leg."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def axes_of(text: str) -> np.ndarray:
-    """(3, 3) forward, left and up in a sensor's axes, from words such as "x,-z,y".
+    """(3, 3) forward, left and up in a sensor's axes, from a text such as "x,-z,y".
 
     Raises:
         ValueError: if these are not three right-handed axes.
@@ -31,11 +31,11 @@ def axes_of(text: str) -> np.ndarray:
 
 
 def worn_otherwise(recording: Recording, believed: np.ndarray) -> tuple[Note, ...]:
-    """Notes about sensors that are not worn as their wearer believes.
+    """Notes about sensors whose mounting differs from the stated axes.
 
     Args:
-        recording: of sensors at ankles or on shanks.
-        believed: (3, 3) forward, left and up in the sensor's axes, see `axes_of`.
+        recording: recording with sensors at ankles or on shanks.
+        believed: (3, 3) stated forward, left and up in the sensor's axes, see `axes_of`.
     """
     notes: list[Note] = []
     for side in SIDES:

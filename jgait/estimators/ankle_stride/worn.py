@@ -1,4 +1,4 @@
-"""How the ankle's sensor is worn, told from a recording, as the estimator online takes it; on the host."""
+"""Mounting of the ankle's sensor, computed from a recording, for the online estimator; on the host."""
 
 from typing import NamedTuple
 
@@ -13,46 +13,46 @@ from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Recording, RecordingError, Values
 
 HOLD_S = 0.2
-"""[s] A minimum of the stance rate that stays the least for so long is the valley."""
+"""[s] Duration for which a minimum of the stance rate must stay the lowest to count as the valley."""
 
 LANDING_S = 0.25
-"""[s] So long after a swing its foot comes down; valleys before the greatest rate in there do not count."""
+"""[s] Duration after a swing in which the foot lands; valleys before the highest rate in it do not count."""
 
 CALM_S = 0.5
-"""[s] A leg that has turned slowly for so long stands."""
+"""[s] Duration of slow turning (see `prepare.STANDING`) from which on the leg counts as standing."""
 
 JUMP_S = 0.0075
-"""[s] The noise of a reading is that of its largest change so near by."""
+"""[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
 ONLINE = AnkleOptions(detector="swings", smooth=False, execution="fast")
-"""The options of this estimator; the lobes of a causally filtered rate hold for slow and impaired gait too."""
+"""The options of the online estimator; lobes of a causally filtered rate detect slow and impaired gait too."""
 
 DETECTORS = {
     "machine": (shank_events.phase_step, shank_events.MACHINE),
     "paper": (shank_events.phase_step, shank_events.PAPER),
     "swings": (shank_events.swing_step, shank_events.LOBES),
 }
-"""Detectors that work a sample at a time, and their settings."""
+"""Swing detectors that process one sample at a time, and their settings."""
 
 
 class Worn(NamedTuple):
-    """How a sensor is worn, from a recording; every leaf is an array.
+    """Mounting and settings of a sensor, from a recording; every leaf is an array.
 
     Attributes:
         axes: (3, 3) forward, left and up in the sensor's axes.
-        gyr_bias: (3,) while standing, in the segment's axes [rad/s].
-        still_time: how long the leg stood still for it [s]; 0: never.
+        gyr_bias: (3,) gyroscope bias while standing, in the segment's axes [rad/s].
+        still_time: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
         mid_shank: 1 if the sensor is at mid shank, 0 at the ankle.
-        rate_hz: of the samples.
+        rate_hz: sampling rate.
         side: 0 right, 1 left.
         hold: `HOLD_S` in samples.
         landing: `LANDING_S` in samples.
         calm: `CALM_S` in samples.
-        reach: of the zero velocities about a valley, in samples.
-        shift: by how many samples the stance rate is later than the signals that are integrated.
-        history: (lag, 11) zeros, as many rows as the filter runs behind.
-        jumps: (n, 2) zeros, as many rows as changes of the readings are remembered.
-        jump_looks: (n,) bool, which of them lie around the sample that is integrated.
+        reach: half width of the window of zero velocities around a valley, in samples.
+        shift: delay of the stance rate relative to the integrated signals, in samples.
+        history: (lag, 11) zeros, one row for each sample of the filter's lag.
+        jumps: (n, 2) zeros, one row for each stored change of the readings.
+        jump_looks: (n,) bool, the rows of `jumps` around the sample that is integrated.
     """
 
     axes: Values
@@ -72,7 +72,7 @@ class Worn(NamedTuple):
 
 
 def check_options(options: AnkleOptions) -> None:
-    """Refuse options that cannot be had online.
+    """Raise an error for options that the online estimator does not support.
 
     Raises:
         ValueError: naming what there is and what came.
@@ -87,11 +87,11 @@ def check_options(options: AnkleOptions) -> None:
 
 
 def worn(p: AnkleParams, recording: Recording, side: str, options: AnkleOptions = ONLINE) -> Worn:
-    """How the sensor of one side is worn, from a recording of standing and walking; on the host.
+    """Mounting and settings of the sensor of one side, from a recording of standing and walking; on the host.
 
     Args:
-        p: parameters; the cut-off tells how late signals are.
-        recording: as of `ankle_stride.estimate`; a few strides, and half a second of standing for the bias.
+        p: parameters; the cut-off gives the delay of the low-passed signals.
+        recording: as of `ankle_stride.estimate`; a few strides, and half a second of standing for the gyroscope bias.
         side: "right" or "left".
         options: as of `step`.
 
