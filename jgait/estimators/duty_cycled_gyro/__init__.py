@@ -1,24 +1,23 @@
-r"""Leg angles from thigh and shank sensors whose gyroscope sleeps most of the time.
+r"""Leg angles from thigh and shank sensors whose gyroscopes are switched off most of the time.
 
-Where a gyroscope slept its sagittal rate is filled from what it measured before (`duty_cycle.fillers`), and the
-thigh's and the shin's Kalman filter (`duty_cycled_gyro.model`) run over measured and filled rates alike; a filled one
-is told to be unsurer, by
-`filled_noise`. Where too little was measured to fill from, the last value is held and flagged; the filters are not told
-it, for over a gap it would turn the segment over: they go on by gravity, the rigid link and a loose pull to the
-vertical. What the sleep saves comes from `power`.
+While a gyroscope is off, its sagittal rate is filled from earlier measured strides (`duty_cycle.fillers`). The Kalman
+filters of thigh and shin (`duty_cycled_gyro.model`) use measured and filled rates; filled rates have a larger variance,
+by `filled_noise`. If too few strides were measured before a gap, the last rate is held and flagged. The filters do not
+use held rates, which would rotate the segment over the whole gap: they use gravity, the rigid link and a weak
+observation of the vertical. `power` computes the energy that is saved.
 
 Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for
 gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/duty_cycled_gyro/test_estimator.py.
 
 Sensors:
     `thigh_right` or `shank_right` or both, or those of the left leg, or all four; gyroscopes, and accelerometers for
-    most fillers; on one clock, 25 to 400 Hz, half a second of quiet standing with all gyroscopes on. When they are on
-    is told by the recording's mask, by a mask of a gyroscope alone, or by a schedule that hides samples.
+    most fillers; on one clock, 25 to 400 Hz, half a second of quiet standing with all gyroscopes on. The times at
+    which they are on come from the mask of the recording, a mask of the gyroscope, or a schedule that hides samples.
 
 Outputs:
     Hip and knee flexion [rad] and the ankle relative to the hip [m], with standard deviations, of legs on which both
     segments are worn. In `diagnostics`, for every sensor such as `shank_right`: `angle_`, `angle_stddev_`, `rate_`,
-    `gyro_` (the rate as measured or filled) and `how_` (0 measured, 1 filled, 2 held) over time; what the sensors draw.
+    `gyro_` (the rate as measured or filled) and `how_` (0 measured, 1 filled, 2 held) over time; power of the sensors.
 
 Deviations from the paper:
     1. to 12. Those of the filters, see `duty_cycled_gyro.model`; `experiments/udaya2010/literal.py` has the printed

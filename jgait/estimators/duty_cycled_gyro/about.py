@@ -1,4 +1,4 @@
-"""What the estimator for sleeping gyroscopes states about itself."""
+"""The `About` record of `duty_cycled_gyro`."""
 
 from fractions import Fraction
 from typing import Any
@@ -25,20 +25,20 @@ from jgait.types import SIDES, Estimate, as_float
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
 
 UNITS = 10
-"""Most units of a schedule's period."""
+"""[1] Largest denominator of a duty cycle; the period of a schedule has at most so many units."""
 
 SHOWN_S = 15.0
-"""[s] How much of a long recording the figure shows, from a little before the first gap."""
+"""[s] Time that the figure of a long recording shows, from shortly before the first gap."""
 
 
 def worn(estimate: Estimate) -> list[str]:
-    """Placements of the sensors that were used."""
+    """Placements of the sensors of an estimate."""
     names = [f"{segment}_{side}" for side in SIDES for segment in ("thigh", "shank")]
     return [name for name in names if f"how_{name}" in estimate.diagnostics]
 
 
 def segments(estimate: Estimate) -> dict[str, Any]:
-    """A row a sample: each sensor's angle with its deviation, the rate that was used and where the rate comes from."""
+    """Columns (T,): angle of each sensor with standard deviation, rate, and source of the rate."""
     diagnostics = estimate.diagnostics
     columns: dict[str, Any] = {"time_s": as_float(estimate.time)}
     for name in worn(estimate):
@@ -52,7 +52,7 @@ def segments(estimate: Estimate) -> dict[str, Any]:
 
 
 def numbers(estimate: Estimate) -> dict[str, Any]:
-    """JSON numbers of the whole recording."""
+    """Totals of a recording for the JSON file."""
     diagnostics = estimate.diagnostics
     how = {name: np.asarray(diagnostics[f"how_{name}"]) for name in worn(estimate)}
     return {
@@ -76,7 +76,7 @@ def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
 
 
 def shown(estimate: Estimate) -> tuple[float, float] | None:
-    """From and to [s] that the figure shows; None: the whole recording."""
+    """Start and end of the figure [s]; None: the whole recording."""
     time = as_float(estimate.time)
     if time[-1] - time[0] <= 2.0 * SHOWN_S:
         return None
@@ -90,10 +90,10 @@ def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTr
 
 
 def nearest_duty(duty: float) -> float:
-    """The duty cycle that whole units of the schedule allow.
+    """The nearest duty cycle with a denominator of at most `UNITS`.
 
     Raises:
-        ValueError: for a duty cycle that is none, or that the gyroscope cannot follow.
+        ValueError: a duty cycle outside (0, 1], or one that the gyroscope cannot follow.
     """
     if 0.0 < duty <= 1.0:
         duty = float(max(Fraction(duty).limit_denominator(UNITS), Fraction(1, UNITS)))

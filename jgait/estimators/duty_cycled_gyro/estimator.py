@@ -1,4 +1,4 @@
-"""From a recording with gaps to joint angles."""
+"""Joint angles from recordings with gaps of the gyroscopes."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -54,14 +54,14 @@ __all__ = [
 
 
 class _Seen(NamedTuple):
-    """A segment's rate without gaps and bias, how each sample was had, and what the filter made of it."""
+    """A segment's rate without gaps and bias, the source of each sample, and the estimate of the filter."""
 
     filled: Filled
     found: SegmentEstimate
 
 
 class _DutyLegResult(NamedTuple):
-    """One leg: its segments, and its angles if both are worn."""
+    """Results of one leg: its segments, and its angles if both segments have sensors."""
 
     thigh: _Seen | None
     shank: _Seen | None
@@ -82,7 +82,7 @@ def _fill(p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, options: Du
 
 
 def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Values) -> PlanarSegment:
-    """What the filter of one segment takes: a filled rate with its own variance, and no held one."""
+    """Inputs of the filter of one segment: filled rates have a larger variance, held rates are masked."""
     acc, persists = jnp.asarray(one.acc), 1.0 / jnp.maximum(jnp.asarray(dt), 1e-3)
     excess = jnp.where(filled.how == FILLED, p.filled_noise**2 * persists, 0.0).astype(filled.rate.dtype)
     told = filled.how != HELD
@@ -92,7 +92,7 @@ def _planar(p: DutyCycledParams, one: GapSegment, filled: Filled, dt: Values) ->
 
 
 def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: DutyCycledOptions) -> _DutyLegResult:
-    """Fill and filter one leg, with parameters of its side."""
+    """Fill the gaps and filter one leg, with the parameters of its side."""
     rates = dict[str, Filled]()
     above = None
     for segment, one in zip(SEGMENTS, leg, strict=True):
@@ -117,7 +117,7 @@ def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: Du
 
 
 def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
-    """Hip, knee and ankle of two segments, and their standard deviations, errors of the two taken as independent."""
+    """Hip and knee angle and ankle position, with standard deviations for independent errors of both segments."""
     sin1, cos1, sin2, cos2 = jnp.sin(thigh.angle), jnp.cos(thigh.angle), jnp.sin(shank.angle), jnp.cos(shank.angle)
     a1, a2 = p.thigh_length, p.shank_length
     var1, var2 = thigh.angle_stddev**2, shank.angle_stddev**2
@@ -131,7 +131,7 @@ def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate)
 
 
 def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_DutyLegResult | None]:
-    """Both legs; side by side in one program where the same is worn on both."""
+    """Results of both legs; computed with vmap if both legs have the same sensors."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
     worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
     if None in worn or worn[0] != worn[1]:
@@ -145,12 +145,12 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
     """Estimate from prepared inputs: pure, for jit, vmap and grad.
 
     Args:
-        p: parameters; `p.filler` are those of the options' filler.
+        p: parameters; `p.filler` holds those of the options' filler.
         inputs: from `prepared`; stacked along a new first axis for `jax.vmap`.
         options: from `prepared`; static under jit.
 
     Returns:
-        Angles with standard deviations; `diagnostics` as the module says, with the log-likelihood of the innovations
+        Angles with standard deviations; `diagnostics`: see the package; also the log-likelihood of the innovations
         and their mean normalised square for every sensor, and the filler's latency [s].
     """
     results = _legs(p, inputs, options)
@@ -180,14 +180,14 @@ def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOption
 def estimator(
     options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Estimator[DutyCycledParams, DutyCycledInputs]:
-    """This estimator as a record of functions; what sleeps is told by masks and the options' schedule.
+    """This estimator as a record of functions; masks and the schedule define when gyroscopes are off.
 
     Args:
-        options: which parts are on, and the schedule.
-        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
+        options: which parts of the method are used, and the schedule.
+        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
 
     Raises:
-        ValueError: no such filler.
+        ValueError: an unknown filler.
     """
     return Estimator(
         "duty_cycled_gyro", params_of(options), transforms_of(options),
@@ -204,16 +204,16 @@ def prepared(
 
 
 def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:
-    """What the worn sensors draw over the recording, and how long a battery feeds them.
+    """Power of the sensors over the recording, and battery life.
 
     Args:
         preparation: from `prepared`, with the same options.
-        options: which sensors and battery, and the schedule.
+        options: power of the sensors, battery and schedule.
 
     Returns:
-        `gyro_energy_saved` [1], part of the energy that the gyroscopes would need always on; `mean_power` [W] of all
-        sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and of
-        a schedule that is followed for long, `schedule_saving` [1].
+        `gyro_energy_saved` [1], as a share of the energy of gyroscopes that are always on; `mean_power` [W] of all
+        sensors; `battery_life` and `battery_life_always_on` [s]; `usable_share` [1] of the gyroscopes' samples; and
+        `schedule_saving` [1], the share that a schedule saves in the long term.
     """
     used, rate_hz, gyro = preparation.extra, preparation.options.sampling_rate_hz, options.gyroscope
     seconds = len(preparation.inputs.time) / rate_hz
@@ -232,7 +232,7 @@ def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) 
 
 
 def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
-    """(T,) bool, where a sensor's rate is held for longer than a few lost samples are missing."""
+    """(T,) bool, True where a sensor's rate is held for `LOST` or longer."""
     held = np.asarray(result.diagnostics[f"how_{name}"]) == HELD
     for start, stop in true_runs(held):
         if stop - start < LOST * rate_hz:
@@ -241,7 +241,7 @@ def _held_long(result: Estimate, name: str, rate_hz: float) -> np.ndarray:
 
 
 def _held(result: Estimate, preparation: Prepared[DutyCycledInputs]) -> list[Note]:
-    """Where too little was measured before a gap to fill it."""
+    """Notes on gaps that could not be filled because too few strides were measured before."""
     notes: list[Note] = []
     for name in preparation.extra:
         gone = np.flatnonzero(_held_long(result, name, preparation.options.sampling_rate_hz))
@@ -255,20 +255,20 @@ def estimate(
     p: DutyCycledParams, recording: Recording, options: DutyCycledOptions = DEFAULT, *,
     gyro_on: Mapping[str, Values] | None = None,
 ) -> Estimate:  # fmt: skip
-    """Leg angles of one recording whose gyroscopes sleep, and what that saves.
+    """Leg angles of one recording whose gyroscopes are off at times, and the energy saved.
 
     Args:
-        p: parameters; with another filler than the usual one, from `params_of`.
+        p: parameters; for another filler than the default, from `params_of`.
         recording: thigh or shank sensors of one or both legs.
-        options: which parts are on, and the schedule.
-        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
+        options: which parts of the method are used, and the schedule.
+        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
 
     Returns:
         An `Estimate`; `diagnostics` as of `run` and `energy`, `notes`, `standing`.
 
     Raises:
         RecordingError: see `duty_cycled_gyro.prepare.prepare`.
-        ValueError: a parameter outside its range, those of another filler, a duty cycle outside (0, 1], a wake-up
+        ValueError: a parameter outside its range, parameters of another filler, a duty cycle outside (0, 1], a wake-up
             longer than the on-time, a mask of the wrong shape.
     """
     ranges = transforms_of(options)
@@ -281,7 +281,7 @@ def estimate(
 
 
 def _finished(options: DutyCycledOptions, result: Estimate, made: Prepared[DutyCycledInputs]) -> Estimate:
-    """The estimate with what the sensors draw, invalid where a rate is held for long."""
+    """The estimate with the power of the sensors; invalid where a rate is held for `LOST` or longer."""
     ran: DutyCycledOptions = made.options
     if ran.filler != "hold":
         held = [_held_long(result, name, ran.sampling_rate_hz) for name in made.extra]

@@ -1,20 +1,20 @@
 r"""The thigh's and the shin's filter of Udaya Shankar et al. on named scalars, corrected, under a gyroscope mask.
 
-A sensor d from its joint, x downward and z forward of the hip. The segment hangs at θ from the vertical. Between
-samples position, velocity and acceleration follow x ← x + T ẋ + T²/2 ẍ, ẋ ← ẋ + T ẋ̇, and θ ← θ + T ω. A rigid link ties
-them, and the sensors read
+The sensor is at distance d from the joint of its segment, at x downward and z forward of the hip; the segment is at
+angle θ from the vertical. Between samples x ← x + T ẋ + T²/2 ẍ, ẋ ← ẋ + T ẋ̇, and θ ← θ + T ω. The rigid link gives
+position and velocity, and the sensors measure
 
     x = d cos θ,       ẋ = −d sin θ ω,     f_up      = (g − ẍ) cos θ − z̈ sin θ,
     z = d sin θ,       ż =  d cos θ ω,     f_forward = (g − ẍ) sin θ + z̈ cos θ,      ω_g = ω − v / d.
 
-For the shin's sensor the thigh's link a₁ comes before its own: x = a₁ cos θ₁ + d cos θ₂, and so on; θ₁ and ω₁ come from
-the thigh's filter. Left out is the joint's own acceleration, which makes the accelerometer's noise while walking.
+For the shin's sensor the thigh's link a₁ is added: x = a₁ cos θ₁ + d cos θ₂, and so on; θ₁ and ω₁ come from the thigh's
+filter. The acceleration of the joint is not modelled; it is part of the accelerometer's noise while walking.
 
-A gyroscope that is off is an observation that is masked; then gravity, the rigid link and a loose pull to the vertical
-hold rate and angle. Filling the gaps from the strides before is another matter, and does better. While the person
-stands, accelerations are told to be 0.
+While the gyroscope is off, its observation is masked; gravity, the rigid link and a weak observation of the vertical
+correct rate and angle. Rates filled from earlier strides (`duty_cycle.fillers`) give more accurate angles. While the
+person stands, accelerations are observed as 0.
 
-One axis of the gyroscope knows no turns: on the straight part of `neura_sparse` the shank is within 1.4° (left) and
+One gyroscope axis does not measure turns: on the straight part of `neura_sparse` the shank is within 1.4° (left) and
 2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
 `leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
 
@@ -90,7 +90,7 @@ def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl
 
 
 def shin_transition(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> ShinState:
-    """The same for the shin, whose thigh turns too (deviation 5)."""
+    """Transition of the shin's filter, which includes the thigh's angle (deviation 5)."""
     moved = thigh_transition(params, _own(state), control, dt)
     return _behind(moved, state.thigh_angle + dt * state.thigh_rate, state.thigh_rate)
 
@@ -101,12 +101,12 @@ def _own(state: ShinState) -> ThighState:
 
 
 def _behind(own: ThighState, thigh_angle: Values, thigh_rate: Values) -> ShinState:
-    """The shin's state from its own and the thigh's angle and rate."""
+    """The shin's state from the state of its segment and the thigh's angle and rate."""
     return ShinState(*own[:7], thigh_angle, thigh_rate, *own[7:])
 
 
 def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Values, dt: Values) -> Covariance:
-    """Q: integrated white jerk, integrated white angular acceleration, a walking bias (deviations 1 and 2)."""
+    """Q: integrated white jerk, integrated white angular acceleration, random walk of the bias (deviations 1, 2)."""
     s, w = params.acceleration_noise, params.angle_noise
     entries = {("velocity_bias", "velocity_bias"): params.bias_noise * dt}
     for way in ("down", "forward"):
@@ -137,7 +137,7 @@ def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyCon
 
 
 def _read(params: LinkParams, state: ThighState, joint: tuple[Values, Values, Values, Values]) -> ThighObservation:
-    """What the segment's own sensors read, given position and velocity of its joint (x, z, ẋ, ż)."""
+    """Observations of one segment, for given position and velocity of its joint (x, z, ẋ, ż)."""
     sin, cos = jnp.sin(state.angle), jnp.cos(state.angle)
     d, lighter = params.lever, GRAVITY - state.down_acceleration
     return ThighObservation(
@@ -155,13 +155,13 @@ def _read(params: LinkParams, state: ThighState, joint: tuple[Values, Values, Va
 
 
 def thigh_observation(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
-    """Section 8.2 with gravity, and the rigid link in place of velocities that come from the gyroscope."""
+    """Section 8.2 with gravity, and with the rigid link instead of velocities from the gyroscope."""
     del control
     return _read(params, state, (0.0, 0.0, 0.0, 0.0))
 
 
 def shin_observation(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
-    """The same for the shin, whose joint is the knee, and the thigh's angle and rate."""
+    """Observation of the shin's filter: its joint is the knee; the thigh's angle and rate are observed as well."""
     del control
     a, sin, cos = params.thigh_length, jnp.sin(state.thigh_angle), jnp.cos(state.thigh_angle)
     knee = (a * cos, a * sin, -a * sin * state.thigh_rate, a * cos * state.thigh_rate)
@@ -169,7 +169,7 @@ def shin_observation(params: LinkParams, state: ShinState, control: DutyControl)
 
 
 def thigh_observation_noise(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
-    """R: the sensors' variances at this sample, and the rigid link's."""
+    """R: variances of the sensors at this sample, and of the rigid link."""
     del state
     acc, rest = control.acc_variance, control.rest_variance
     place, speed = params.position_variance, params.velocity_variance
@@ -179,7 +179,7 @@ def thigh_observation_noise(params: LinkParams, state: ThighState, control: Duty
 
 
 def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
-    """The same, and the variances that the thigh's filter states."""
+    """R of the shin's filter: as of the thigh, with the variances of the thigh's angle and rate."""
     own = thigh_observation_noise(params, _own(state), control)
     return ShinObservation(*own, control.thigh_angle_variance, control.thigh_rate_variance)
 
@@ -188,16 +188,16 @@ def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_varian
     """The belief before the first sample: at rest, on the rigid link.
 
     Args:
-        params: of the segment.
+        params: model parameters of the segment.
         angle: θ [rad].
-        bias: of the gyroscope [rad/s].
-        angle_variance: [rad²].
+        bias: gyroscope bias [rad/s].
+        angle_variance: variance of θ [rad²].
     """
     zero, d = jnp.zeros_like(jnp.asarray(bias) + angle), params.lever
     still = (zero, zero)
     mean = ThighState(zero + d * jnp.cos(angle), *still, d * jnp.sin(angle), *still, -d * bias, zero + angle, zero)
     place, bias_variance = d * d * angle_variance + params.position_variance, 1e-5 * d * d
-    # The angle's error moves the sensor along the link; said once, in the angle's own variance, and loosely here.
+    # An angle error also moves the sensor; here only as a variance of the position, without correlation.
     variances = ThighState(place, 1e-4, 1.0, place, 1e-4, 1.0, bias_variance, angle_variance, 1e-4)
     return Belief(mean, Covariance.from_variances(variances))
 
@@ -205,7 +205,7 @@ def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_varian
 def shin_standing(
     params: LinkParams, angle: Values, bias: Values, angle_variance: Values, thigh_angle: Values = 0.0
 ) -> Belief:
-    """The same for the shin behind a thigh at rest."""
+    """The belief of the shin's filter before the first sample, as `thigh_standing`; the thigh is at rest."""
     own, a = thigh_standing(params, angle, bias, angle_variance), params.thigh_length
     m, v = own.mean, own.cov.variances()
     zero = jnp.zeros_like(m.angle)
@@ -224,14 +224,14 @@ def _shin_initial(params: LinkParams) -> Belief:
 
 
 THIGH = Model(_thigh_initial, thigh_transition, thigh_transition_noise, thigh_observation, thigh_observation_noise)
-"""Nine states, one segment hung on a joint: the thigh on the hip, or a shank worn alone on the knee."""
+"""Nine states, one segment that hangs from a joint: the thigh, or a shank without a thigh sensor."""
 
 SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observation, shin_observation_noise)
-"""Eleven states: the shank behind the thigh."""
+"""Eleven states: the shank, with angle and rate of the thigh."""
 
 
 def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
-    """The model's parameters for a sensor that far from its joint [m]."""
+    """The model's parameters for a sensor at distance `lever` from its joint [m]."""
     return LinkParams(
         p.thigh_length, lever, p.angle_noise, p.acceleration_noise, p.bias_noise,
         p.position_closure**2, p.velocity_closure**2,
@@ -241,7 +241,7 @@ def link_params(p: DutyParams, lever: PyTree) -> LinkParams:
 def observe(
     p: DutyParams, segment: PlanarSegment, dt: Values, still: Flags, valid: Flags, options: DutyOptions = DEFAULT
 ) -> tuple[ThighObservation, DutyControl, ThighObservation]:
-    """What the filter of one segment is told: observation, control and mask; for a recording or for one sample."""
+    """Observation, control and mask of the filter of one segment, for a recording or for one sample."""
     zero = jnp.zeros_like(segment.gyr)
     rest = p.standing_acceleration**2
     acc = rest + jnp.where(still, 0.0, p.joint_acceleration**2)
@@ -262,9 +262,9 @@ def observe_shin(
     p: DutyParams, segment: PlanarSegment, thigh: SegmentEstimate, dt: Values, still: Flags, valid: Flags,
     options: DutyOptions = DEFAULT,
 ) -> tuple[ShinObservation, DutyControl, ShinObservation]:  # fmt: skip
-    """The same for the shin's filter, with what the thigh's filter found at the same samples."""
+    """As `observe` for the shin's filter, with the thigh's estimate at the same samples."""
     told, control, mask = observe(p, segment, dt, still, valid, options)
-    # Errors of the thigh's angle persist for about a second: as white noise they weigh one over the interval.
+    # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
     spread = 1.0 / jnp.maximum(dt, 1e-3)
     control = control._replace(
         thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
@@ -275,7 +275,7 @@ def observe_shin(
 def _filtered(
     model: Model, params: LinkParams, told: PyTree, initial: Belief, inputs: DutyInputs, options: DutyOptions
 ) -> SegmentEstimate:
-    """Filter, or smooth, and read off the segment's angle and rate."""
+    """Angle and rate of the segment, filtered or smoothed."""
     observations, controls, mask = told
     found = filtering.infer(
         model, params, observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
@@ -291,18 +291,18 @@ def _filtered(
 def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions = DEFAULT) -> DutyEstimate:
     """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
 
-    A shank worn alone is taken for a segment hung on a joint, as the thigh is.
+    A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint.
 
     Args:
         p: parameters.
-        inputs: of a recording; stacked along a new first axis for `jax.vmap`.
+        inputs: inputs of a recording; stacked along a new first axis for `jax.vmap`.
         options: how the filters run; static under jit.
 
     Returns:
-        Estimates of the segments that are worn.
+        Estimates of the segments with a sensor.
 
     Raises:
-        ValueError: if none is.
+        ValueError: if no segment has a sensor.
     """
     if inputs.thigh is None and inputs.shank is None:
         raise ValueError("the duty-cycled filters need a thigh or a shank sensor; got neither")

@@ -1,4 +1,4 @@
-"""What the duty-cycled filters are told and tell, by name: parameters, options, inputs, states, estimates."""
+"""Parameters, options, inputs, states and estimates of the duty-cycled filters."""
 
 from typing import Annotated, NamedTuple
 
@@ -54,13 +54,13 @@ TRANSFORMS = ranges(DutyParams())
 
 
 class DutyOptions(NamedTuple):
-    """How the filters run.
+    """Options of the filters.
 
     Attributes:
         gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         method: how the filters linearise, see `jgait.filtering`.
-        execution: how they compute, see `jgait.filtering`.
+        execution: how the filters compute, see `jgait.filtering`.
     """
 
     gravity: bool = True
@@ -70,7 +70,7 @@ class DutyOptions(NamedTuple):
 
 
 DEFAULT = DutyOptions()
-"""Causal, with accelerometer."""
+"""Causal filters with accelerometers."""
 
 
 class ThighState(NamedTuple):
@@ -83,7 +83,7 @@ class ThighState(NamedTuple):
         forward: z [m].
         forward_velocity: ż [m/s].
         forward_acceleration: z̈ [m/s²].
-        velocity_bias: v, by which the gyroscope falls short, as velocity of the sensor [m/s].
+        velocity_bias: v = −d b, with gyroscope bias b and distance d of the sensor from the joint [m/s].
         angle: θ₁ from hanging straight down, positive forward [rad].
         rate: ω₁ [rad/s].
     """
@@ -130,16 +130,16 @@ class ShinState(NamedTuple):
 
 
 class LinkParams(NamedTuple):
-    """Parameters of one filter's model; units as of `DutyParams`.
+    """Parameters of the model of one filter, see `DutyParams`.
 
     Attributes:
         thigh_length: a₁ [m]; the shin's filter only.
         lever: d, from the segment's joint to its sensor [m].
-        angle_noise: [rad²/s³].
-        acceleration_noise: [m²/s⁵].
-        bias_noise: [m²/s³].
-        position_variance: of the rigid link [m²].
-        velocity_variance: of the rigid link [m²/s²].
+        angle_noise: spectral density of the angular acceleration [rad²/s³].
+        acceleration_noise: spectral density of the jerk [m²/s⁵].
+        bias_noise: spectral density of the random walk of the velocity bias [m²/s³].
+        position_variance: variance of the sensor's position about the rigid link [m²].
+        velocity_variance: variance of the sensor's velocity about the rigid link [m²/s²].
     """
 
     thigh_length: Values
@@ -152,19 +152,19 @@ class LinkParams(NamedTuple):
 
 
 class ThighObservation(NamedTuple):
-    """What a filter of one segment can be told.
+    """Observations of a filter of one segment.
 
     Attributes:
-        acc_up: along the segment, to its joint [m/s²].
-        acc_forward: across it [m/s²].
-        gyro: [rad/s].
-        link_down: always 0: x minus the rigid link's [m].
-        link_forward: always 0: z minus the rigid link's [m].
-        link_down_velocity: always 0 [m/s].
-        link_forward_velocity: always 0 [m/s].
-        rest_down: always 0: ẍ, while the person stands [m/s²].
-        rest_forward: always 0: z̈, while the person stands [m/s²].
-        swing: always 0: the angle, while the gyroscope is off [rad].
+        acc_up: specific force along the segment, to its joint [m/s²].
+        acc_forward: specific force across the segment, forward [m/s²].
+        gyro: sagittal rate of the gyroscope [rad/s].
+        link_down: x minus that of the rigid link, observed as 0 [m].
+        link_forward: z minus that of the rigid link, observed as 0 [m].
+        link_down_velocity: ẋ minus that of the rigid link, observed as 0 [m/s].
+        link_forward_velocity: ż minus that of the rigid link, observed as 0 [m/s].
+        rest_down: ẍ, observed as 0 while the person stands [m/s²].
+        rest_forward: z̈, observed as 0 while the person stands [m/s²].
+        swing: the angle, observed as 0 while the gyroscope is off [rad].
     """
 
     acc_up: Values
@@ -180,21 +180,21 @@ class ThighObservation(NamedTuple):
 
 
 class ShinObservation(NamedTuple):
-    """What the shin's filter can be told: as `ThighObservation`, and what the thigh's filter found.
+    """Observations of the shin's filter: as `ThighObservation`, and the thigh's angle and rate.
 
     Attributes:
-        acc_up: [m/s²].
-        acc_forward: [m/s²].
-        gyro: [rad/s].
-        link_down: always 0 [m].
-        link_forward: always 0 [m].
-        link_down_velocity: always 0 [m/s].
-        link_forward_velocity: always 0 [m/s].
-        rest_down: always 0 [m/s²].
-        rest_forward: always 0 [m/s²].
-        swing: always 0 [rad].
-        thigh_angle: θ₁ [rad].
-        thigh_rate: ω₁ [rad/s].
+        acc_up: specific force along the shank, to the knee [m/s²].
+        acc_forward: specific force across the shank, forward [m/s²].
+        gyro: sagittal rate of the gyroscope [rad/s].
+        link_down: x minus that of the rigid link, observed as 0 [m].
+        link_forward: z minus that of the rigid link, observed as 0 [m].
+        link_down_velocity: ẋ minus that of the rigid link, observed as 0 [m/s].
+        link_forward_velocity: ż minus that of the rigid link, observed as 0 [m/s].
+        rest_down: ẍ, observed as 0 while the person stands [m/s²].
+        rest_forward: z̈, observed as 0 while the person stands [m/s²].
+        swing: the angle, observed as 0 while the gyroscope is off [rad].
+        thigh_angle: θ₁, estimate of the thigh's filter [rad].
+        thigh_rate: ω₁, estimate of the thigh's filter [rad/s].
     """
 
     acc_up: Values
@@ -212,15 +212,15 @@ class ShinObservation(NamedTuple):
 
 
 class DutyControl(NamedTuple):
-    """How good the sensors are at this sample.
+    """Variances of the observations at this sample.
 
     Attributes:
-        acc_variance: [m²/s⁴].
+        acc_variance: of the specific force [m²/s⁴].
         rest_variance: of the accelerations while standing [m²/s⁴].
-        gyro_variance: [rad²/s²].
-        swing_variance: [rad²].
-        thigh_angle_variance: [rad²]; the shin's filter only.
-        thigh_rate_variance: [rad²/s²]; the shin's filter only.
+        gyro_variance: of the gyroscope [rad²/s²].
+        swing_variance: of the angle as observation of the vertical [rad²].
+        thigh_angle_variance: of the thigh's angle [rad²]; the shin's filter only.
+        thigh_rate_variance: of the thigh's rate [rad²/s²]; the shin's filter only.
     """
 
     acc_variance: Values
@@ -238,10 +238,10 @@ class PlanarSegment(NamedTuple):
         gyr: (T,) rate, positive when the distal end swings forward [rad/s]; any finite number where the gyroscope
             is off.
         acc_forward: (T,) specific force along the segment's forward axis [m/s²].
-        acc_up: (T,) specific force along its axis to the proximal end, +g standing [m/s²].
+        acc_up: (T,) specific force along the segment to the proximal end, +g in standing [m/s²].
         measured: (T,) bool, the sample arrived.
         gyro_on: (T,) bool, the gyroscope was on and awake, or its sample has been filled.
-        excess: (T,) variance of the rate beyond the gyroscope's own [rad²/s²]; 0 where it was measured.
+        excess: (T,) variance of the rate in addition to the gyroscope's [rad²/s²]; 0 where the rate was measured.
         bias: gyroscope bias at rest [rad/s].
         variance: gyroscope variance at rest [rad²/s²].
     """
@@ -257,16 +257,16 @@ class PlanarSegment(NamedTuple):
 
 
 class DutyInputs(NamedTuple):
-    """All that `duty_cycled_gyro.model.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+    """Inputs of `duty_cycled_gyro.model.run`; every leaf is an array, so that inputs can be padded and stacked.
 
     Attributes:
         thigh: the thigh's sensor, or None.
         shank: the shin's sensor, or None.
         time: (T,) [s].
-        dt: (T,) time from the sample before [s]; 0 at the first.
+        dt: (T,) time since the previous sample [s]; 0 at the first.
         still: (T,) bool, the person stands.
         valid: (T,) bool, False for padding.
-        start_variance: of the angles at the first sample [rad²]; small when the recording starts standing.
+        start_variance: variance of the angles at the first sample [rad²]; small if the recording starts standing.
     """
 
     thigh: PlanarSegment | None
@@ -279,18 +279,18 @@ class DutyInputs(NamedTuple):
 
 
 class SegmentEstimate(NamedTuple):
-    """One segment over time.
+    """Estimates of one segment over time.
 
     Attributes:
         angle: (T,) from hanging straight down, positive when the distal end is forward [rad].
-        rate: (T,) its rate, the gyroscope's bias taken out [rad/s].
-        angle_stddev: (T,) [rad].
-        rate_stddev: (T,) [rad/s].
-        gyro: (T,) what the gyroscope would read, bias included [rad/s].
+        rate: (T,) rate of the angle, without gyroscope bias [rad/s].
+        angle_stddev: (T,) standard deviation of the angle [rad].
+        rate_stddev: (T,) standard deviation of the rate [rad/s].
+        gyro: (T,) predicted gyroscope signal, bias included [rad/s].
         nis: (T,) normalised innovation squared.
         count: (T,) observations used.
         log_likelihood: (T,) [nat].
-        valid: (T,) bool, False where the numbers broke down and the prediction was kept.
+        valid: (T,) bool, False where an update was not finite and the prediction was kept.
     """
 
     angle: Values
@@ -305,19 +305,19 @@ class SegmentEstimate(NamedTuple):
 
 
 class DutyEstimate(NamedTuple):
-    """What the filters found; a segment that was not worn is None."""
+    """Estimates of both segments; None for a segment without a sensor."""
 
     thigh: SegmentEstimate | None
     shank: SegmentEstimate | None
 
 
 def planar(segment: Segment, gyro_on: Values | None = None, excess: Values | None = None) -> PlanarSegment:
-    """The sagittal plane of a leg's segment, as `mounting.leg` gives it, under a gyroscope mask.
+    """The signals of a segment in the sagittal plane, with a gyroscope mask.
 
     Args:
-        segment: in segment axes (forward, left, up).
-        gyro_on: (T,) bool, see `PlanarSegment`; None: always.
-        excess: (T,) see `PlanarSegment` [rad²/s²]; None: none.
+        segment: signals in segment axes (forward, left, up).
+        gyro_on: (T,) bool, see `PlanarSegment`; None: always on.
+        excess: (T,) see `PlanarSegment` [rad²/s²]; None: zero.
 
     Raises:
         ValueError: if a mask does not have the length of the signals.

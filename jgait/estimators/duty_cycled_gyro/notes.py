@@ -1,4 +1,4 @@
-"""Kinds of facts that `duty_cycled_gyro` notices about a recording."""
+"""Kinds of notes of `duty_cycled_gyro` about a recording."""
 
 from jgait.notes import NO_GRAVITY, UNSURE_FORWARD, Kind
 

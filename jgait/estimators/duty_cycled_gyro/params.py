@@ -1,4 +1,4 @@
-"""What `duty_cycled_gyro` is told, by name: parameters with their ranges, options, and signals that pad and stack."""
+"""Parameters of `duty_cycled_gyro` with their ranges, options, and inputs."""
 
 from typing import Annotated, Any, NamedTuple
 
@@ -46,27 +46,27 @@ class DutyCycledParams(NamedTuple):
 
 
 TRANSFORMS = ranges(DutyCycledParams())
-"""The range of every parameter, with the usual filler; `transforms_of` has those of another."""
+"""The range of every parameter, for the default filler; `transforms_of` gives those for another filler."""
 
 
 class DutyCycledOptions(NamedTuple):
-    """Which parts are on.
+    """Which parts of the method are used.
 
     Attributes:
-        filler: of the gaps, by name, see `duty_cycle.fillers.fillers`; all but "ridge_later" are causal. The usual one
-            is the best of them on a treadmill and for a shank alone; over ground with the thigh's sensor "blend" errs
-            less.
-        schedule: that hides samples as if asleep, a `power.Schedule` or a duty cycle [1]; None: what is masked only.
-        asleep: which segments follow the schedule, "shank", "thigh" or both.
-        warm_up: how long gyroscopes are on before the schedule, which is then off first [s]; fillers need two strides,
-            and until they were measured rates are only held.
-        above: tell the shank's filler the signals of the thigh, where it is worn.
-        filters: how the Kalman filters run.
-        gyroscope: what it draws and how long it takes to wake up.
-        accelerometer: what it draws; it never sleeps.
-        battery: what feeds all sensors; one watt-hour, so that lives are those per watt-hour.
-        sampling_rate_hz: of the samples [Hz]; told by `prepared`, as what follows.
-        gaps: whether any gyroscope's sample is missing.
+        filler: name of the method that fills gaps, see `duty_cycle.fillers.fillers`; all but "ridge_later" are causal.
+            The default has the smallest error on a treadmill and for a shank sensor alone; over ground with the
+            thigh's sensor "blend" has a smaller error.
+        schedule: hides samples while the gyroscope is off, a `power.Schedule` or a duty cycle [1]; None: masks only.
+        asleep: segments whose gyroscopes follow the schedule, "shank", "thigh" or both.
+        warm_up: time for which gyroscopes are on before the schedule, which starts with an off-time [s]; fillers need
+            two measured strides, and rates are only held before.
+        above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.
+        filters: options of the Kalman filters.
+        gyroscope: power and wake-up time of a gyroscope.
+        accelerometer: power of an accelerometer, which is always on.
+        battery: supplies all sensors; one watt-hour, so that battery life is given per watt-hour.
+        sampling_rate_hz: sampling rate [Hz]; set by `prepared`, as are `gaps` and `felt`.
+        gaps: whether any gyroscope sample is missing.
         felt: whether every sensor has an accelerometer.
     """
 
@@ -85,17 +85,17 @@ class DutyCycledOptions(NamedTuple):
 
 
 ENDLESS = 1e9
-"""[s] What a ranged parameter can say of an infinite time."""
+"""[s] Stands for an infinite time constant in a parameter that must be finite."""
 
 DEFAULT = DutyCycledOptions()
-"""Corrected filters behind nearest neighbours."""
+"""Corrected filters with the filler "neighbours"."""
 
 PAPER = DutyCycledOptions(filler="replicate", above=False)
-"""The paper's filler: the last cycle once more."""
+"""The paper's filler, which repeats the last cycle."""
 
 
 def params_of(options: DutyCycledOptions) -> DutyCycledParams:
-    """The usual parameters, with those of the options' filler; a time constant without end becomes thirty years."""
+    """The default parameters, with those of the options' filler; infinite time constants become `ENDLESS`."""
     usual = check_filler(options.filler).params
     return DutyCycledParams(filler=jax.tree.map(lambda value: min(value, ENDLESS), usual))
 
@@ -106,17 +106,17 @@ def transforms_of(options: DutyCycledOptions) -> DutyCycledParams:
 
 
 def one_side(p: DutyCycledParams, side: int) -> DutyCycledParams:
-    """The parameters of one leg (0 right, 1 left): each `BySide` gives way to its value."""
+    """The parameters of one leg (0 right, 1 left): the value of that side replaces each `BySide`."""
     return DutyCycledParams(*(value[side] if isinstance(value, BySide) else value for value in p))
 
 
 def with_body(p: DutyCycledParams, body: dict[str, Any]) -> DutyCycledParams:
-    """The parameters with a person's own lengths put in, see `leg_ekf.params.with_body`; sensors keep their share."""
+    """The parameters with a person's segment lengths, see `leg_ekf.params.with_body`; relative sensor places stay."""
     return with_measures("the estimator for sleeping gyroscopes", leg_params.MEASURES, p, body)
 
 
 def filter_params(p: DutyCycledParams) -> DutyParams:
-    """The Kalman filters' own parameters, of one side."""
+    """The parameters of the Kalman filters, of one side."""
     same = {name: getattr(p, name) for name in DutyParams._fields if name in DutyCycledParams._fields}
     places = {"thigh_sensor": p.thigh_place * p.thigh_length, "shank_sensor": p.shank_place * p.shank_length}
     return DutyParams(**same, **places)
@@ -126,11 +126,11 @@ class GapSegment(NamedTuple):
     """One sensor's signals in its segment's axes (forward, left, up).
 
     Attributes:
-        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 where it is off.
+        gyr: (T,) sagittal rate, positive when the distal end swings forward [rad/s]; 0 while the gyroscope is off.
         acc: (T, 3) specific force [m/s²]; zeros without an accelerometer.
         on: (T,) bool, the gyroscope was on and awake, and its sample arrived.
-        bias: of the gyroscope at rest [rad/s].
-        variance: of the gyroscope at rest [rad²/s²].
+        bias: gyroscope bias at rest [rad/s].
+        variance: gyroscope variance at rest [rad²/s²].
     """
 
     gyr: Sampled
@@ -141,23 +141,23 @@ class GapSegment(NamedTuple):
 
 
 class GapLeg(NamedTuple):
-    """Thigh and shank of one leg; None where no sensor was worn."""
+    """Thigh and shank of one leg; None for a segment without a sensor."""
 
     thigh: GapSegment | None
     shank: GapSegment | None
 
 
 class DutyCycledInputs(NamedTuple):
-    """All that `duty_cycled_gyro.run` needs; every leaf is an array, so that inputs pad, stack and vmap.
+    """Inputs of `duty_cycled_gyro.run`; every leaf is an array, so that inputs can be padded, stacked and mapped.
 
     Attributes:
         right: right leg, or None.
         left: left leg, or None.
         time: (T,) [s].
-        dt: (T,) time from the sample before [s]; 0 at the first.
+        dt: (T,) time since the previous sample [s]; 0 at the first.
         still: (T,) bool, the person stands.
         valid: (T,) bool, False for padding.
-        start_variance: of the angles at the first sample [rad²].
+        start_variance: variance of the angles at the first sample [rad²].
     """
 
     right: GapLeg | None

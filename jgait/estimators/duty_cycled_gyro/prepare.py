@@ -1,7 +1,7 @@
-"""From a recording whose gyroscopes sleep to `duty_cycled_gyro`'s inputs: decisions, on the host.
+"""Inputs of `duty_cycled_gyro` from a recording whose gyroscopes are off at times. NumPy, on the host.
 
-Standing, axes, signs and biases are told by the samples at which the gyroscopes were on, and by no other: what a
-schedule hides is not looked at.
+Standing, axes, signs and biases are computed only from samples at which the gyroscopes were on; samples that a
+schedule hides are not used.
 """
 
 from collections.abc import Mapping
@@ -26,17 +26,17 @@ from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 NAME = "duty_cycled_gyro"
 
 LOST = 0.1
-"""[s] Fewer samples that are missing in a row are not taken for moving."""
+"""[s] Shorter gaps of a gyroscope do not interrupt standing, and do not make the estimate invalid."""
 
 MOVES = 10.0
-"""[rad/s] Stands in for a rate that nobody measured, where it must not be taken for standing."""
+"""[rad/s] Replaces a missing rate in the detection of standing, so that the gap counts as movement."""
 
 
 def worn(recording: Recording) -> list[str]:
-    """The thighs and shanks that are worn, in the order of `SIDES` and `SEGMENTS`.
+    """Placements of the thigh and shank sensors, in the order of `SIDES` and `SEGMENTS`.
 
     Raises:
-        RecordingError: if there is none.
+        RecordingError: if no such sensor exists.
     """
     names = [f"{segment}_{side}" for side in SIDES for segment in SEGMENTS]
     names = [name for name in names if name in recording.sensors]
@@ -49,7 +49,7 @@ def worn(recording: Recording) -> list[str]:
 
 
 def _checked(recording: Recording, names: list[str], options: DutyCycledOptions) -> np.ndarray:
-    """The time that the sensors share, with everything checked that arrays and options can be checked for."""
+    """The common time of the sensors; arrays and options are checked as well."""
     schedule_of(options.schedule, options.gyroscope)
     check_filler(options.filler)
     time = as_float(recording.sensors[names[0]].time)
@@ -67,9 +67,9 @@ def _checked(recording: Recording, names: list[str], options: DutyCycledOptions)
 def find_standing(
     sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
 ) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
-    """Which samples are standing, and the stretch that calibrates, in which every gyroscope is on.
+    """Samples of standing, the calibrating stance, in which every gyroscope is on, and notes.
 
-    A sample counts as standing when no gyroscope that is on moves, and one is.
+    A sample counts as standing if at least one gyroscope is on and no gyroscope that is on measures movement.
 
     Raises:
         RecordingError: if the person never stands still with all gyroscopes on.
@@ -98,7 +98,7 @@ def find_standing(
 
 
 def _together(used: Mapping[str, Masks], time: np.ndarray) -> float:
-    """For how long all gyroscopes were on [s]."""
+    """Total time for which all gyroscopes were on [s]."""
     return float(np.all([m.usable for m in used.values()], axis=0).sum() * np.median(np.diff(time)))
 
 
@@ -110,19 +110,19 @@ def _leg(
     standing: slice,
     gyro_on: Mapping[str, Values],
 ) -> tuple[GapLeg, list[Note]]:
-    """One leg's signals in segment axes; a segment worn alone is told from its own swing, the faster one forward."""
+    """One leg's signals in segment axes; the faster swing of a single segment is forward."""
     own = {segment: f"{segment}_{side}" for segment in SEGMENTS if f"{segment}_{side}" in used}
     asleep = ~np.all([used[name].usable for name in own.values()], axis=0)
 
     def awake(name: str) -> Imu:
         imu, on = recording.sensors[name], used[name].usable
         gyr = as_float(imu.gyr)
-        # Where it is off it turns as at rest, so that it adds nothing to any sum of what it turns.
+        # While the gyroscope is off its rate is that at rest, so that sums of the rate do not change.
         return imu._replace(
             gyr=np.where(on[:, None], gyr, gyr[standing].mean(axis=0)), mask=on, acc=acc_of(imu, gyro_on.get(name))
         )
 
-    # Alone, it takes both places, of which the shank's knows its sign by itself.
+    # A sensor worn alone is used as thigh and as shank: the sign of the shank's axis follows from its swing alone.
     alone = next(iter(own.values())) if len(own) == 1 else None
     both = {f"{segment}_{side}": awake(alone or own[segment]) for segment in SEGMENTS}
     rate_hz = recording.sampling_rate_hz
@@ -147,15 +147,15 @@ def prepare(
 
     Args:
         recording: with a thigh or shank sensor, standing still at some time with all gyroscopes on.
-        options: which parts are on; its schedule hides samples.
-        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or not named: always.
+        options: which parts of the method are used; its schedule hides samples.
+        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
 
     Returns:
         Inputs in segment axes, options, notes; `extra` maps each placement to the masks (T,) of its gyroscope.
 
     Raises:
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
-        ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, no such filler.
+        ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, an unknown filler.
     """
     names = worn(recording)
     time = _checked(recording, names, options)
@@ -187,7 +187,7 @@ def prepare(
         np.asarray(1e-4 if still[0] else 0.1),
     )  # fmt: skip
     filters = options.filters._replace(gravity=options.filters.gravity and not bare)
-    # What only masks and energies depend on is no matter of the program.
+    # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     told = DutyCycledOptions(
         filler=options.filler, above=options.above, filters=filters,
         sampling_rate_hz=float(recording.sampling_rate_hz), gaps=gaps, felt=not bare,

@@ -1,34 +1,34 @@
-r"""Stride width, step length and base of support from two feet's own trajectories and a range between them.
+r"""Stride width, step length and base of support from the trajectories of both feet and the range between them.
 
-Each foot's zero-velocity trajectory is sure of its own strides, but lives in a world of its own, whose heading drifts.
-A range that the feet hear only while one passes the other ties them together: it says how far apart they are across
-the walk, and that they are side by side along it.
+The zero-velocity trajectory of each foot gives accurate strides, but in a separate world frame whose heading drifts.
+A range is measured only while one foot passes the other. It links the trajectories: it measures the distance between
+the feet across the walk, and it shows that their distance along the walk is then zero.
 
 Source: M. Potter, K. Liu, M. Selamet, G. Kumaravelu, "EKF estimation of stride width from individual IMU-based foot
-trajectory estimates". The model is in `stride_width_ekf.model`, decisions about a recording in
+trajectory estimates". The model is in `stride_width_ekf.model`, the selection of range readings in
 `stride_width_ekf.prepare`.
 
 Sensors:
-    `foot_right` and `foot_left`, as of `foot_ins`, or both feet's trajectories with the middles of their stances by any
-    other zero-velocity method (`estimate_from_feet`); and the distance from the inner side of the left ankle to the
-    right leg, heard at least every few strides (`Recording.feet_range`).
+    `foot_right` and `foot_left`, as of `foot_ins`, or trajectories of both feet with the middles of their stances from
+    another zero-velocity method (`estimate_from_feet`); and the distance from the inner side of the left ankle to the
+    right leg, measured at least every few strides (`Recording.feet_range`).
 
 Outputs:
     Strides of both feet with width, step length and length [m] and their standard deviations; z₁ and z₂ at stances,
-    ranges and double support [m], with theirs; both feet in one world.
+    ranges and double support [m], with standard deviations; trajectories of both feet in one world frame.
 
 How far to trust it:
-    A width without ranges is a guess whose standard deviation grows with the way walked: `diagnostics["width_valid"]`
-    is False for each stride whose standard deviation is above `WidthOptions.widest_stddev`.
-    Feet taken for each other are told apart by a turn, in which the outer foot goes farther, and by steps that vary: a
-    foot that lands farther out must lengthen the range and not shorten it. `diagnostics["swap_evidence"]` is how many
-    nats better the feet explain the ranges as they are labelled than exchanged; near 0 (a short straight walk with even
-    steps) nothing is known. Below −6 the notes say that the feet seem to be exchanged; the estimate stays as labelled.
-    A range whose clock is late makes the feet pass alternately before and behind each other; that is estimated and
-    taken off. Feet whose clocks differ by δ are not told from feet of unequal steps: the range's clock is put between
-    them, and the steps of one foot come out too long, those of the other too short, by v δ / 2 with v the speed at
-    which the feet pass (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
-    The same holds, for steps, of a range sensor that looks forward or back (`WidthParams.passing_offset`).
+    Without ranges, the standard deviation of widths grows with the distance walked: `diagnostics["width_valid"]` is
+    False for each stride whose standard deviation of width is above `WidthOptions.widest_stddev`.
+    Exchanged sensors of left and right foot are detected in turns, in which the outer foot moves farther, and by steps
+    of varying width: a wider step must increase the range. `diagnostics["swap_evidence"]` is the log-likelihood of the
+    ranges with the feet as labelled minus that with the feet exchanged [nat]; near 0 (a short straight walk with even
+    steps) it decides nothing. Below −6 a note states that the feet seem to be exchanged; the labels are not changed.
+    If the range's clock is late, the feet are alternately before and behind each other at a range; the delay is
+    estimated and removed. A difference δ between the clocks of the feet cannot be separated from unequal steps: the
+    steps of one foot are too long and those of the other too short by v δ / 2, with v the relative speed of the feet
+    at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
+    A range sensor that points forward or back has the same effect on steps (`WidthParams.passing_offset`).
 
 Deviations from the paper; `experiments/potter/literal.py` has the first one's signs as printed:
     1. Row 5 of equation 3 adds Δx sin θ, row 2 of equation 6 adds (y_R − y_L) sin θ; printed with minus. The gain takes

@@ -1,4 +1,4 @@
-"""What the stride width estimator states about itself."""
+"""The `About` record of the stride width estimator."""
 
 import numpy as np
 from jaxtyping import PyTree
@@ -13,7 +13,7 @@ from jgait.types import Estimate, as_float
 
 
 def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    """As of the feet, with the median width of the strides whose width can be trusted and their number."""
+    """Totals of `foot_ins`, with the median of the valid stride widths and their number."""
     width = 100.0 * as_float(estimate.strides.width)
     good = np.isfinite(width) & np.asarray(estimate.strides.valid, bool)
     good &= np.asarray(estimate.diagnostics.get("width_valid", good), bool)

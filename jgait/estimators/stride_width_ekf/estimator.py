@@ -22,7 +22,7 @@ from jgait.filtering import Belief, Model
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording, Values
 
 SWAP = 6.0
-"""Evidence from which on the feet are said to be exchanged, or not to be [nat]."""
+"""[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""
 
 __all__ = [
     "DEFAULT",
@@ -48,7 +48,7 @@ def model_params(p: WidthParams) -> WidthModelParams:
 
 
 def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
-    """The belief before the first moment: side by side, both feet's first strides in the directions given."""
+    """The belief before the first moment: feet side by side, first strides with the given headings."""
     right, left = inputs.start_heading[0], inputs.start_heading[1]
     return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
 
@@ -65,9 +65,9 @@ def _filtered(
 
 
 def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found: filtering.Inferred) -> Values:
-    """How many nats better the ranges are explained by the feet as labelled than exchanged.
+    """Log-likelihood of the ranges with the feet as labelled, minus that with the feet exchanged [nat].
 
-    Where even the better explanation leaves innovations larger than they should be, they count for less.
+    It is divided by the smaller mean normalised innovation squared of both, if that is above 1.
     """
     other = _filtered(p, exchanged(inputs), options, stride_width_model.MODEL, smooth=False)
     gained = found.log_likelihood - other.log_likelihood
@@ -82,13 +82,13 @@ def run(
     Args:
         p: parameters.
         inputs: from `prepare_from_feet`; stacked along a new first axis for `jax.vmap`.
-        options: how to estimate; static under jit.
-        model: of both feet; another than the library's for comparison.
+        options: options of the width estimate; static under jit.
+        model: model of both feet; other models are for comparison.
 
     Returns:
-        Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (places in one world,
-        each at its own height; no velocity or orientation). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
-        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; `ranges` used;
+        Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (positions in one world
+        frame, heights of `inputs`; no velocity, no attitude). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
+        [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used;
         `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
     """
     found = _filtered(p, inputs, options, model, smooth=options.smooth)
@@ -115,21 +115,21 @@ def run(
 
 
 def _feet(state: WidthState, heights: tuple[Values, Values]) -> Feet:
-    """Both feet's places; nothing is said of velocity and orientation."""
+    """Positions of both feet, without velocity and orientation."""
     right = jnp.stack([state.x_right, state.y_right, heights[0]], axis=1)
     left = jnp.stack([state.x_left, state.y_left, heights[1]], axis=1)
     return Feet(FootTrajectory(right, None, None), FootTrajectory(left, None, None))
 
 
 def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
-    """The parameters with a person's own measure put in.
+    """The parameters with the range offsets of a person.
 
     Args:
         p: parameters.
         body: "range_offset" and "passing_offset" [m], as far as known.
 
     Raises:
-        ValueError: if it names anything else.
+        ValueError: if `body` contains another name.
     """
     return with_measures("the stride width estimator", ("range_offset", "passing_offset"), p, body)
 
@@ -138,12 +138,12 @@ def estimator(
     options: WidthOptions = DEFAULT, foot_params: FootParams = FootParams(),
     foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
-    """This estimator as a record of functions: trajectories are made while a recording is prepared.
+    """This estimator as a record of functions; `prepare` estimates the trajectories of the feet.
 
     Args:
-        options: how to estimate widths.
-        foot_params: of the trajectories.
-        foot_options: how to estimate them.
+        options: options of the width estimate.
+        foot_params: parameters of the trajectories, see `foot_ins`.
+        foot_options: options of the trajectories.
         start_heading: see `prepare_from_feet`.
     """
 
@@ -165,19 +165,19 @@ def estimate(
     p: WidthParams, recording: Recording, options: WidthOptions = DEFAULT, *, foot_params: FootParams = FootParams(),
     foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimate:  # fmt: skip
-    """Both feet in one world, with stride widths, from the sensors of one recording.
+    """Trajectories of both feet in one world frame, with stride widths, from the sensors of one recording.
 
     Args:
-        p: parameters; at least the range's offset should be the person's own.
+        p: parameters; at least the range's offset should be measured on the person.
         recording: sensors on both feet, and `feet_range`; without a range every width is flagged.
-        options: how to estimate widths.
-        foot_params: of the feet's trajectories, see `foot_ins`.
-        foot_options: how to estimate them.
+        options: options of the width estimate.
+        foot_params: parameters of the trajectories, see `foot_ins`.
+        foot_options: options of the trajectories.
         start_heading: see `prepare_from_feet`.
 
     Returns:
         As `foot_ins.estimate`, trajectories in one world and strides with width and step length; of the diagnostics
-        that `run` gives, `width_valid` goes by stride, and `z1` and the others by `moment_time`.
+        of `run`, `width_valid` has one entry for each stride; `z1` and the others are at `moment_time`.
 
     Raises:
         RecordingError: see `foot_ins.estimate` and `prepare_from_feet`.
@@ -199,16 +199,16 @@ def estimate_from_feet(
     """Stride widths of one recording, given both feet's trajectories.
 
     Args:
-        p: parameters; at least the range's offset should be the person's own.
+        p: parameters; at least the range's offset should be measured on the person.
         time: (T,) [s].
-        feet: trajectories, each in a horizontal world of its own.
+        feet: trajectories, each in a separate world frame with a vertical z axis.
         stances: for the right and the left foot the samples in the middle of its stances.
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
-        options: how to estimate.
+        options: options of the width estimate.
         start_heading: see `prepare_from_feet`.
 
     Returns:
-        As `run`, strides without padding; `diagnostics["notes"]` states what was noticed on the way.
+        As `run`, strides without padding; `diagnostics["notes"]` lists the decisions made in `prepare_from_feet`.
 
     Raises:
         RecordingError: see `prepare_from_feet`.
@@ -220,7 +220,7 @@ def estimate_from_feet(
 
 
 def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
-    """The estimate with a note on feet that seem to be exchanged, put onto the feet's own if it was made from them."""
+    """The estimate with a note if feet seem exchanged, merged into that of `foot_ins` if made from sensors."""
     evidence = result.diagnostics.get("swap_evidence")
     if evidence is not None and float(evidence) <= -SWAP:
         note = FEET_SEEM_EXCHANGED(nats=-float(evidence))

@@ -1,4 +1,4 @@
-"""From sensors on both feet to what the stride width filter takes, and its result back onto the feet's own; NumPy."""
+"""Trajectories of both feet for the stride width filter, and the filter's result merged into them; NumPy."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recordi
 def feet_of(
     recording: Recording, p: FootParams, options: FootOptions
 ) -> tuple[Estimate, tuple[np.ndarray, np.ndarray]]:
-    """Both feet's own trajectories, and the samples of their footholds.
+    """The `foot_ins` estimate of both feet, and the samples of their footholds.
 
     Raises:
-        RecordingError: if a foot wears no sensor, or as `foot_ins.estimate`.
+        RecordingError: if a foot has no sensor, or as `foot_ins.estimate`.
     """
     missing = [f"foot_{side}" for side in SIDES if f"foot_{side}" not in recording.sensors]
     if missing:
@@ -25,15 +25,15 @@ def feet_of(
 
 
 def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:
-    """The feet's own estimate, in one world and with widths.
+    """The `foot_ins` estimate with both feet in one world frame, and with stride widths.
 
     Args:
-        own: from `foot_ins.estimate`, each foot in a world of its own.
-        stances: samples of its footholds, right and left.
+        own: from `foot_ins.estimate`, each foot in a separate world frame.
+        stances: samples of the footholds, right and left.
         together: from `stride_width_ekf`, at moments.
 
     Returns:
-        Trajectories of `own` put onto the footholds of `together`, stride by stride; strides of `own` with width and
+        Trajectories of `own` moved to the footholds of `together`, stride by stride; strides of `own` with width and
         step length; diagnostics of both.
     """
     feet = Feet(*(
@@ -57,7 +57,7 @@ def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Esti
 
 
 def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> FootTrajectory:
-    """One foot's trajectory, each stride turned and stretched so that it begins and ends on the common footholds."""
+    """One foot's trajectory; each stride is rotated and scaled to start and end at the footholds of `together`."""
     assert own.feet is not None
     assert together.feet is not None
     trajectory, common = getattr(own.feet, side), getattr(together.feet, side).position
@@ -68,7 +68,7 @@ def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> F
     there = place[:, 0] + 1j * place[:, 1]
     factor = np.ones(max(len(mids) - 1, 1), complex)
     for k, (way, wanted) in enumerate(zip(np.diff(here), np.diff(there), strict=True)):
-        # a foot that hardly moved keeps the heading it had
+        # a short displacement has no reliable direction: use the rotation of the previous stride
         factor[k] = wanted / way if abs(way) > 0.15 and abs(wanted) > 0.15 else (factor[k - 1] if k else 1.0)
     stride = np.clip(np.searchsorted(mids, np.arange(len(time)), side="right") - 1, 0, len(factor) - 1)
     turn = factor / np.abs(factor)
@@ -88,7 +88,7 @@ def _placed(own: Estimate, side: str, mids: np.ndarray, together: Estimate) -> F
 def _strides(
     own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate
 ) -> tuple[Strides, Strides, np.ndarray]:
-    """The feet's strides with what the filter says of them, and the row of the filter's for each, −1 for none."""
+    """Strides with the filter's width and step length, standard deviations, and rows of the filter, −1 for none."""
     ours, theirs, certain = own.strides, together.strides, together.strides_stddev
     found = np.full(len(ours.side), -1)
     for number in range(2):

@@ -1,4 +1,4 @@
-"""What the stride width estimator takes: moments at which something happens, as arrays that pad, stack and map."""
+"""Inputs of the stride width estimator: moments of stances, ranges and double support, as arrays."""
 
 from typing import Annotated, NamedTuple
 
@@ -9,19 +9,19 @@ from jgait.estimators.stride_width_ekf.model import PathControl
 
 
 class StrideRows(NamedTuple):
-    """Strides of both feet as places in the moments of `WidthInputs`; every field is (N,), rows of padding behind.
+    """Strides of both feet as indices of moments in `WidthInputs`; every field is (N,), with padding at the end.
 
     Attributes:
         side: 0 right, 1 left.
-        moment: at which the stride ends, the middle of its second stance.
-        start: the contact that begins it [s].
-        final_contact: when the foot leaves [s].
-        end: the contact that ends it [s].
-        standing: middle of its first stance [s].
-        standing_end: middle of its second [s].
+        moment: index of the moment at the end of the stride, the middle of its second stance.
+        start: initial contact at the start of the stride [s].
+        final_contact: final contact [s].
+        end: initial contact at the end of the stride [s].
+        standing: middle of the first stance [s].
+        standing_end: middle of the second stance [s].
         height: rise from stance to stance [m].
-        turn: from the heading of the stride before [rad].
-        passed: the other foot stood just once in between.
+        turn: change of heading from the previous stride [rad].
+        passed: True if the other foot has exactly one stance in between.
         valid: False for padding.
     """
 
@@ -39,22 +39,22 @@ class StrideRows(NamedTuple):
 
 
 class WidthInputs(NamedTuple):
-    """All that `stride_width_ekf.run` needs, at N moments: stances, ranges, double support.
+    """Inputs of `stride_width_ekf.run` at N moments: stances, ranges, double support.
 
-    Every leaf is an array, so that inputs pad, stack and vmap.
+    Every leaf is an array, so that inputs can be padded, stacked and mapped.
 
     Attributes:
         time: (N,) [s].
         right: the right foot's control over the interval that ends at each moment, fields (N,).
-        left: the left foot's.
-        height_right: (N,) height of the right foot's sensor in its own world [m].
-        height_left: (N,) the left one's.
-        distance: (N,) range read [m], 0 where there is none.
-        seen: (N,) bool, a range that can be used was read.
-        turning: (N,) bool, one of the feet turns.
+        left: the left foot's control, likewise.
+        height_right: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
+        height_left: (N,) height of the left foot's sensor, likewise [m].
+        distance: (N,) measured range [m], 0 at moments without a range.
+        seen: (N,) bool, True at moments with a usable range.
+        turning: (N,) bool, True in a turn of one of the feet.
         double_support: (N,) bool, both feet are on the ground.
         start_heading: (2,) heading of the right and of the left foot before the first moment [rad].
-        strides: which moments make strides.
+        strides: strides and the moments at which they end.
         valid: (N,) bool, False for padding.
     """
 
@@ -73,9 +73,9 @@ class WidthInputs(NamedTuple):
 
 
 def exchanged(inputs: WidthInputs) -> WidthInputs:
-    """The filter's part of the inputs with the feet exchanged: what they would be, had they been taken for each other.
+    """The inputs with right and left foot exchanged, as for sensors worn on the wrong feet.
 
-    Strides keep their side; nothing but the filter is to be run on it.
+    The rows of strides are not exchanged, so only the filter may be run on the result.
     """
     return inputs._replace(
         right=inputs.left,

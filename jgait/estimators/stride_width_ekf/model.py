@@ -1,15 +1,15 @@
-r"""Two feet in the plane, carried by their own displacements and tied by the range between them.
+r"""State-space model of two feet in the plane: their displacements, and the range between them.
 
     x ← x + Δx cos(θ + Δθ) − Δy sin(θ + Δθ),  y ← y + Δy cos(θ + Δθ) + Δx sin(θ + Δθ),  θ ← θ + Δθ   for each foot
     z₁ = (x_R − x_L) sin θ_L − (y_R − y_L) cos θ_L,   z₂ = (x_R − x_L) cos θ_L + (y_R − y_L) sin θ_L
 
-Δx and Δy are resolved in the frame of the foot's stride, whose x axis is the way from one stance to the next; Δθ is the
+Δx and Δy are components in the frame of the foot's stride, whose x axis points from one stance to the next; Δθ is the
 change of heading between strides. z₁ is the distance across, to the right of the left foot, z₂ that along.
 
-Beside the paper's six states it holds how far each foot has moved since it stood last: the width of a stride takes
-three places at three times, and so their joint covariance is at hand at the stride's end, from a filter or a smoother
-alike. (A copy of each place where a foot stood would say the same, but be perfectly correlated with the place
-as long as the foot rests; such a covariance has no inverse, and smoothing loses its digits.)
+In addition to the paper's six states it contains the displacement of each foot since its last stance: the width of a
+stride depends on three positions at three times, and their joint covariance is then known at the end of the stride,
+with a filter and with a smoother. (A copy of the last stance position would be equivalent, but perfectly correlated
+with the position during stance; such a covariance has no inverse, and smoothing becomes inaccurate.)
 
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
@@ -23,7 +23,7 @@ from jgait.types import Flags, Values
 
 
 class WidthState(NamedTuple):
-    """Equation 1, and how far each foot has moved since it stood; places [m], headings [rad] from x to y."""
+    """Equation 1, and displacement of each foot since its last stance; positions [m], headings [rad] from x to y."""
 
     x_right: Values
     y_right: Values
@@ -38,13 +38,13 @@ class WidthState(NamedTuple):
 
 
 class PathControl(NamedTuple):
-    """What one foot did over an interval within one of its strides; equation 2.
+    """Movement of one foot over an interval within one of its strides; equation 2.
 
     Attributes:
         dx: displacement along the stride [m].
-        dy: displacement to the left of it [m].
-        turn: change of heading at its beginning [rad]; 0 but after a stance.
-        way: length of the path moved [m].
+        dy: displacement to the left of the stride [m].
+        turn: change of heading at the start of the interval [rad]; not 0 only after a stance.
+        way: length of the path [m].
         leaves: 1 where the interval begins at the middle of a stance, else 0.
     """
 
@@ -56,21 +56,21 @@ class PathControl(NamedTuple):
 
 
 class WidthControl(NamedTuple):
-    """Both feet."""
+    """Movements of both feet over an interval."""
 
     right: PathControl
     left: PathControl
 
 
 class WidthObservation(NamedTuple):
-    """Equation 6 [m]: across, as the range and its offset say, and along, which is 0 while the feet pass."""
+    """Equation 6 [m]: distance across, range plus offset, and distance along, expected 0 while the feet pass."""
 
     across: Values
     along: Values
 
 
 class WidthModelParams(NamedTuple):
-    """What the model's functions take: variances, but for the rates of their growth; see `WidthParams`."""
+    """Variances of the model, squares of the standard deviations in `WidthParams`."""
 
     position_noise: Values
     heading_noise: Values
@@ -106,7 +106,7 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
 def _foot_noise(
     params: WidthModelParams, heading: Values, foot: PathControl, side: str
 ) -> dict[tuple[str, str], Values]:
-    """V R Vᵀ of one foot: noise of Δx and Δy grows with the way, that of Δθ comes with a stride and turns the way."""
+    """V R Vᵀ of one foot: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride and rotates it."""
     shift = params.position_noise * foot.way
     swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
     s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
@@ -124,7 +124,7 @@ def _foot_noise(
 
 
 def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
-    """V R Vᵀ of equation 4; V by hand, since only Δθ turns anything."""
+    """V R Vᵀ of equation 4; V is written out, since only Δθ rotates the displacement."""
     del dt
     zero = Covariance.from_variances(WidthState(*(0.0,) * 10))
     return zero.with_entries(
@@ -147,13 +147,13 @@ def observation(params: WidthModelParams, state: WidthState, control: WidthContr
 
 
 def observation_noise(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
-    """The paper's Q: of the range, and of the feet being side by side."""
+    """The paper's Q: variances of the range and of the distance along at a passing."""
     del state, control
     return WidthObservation(params.range_noise, params.passing_noise)
 
 
 def initial(params: WidthModelParams) -> Belief:
-    """Side by side, 0.15 m apart; a recording brings its own, see `stride_width_ekf.prior_of`."""
+    """Feet side by side, 0.15 m apart; `prior_of` gives the belief of a recording."""
     del params
     return start_belief(0.0, 0.0, 0.15, 0.15, 0.5, 0.2)
 
@@ -161,18 +161,18 @@ def initial(params: WidthModelParams) -> Belief:
 def start_belief(
     heading_right: Values, heading_left: Values, width: Values, across: Values, along: Values, heading_stddev: Values
 ) -> Belief:
-    """The belief before the first interval: the right foot at the origin, the left one to its left.
+    """The belief before the first interval: the right foot at the origin, the left foot to its left.
 
     Args:
-        heading_right: of its first stride [rad].
-        heading_left: of its first stride, thought parallel [rad].
+        heading_right: heading of the first right stride [rad].
+        heading_left: heading of the first left stride, expected parallel [rad].
         width: distance across [m].
-        across: its standard deviation [m].
+        across: standard deviation of the distance across [m].
         along: standard deviation of the distance along [m].
         heading_stddev: standard deviation of the angle between both headings [rad].
 
     Returns:
-        Mean and covariance; the right foot's is about 0, since the world is its own.
+        Mean and covariance; variances of the right foot are about 0, since it defines the world frame.
     """
     zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
     s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)
@@ -189,4 +189,4 @@ def start_belief(
 
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)
-"""The corrected reading, the default."""
+"""The model with the paper's misprints corrected, the default."""

@@ -1,4 +1,4 @@
-"""Kinds of facts that `stride_width_ekf` notices about a recording."""
+"""Kinds of notes of `stride_width_ekf` about a recording."""
 
 from jgait.notes import LOSSES, NO_RANGE, WRONG_PLACE, Kind
 

@@ -57,22 +57,22 @@ class WidthParams(NamedTuple):
 
 
 TRANSFORMS = ranges(WidthParams())
-"""The range of every parameter; fixed is what no recording can tell."""
+"""The range of every parameter; parameters that no recording can identify are fixed."""
 
 
 class WidthOptions(NamedTuple):
-    """How the estimator works.
+    """Options of the stride width estimator.
 
     Attributes:
         method: how the filter linearises, see `jgait.filtering`.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        longest_range: readings above it are of something else than the other leg [m].
-        turn: a foot that turns more than this from stride to stride turns; ranges are then left out [rad].
-        outlier: readings farther than this from the median of their nine neighbours are left out [m].
-        align_range: estimate how late the range's clock is, and take it off.
-        check_swap: filter a second time with the feet exchanged, to find out whether they were.
-        every_sample: estimate at every sample of the feet too, instead of only where something happens.
-        widest_stddev: a width with a larger standard deviation is flagged [m].
+        longest_range: longer ranges are not of the other leg and are left out [m].
+        turn: change of heading between strides above which a foot is in a turn; ranges in turns are left out [rad].
+        outlier: ranges that differ more than this from the median of the nine around them are left out [m].
+        align_range: estimate the delay of the range's clock, and remove it.
+        check_swap: run the filter a second time with the feet exchanged, to detect exchanged sensors.
+        every_sample: estimate at every sample too, not only at stances, ranges and double support.
+        widest_stddev: widths with a larger standard deviation are flagged [m].
         execution: how the filters compute, see `jgait.filtering`.
     """
 
@@ -89,9 +89,9 @@ class WidthOptions(NamedTuple):
 
 
 DEFAULT = WidthOptions()
-"""The best pipeline."""
+"""The default pipeline, the most accurate one."""
 
 PAPER = WidthOptions(
     method=filtering.EKF(), smooth=False, outlier=math.inf, align_range=False, check_swap=False
 )  # fmt: skip
-"""The paper's pipeline, its misprints put right: an EKF, ranges up to 0.5 m, none in turns."""
+"""The paper's pipeline with its misprints corrected: an EKF, ranges up to 0.5 m, none in turns."""

@@ -1,7 +1,7 @@
-"""From two feet's trajectories and a range to moments and strides: NumPy, on the host.
+"""Inputs of the stride width estimator from trajectories of both feet and ranges. NumPy, on the host.
 
-Everything here is a decision: which readings are used, what is a turn, how late the range's clock is. What follows
-(`stride_width_ekf.run`) is smooth given these decisions.
+This module selects the ranges, detects turns, and estimates the delay of the range's clock. It has no gradient;
+`stride_width_ekf.run` is differentiable for given inputs.
 """
 
 from typing import NamedTuple
@@ -18,25 +18,25 @@ from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, chec
 from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
-TOGETHER = 0.12  # s; readings closer than this are of one passing
-HALF_PASSING = 0.12  # s; a foot that passes is nearest within this of when it is heard nearest
-NEARLY = 0.1  # m; readings so much above the nearest are of the same passing
-COMES_AND_GOES = 0.06  # m; readings of one passing that differ by more hear the foot come and go
-FEWEST_ON_PARABOLA = 3  # readings
-NEIGHBOURS = 4  # passings on either side that a reading is compared with
-LATEST = 0.15  # s; the range's clock cannot be told farther off than this
-FEWEST_PAIRS = 6  # pairs of passings that its lag is estimated from
+TOGETHER = 0.12  # s; readings with shorter gaps belong to one passing
+HALF_PASSING = 0.12  # s; readings this close to the shortest one belong to its passing, and so does the fitted minimum
+NEARLY = 0.1  # m; readings up to this much above the shortest belong to its passing
+COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
+FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
+NEIGHBOURS = 4  # passings before and after with which a passing is compared
+LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
+FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
 
 
 class Ranges(NamedTuple):
-    """Readings that can be used.
+    """Usable ranges, one for each passing of the feet.
 
     Attributes:
         time: (n,) [s], on the feet's clock.
         distance: (n,) [m].
-        delay: how late the range's clock was, taken off [s].
-        delay_stddev: its standard deviation [s]; infinite where it could not be told.
-        notes: what was left out.
+        delay: delay of the range's clock, which is removed from `time` [s].
+        delay_stddev: standard deviation of the delay [s]; infinite if it could not be estimated.
+        notes: notes on ranges that are left out.
     """
 
     time: np.ndarray
@@ -50,23 +50,23 @@ def prepare_from_feet(
     time: Values, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike], feet_range: RangeReadings | None,
     options: WidthOptions = DEFAULT, *, start_heading: tuple[float, float] | None = None,
 ) -> Prepared[WidthInputs]:  # fmt: skip
-    """Make the inputs of `stride_width_ekf.run`; it does not matter how the trajectories were made.
+    """Make the inputs of `stride_width_ekf.run` from trajectories of any method.
 
     Args:
         time: (T,) [s], of both feet, strictly increasing.
-        feet: trajectories, each in a horizontal world of its own; rows that are not finite are bridged.
+        feet: trajectories, each in a separate world with z up; rows that are not finite are interpolated.
         stances: for the right and the left foot the samples in the middle of its stances, increasing.
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
-        options: which readings are used.
-        start_heading: heading of the first right and left stride in one world [rad]; None: they are parallel, as
-            people begin to walk with both feet in one direction.
+        options: limits for the selection of ranges.
+        start_heading: heading of the first right and left stride in one world [rad]; None: parallel, as at
+            the start of a straight walk.
 
     Returns:
-        Inputs and options. `notes` says what was left out, how late the range's clock was, and whether there are
-        strides at all.
+        Inputs and options. `notes` lists ranges that were left out, the delay of the range's clock, and missing
+        strides.
 
     Raises:
-        RecordingError: a foot is missing, shapes differ, time runs backwards, stances are no samples or not in order.
+        RecordingError: a foot is missing, shapes differ, time runs backwards, stances are not samples or not in order.
     """
     pair, notes = checked_feet(time, feet, stances)
     notes = [*notes]
@@ -81,7 +81,7 @@ def prepare_from_feet(
 
 
 def _turns(foot: FootTrack, limit: float) -> list[tuple[float, float]]:
-    """From when to when a foot turns [s]: the two strides between which its heading changes."""
+    """Start and end of each turn of a foot [s]: the two strides between which its heading changes."""
     change = np.abs(np.diff(foot.heading))
     return [(foot.mids[k], foot.mids[k + 2]) for k in np.flatnonzero(change > limit)]
 
@@ -96,7 +96,7 @@ def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
 def _usable(
     pair: Pair, turning: list[list[tuple[float, float]]], read: RangeReadings | None, options: WidthOptions
 ) -> Ranges:
-    """The readings that are of the other leg passing, one for each time it does."""
+    """The usable ranges, one for each passing of the feet."""
     none = Ranges(np.zeros(0), np.zeros(0), 0.0, np.inf, ())
     if read is None:
         return none._replace(notes=(kinds.RANGE_ABSENT(),))
@@ -136,12 +136,12 @@ def _usable(
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One reading for each time the feet pass: when they are nearest, and how far apart they are then.
+    """Time and distance of each passing of the feet, when the distance is shortest.
 
-    Readings of one passing are not independent: the same passing is not z₂ = 0 twice. Feet that stand side by side are
-    heard all the time; they too count once. A sensor that looks one way hears only those that are near: the middle of
-    them, and their median. One that looks all ways also hears the foot come and go, when the distance is not across
-    the walk: there d² is a parabola of time, and its lowest point the passing; too few readings for one are left out.
+    Readings of one passing are not independent: z₂ = 0 may be observed only once. Feet that stand side by side are
+    measured all the time; they too count once. A directional sensor measures only close to the passing: the result is
+    the middle time and the median distance. An omnidirectional sensor also measures the foot's approach and departure:
+    d² is then a parabola of time, and its minimum is the passing; readings too few for a parabola are left out.
     """
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]
@@ -151,7 +151,7 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:
-    """The passings in one row of readings: (time, distance) each."""
+    """The passings in one group of readings: (time, distance) each."""
     median = (0.5 * (times[0] + times[-1]), float(np.median(distances)))
     if np.ptp(distances) < COMES_AND_GOES:
         return [median]
@@ -169,14 +169,14 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
             square = level + 0.5 * slope * at
             if curve > 0.0 and abs(at) < HALF_PASSING and square > 0.0:
                 found.append((float(times[lowest] + at), float(np.sqrt(square))))
-        # the next passing is at least a quarter of a stride away
+        # another passing is at least a quarter of a stride away
         left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
         left &= distances <= distances[lowest] + 2.0 * NEARLY
     return found
 
 
 def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
-    """Whether a passing is unlike the median of those around it: a late echo."""
+    """True for each passing that differs from the median of those around it, for example an echo."""
     count = distances.size
     if count < 3 or not np.isfinite(limit):
         return np.zeros(count, bool)
@@ -185,10 +185,10 @@ def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
 
 
 def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarray) -> tuple[float, float]:
-    """How late the range's clock is [s], and the standard deviation of that.
+    """The delay of the range's clock [s], and its standard deviation.
 
-    Right and left feet pass each other in turns, the one forwards, the other backwards. So with a clock late by τ the
-    way between the feet, v τ at the time that is read, alternates; the constant between the trajectories cancels.
+    At consecutive passings the right foot moves alternately forward and backward relative to the left. So with a delay
+    τ the distance along at the reading, v τ, alternates in sign; the constant offset of the trajectories cancels.
     """
     spans = [span for of in turning for span in of]
     found = 0.0
@@ -203,7 +203,7 @@ def _delay(pair: Pair, turning: list[list[tuple[float, float]]], times: np.ndarr
             return 0.0, np.inf
         lags = np.diff(ahead)[pairs] / np.diff(speed)[pairs]
         middle = float(np.median(lags))
-        # Neighbouring pairs share a passing, which makes the median of n of them as good as that of n / 2.
+        # Neighbouring pairs share a passing, so the median of n pairs is as accurate as that of n / 2 independent ones.
         stddev = float(1.4826 * np.median(np.abs(lags - middle)) * 1.2533 / np.sqrt(0.5 * lags.size))
         found += middle
         if abs(found) > LATEST:
@@ -215,7 +215,7 @@ def _inputs(
     pair: Pair, turning: list[list[tuple[float, float]]], ranges: Ranges, options: WidthOptions,
     start_heading: tuple[float, float] | None, walks: bool,
 ) -> WidthInputs:  # fmt: skip
-    """Put everything that happens in order."""
+    """Sort stances, ranges, double supports and samples by time, and make the inputs."""
     both = _double_supports(pair) if walks else np.zeros(0)
     samples = pair.right.time if options.every_sample else pair.right.time[[0, -1]]
     kinds = [pair.right.mids, pair.left.mids, ranges.time, both, samples]
@@ -245,7 +245,7 @@ def _inputs(
 
 
 def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
-    """What a foot does from moment to moment; an interval lies within one stride, since stances are moments."""
+    """Movement of a foot between moments; an interval lies within one stride, since stances are moments."""
     before = np.maximum(np.arange(time.size) - 1, 0)
     stride = np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))
     heading = foot.heading[stride]
@@ -262,7 +262,7 @@ def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
 
 
 def _double_supports(pair: Pair) -> np.ndarray:
-    """Moments between the stances of one foot and the other at which both are stillest [s]."""
+    """Times of double support [s]: between stances of different feet, when the faster foot is slowest."""
     mids = np.concatenate([foot.mids for foot in pair])
     side = np.repeat([0, 1], [len(foot.mids) for foot in pair])
     order = np.argsort(mids, kind="stable")
@@ -284,7 +284,7 @@ def _no_rows(count: int) -> StrideRows:
 
 
 def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray) -> StrideRows:
-    """Strides of both feet in the order in which they end."""
+    """Strides of both feet in the order of their ends."""
     table = []
     for side, foot in enumerate(pair):
         other = pair[1 - side].mids

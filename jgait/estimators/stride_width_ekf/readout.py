@@ -1,4 +1,4 @@
-"""What is read off the two feet's state: widths, steps and distances between the feet, each with its deviation."""
+"""Widths, steps and distances between the feet with standard deviations, from the state of both feet."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,19 +14,19 @@ from jgait.geometry.vectors import root
 from jgait.types import Strides, Values
 
 SHORTEST_LINE = 0.15
-"""Two stances nearer than this give no line to measure a width from [m]."""
+"""[m] Shortest stride with a width; the direction of shorter ones is too uncertain as a reference line."""
 
 
 def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: Covariance) -> tuple[Values, Values]:
-    """A read-out of one state at every moment, and the standard deviation that its linearisation gives.
+    """A scalar function of the state at every moment, and its standard deviation by linearisation.
 
     Args:
         read: state → scalar.
-        states: of (N,) arrays.
-        cov: its covariance.
+        states: states with (N,) leaves.
+        cov: covariance of the states.
 
     Returns:
-        Both (N,).
+        Value and standard deviation, both (N,).
     """
     value, slope = jax.vmap(jax.value_and_grad(read))(states)
     g = jnp.stack(jax.tree.leaves(slope), axis=-1)
@@ -35,7 +35,7 @@ def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: C
 
 
 def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:
-    """The paper's z₁ and z₂ at every moment [m], and their standard deviations; at double support, base of support."""
+    """The paper's z₁ and z₂ at every moment [m], and standard deviations; at double support, base of support."""
     z1, z1_stddev = with_stddev(lambda state: between(state).across, states, cov)
     z2, z2_stddev = with_stddev(lambda state: between(state).along, states, cov)
     return {
@@ -49,18 +49,18 @@ def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, 
 def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covariance) -> tuple[Strides, Strides]:
     """Strides of both feet, and their standard deviations.
 
-    At the end of a stride the state tells all three places that it takes: where the foot stands, where it stood
-    before, and where the other stood in between. So their joint covariance is that of the state.
+    At the end of a stride the state contains the three positions that its width needs: both stances of the foot, and
+    the stance of the other foot in between. So the covariance of the state is their joint covariance.
 
     Args:
         p: parameters.
-        rows: which moments make strides.
-        states: of (N,) arrays.
-        cov: its covariance.
+        rows: strides and the moments at which they end.
+        states: states with (N,) leaves.
+        cov: covariance of the states.
 
     Returns:
         Values and standard deviations, fields (N,). `width` is negative where the feet cross over; it and
-        `step_length` are NaN where the other foot did not stand just once in between.
+        `step_length` are NaN unless the other foot has exactly one stance in between.
     """
     at, left = rows.moment, rows.side == 1
     ends = jax.tree.map(lambda v: v[at], (states, cov))
@@ -106,12 +106,12 @@ _ORDER = (
 
 
 def _ordered(state: WidthState, *, left: bool) -> WidthState:
-    """The state with the foot that strides as the right one."""
+    """The state with right and left foot exchanged for a left stride, so that the striding foot is the right one."""
     return WidthState(*(state[k] for k in _ORDER[left]))
 
 
 def _line(state: WidthState) -> tuple[Values, Values, Values, Values, Values]:
-    """Of the right foot's stride: its way, its length, and the way from its start to where the left foot stood."""
+    """Right stride: its displacement (x, y), its length, and the vector (x, y) from its start to the left stance."""
     x, y = state.moved_x_right, state.moved_y_right
     square = x * x + y * y
     some = square > 0.0

@@ -1,4 +1,4 @@
-"""Two feet's trajectories, checked: places between stances, headings of strides, contacts. NumPy, on the host."""
+"""Checked trajectories of both feet: positions, headings of strides, contacts. NumPy, on the host."""
 
 import itertools
 from typing import NamedTuple
@@ -10,10 +10,10 @@ from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
 from jgait.notes import Note
 from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
 
-SHORT = 0.15  # m; a shorter stride has no heading of its own and keeps the one before
-LONGEST_GAP = 0.1  # s; over a longer gap in a trajectory no range is used
-STILL_SPEED = 0.3  # m/s; a slower foot is on the ground
-STILL_SHARE = 0.15  # of its fastest in a stride, the same
+SHORT = 0.15  # m; a shorter stride gets the heading of the previous stride
+LONGEST_GAP = 0.1  # s; ranges within a longer gap of a trajectory are not used
+STILL_SPEED = 0.3  # m/s; a foot below this speed is on the ground
+STILL_SHARE = 0.15  # 1; a foot below this share of its largest speed in the stride is on the ground
 
 
 class FootTrack(NamedTuple):
@@ -21,10 +21,10 @@ class FootTrack(NamedTuple):
 
     Attributes:
         time: (T,) [s].
-        position: (T, 3) [m] in a world whose x axis is the first stride; bridged where it is not known.
-        mids: (n,) middles of its stances [s].
-        heading: (n − 1,) of its strides [rad], 0 for the first, without jumps; (1,), 0, where there is no stride.
-        gaps: (from, to) [s] where it is not known.
+        position: (T, 3) [m] in a world whose x axis is the first stride; interpolated over gaps.
+        mids: (n,) middles of the stances [s].
+        heading: (n − 1,) headings of the strides [rad], 0 for the first, without jumps; (1,), 0, without strides.
+        gaps: start and end of each gap in the positions [s].
     """
 
     time: np.ndarray
@@ -34,11 +34,11 @@ class FootTrack(NamedTuple):
     gaps: tuple[tuple[float, float], ...]
 
     def place(self, times: np.ndarray) -> np.ndarray:
-        """(k, 2) [m] horizontally."""
+        """(k, 2) horizontal position at given times [m]."""
         return np.stack([np.interp(times, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
 
     def height(self, times: np.ndarray) -> np.ndarray:
-        """(k,) [m]."""
+        """(k,) height at given times [m]."""
         return np.interp(times, self.time, self.position[:, 2])
 
     def speed(self) -> np.ndarray:
@@ -46,7 +46,7 @@ class FootTrack(NamedTuple):
         return np.hypot(*(np.gradient(self.position[:, axis], self.time) for axis in (0, 1)))
 
     def forward(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k,) way along the strides [m], as if all went in one direction, and its rate [m/s]."""
+        """(k,) distance along the headings of the strides [m], and its rate [m/s]."""
         middle = 0.5 * (self.time[1:] + self.time[:-1])
         stride = np.clip(np.searchsorted(self.mids, middle) - 1, 0, len(self.heading) - 1)
         step = np.diff(self.position[:, :2], axis=0)
@@ -56,7 +56,7 @@ class FootTrack(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Both feet."""
+    """Trajectories of both feet."""
 
     right: FootTrack
     left: FootTrack
@@ -65,7 +65,7 @@ class Pair(NamedTuple):
 def checked_feet(
     time: npt.ArrayLike, feet: Feet, stances: tuple[npt.ArrayLike, npt.ArrayLike]
 ) -> tuple[Pair, list[Note]]:
-    """Both feet, or what is wrong with them; and notes.
+    """Trajectories of both feet, checked, and notes.
 
     Raises:
         RecordingError: see `stride_width_ekf.prepare.prepare_from_feet`.
@@ -120,12 +120,12 @@ def _checked(
 
 
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
-    """Headings of the strides between places (n, 2) from the first one's, and that one [rad]."""
+    """Headings of the strides between stances (n, 2) relative to the first stride, and that of the first [rad]."""
     way = np.diff(stood, axis=0)
     long = np.hypot(*way.T) >= SHORT
     if not long.any():
         return np.zeros(max(len(way), 1)), 0.0
-    # A foot that shifts on the spot keeps its heading; before the first stride, that of the first stride.
+    # A short stride gets the heading of the previous stride; before the first stride, that of the first stride.
     which = np.maximum.accumulate(np.where(long, np.arange(len(way)), -1))
     which = np.where(which < 0, np.argmax(long), which)
     heading = np.unwrap(np.arctan2(way[which, 1], way[which, 0]))
@@ -133,7 +133,7 @@ def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def contact_times(foot: FootTrack) -> tuple[np.ndarray, np.ndarray]:
-    """When the foot leaves and lands in each of its strides [s], by its horizontal speed."""
+    """Final and initial contact of each stride [s], from the horizontal speed."""
     speed = foot.speed()
     leave, land = [], []
     for first, last in itertools.pairwise(foot.mids):
