@@ -1,8 +1,8 @@
-"""State estimation on named scalar states; knows nothing of gait.
+"""State estimation on named scalar states, independent of gait.
 
-A `Model` is a handful of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run it over a
-recording, `infer` one or the other as an argument says, `step` runs online over one sample; how they linearise is an
-argument (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
+A `Model` is a set of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run over a
+recording, `infer` runs the filter or the smoother, `step` filters one sample online. The argument `method` selects
+the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
 from jgait.filtering.compile import compiled

@@ -6,13 +6,13 @@ With K = P⁻ Hᵀ S⁻¹, the filter's update m = m⁻ ⊕ K e, and λ⁺ = 0, 
     λ⁻ = (I − K H)ᵀ Tᵀ λ⁺ − Hᵀ S⁻¹ e,           Λ⁻ = (I − K H)ᵀ Tᵀ Λ⁺ T (I − K H) + Hᵀ S⁻¹ H
     λ⁺ of the sample before = Aᵀ λ⁻,            Λ⁺ = Aᵀ Λ⁻ A
 
-T turns errors about the predicted state into errors about the updated one, 1 on flat states: on a manifold this is the
-smoother of the filter as it was linearised. Rauch, Tung and Striebel's form takes the difference of two states
-instead, so the two differ by the square of the smoother's correction times the update's: for attitudes of ε and
-δ rad by ε² δ / 12.
+T maps errors about the predicted state to errors about the updated state, T = 1 on flat states: on a manifold this
+smoother has the filter's linearisation. Rauch, Tung and Striebel's form computes the difference of two states
+instead, so the two smoothers differ by the square of the smoother's correction times the update's correction: for
+attitudes of ε and δ rad by ε² δ / 12.
 
-P − P Λ⁺ P is a difference: where smoothing makes a variance c times smaller, about c times the rounding of the
-filter's is left. Pieces of the forward pass are stored for one segment at a time.
+P − P Λ⁺ P is a difference: where smoothing makes a variance c times smaller, its relative rounding error is about c
+times that of the filter's variance. `Pieces` of the forward pass are stored for one segment at a time.
 
 Source: G. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973.
 """
@@ -55,7 +55,7 @@ from jgait.filtering.tracing import Expansion
 
 
 class Pieces(NamedTuple):
-    """What the backward pass needs of a sample.
+    """The quantities of one sample that the backward pass needs.
 
     Attributes:
         after: the filtered belief.
@@ -63,7 +63,7 @@ class Pieces(NamedTuple):
         matrix: H (m × n).
         precision: S⁻¹, zero where masked.
         pull: S⁻¹ e (m), zero where masked.
-        turn: T, or None.
+        turn: T, or None on flat states.
         steps: the transition's matrices.
     """
 
@@ -77,15 +77,15 @@ class Pieces(NamedTuple):
 
 
 class Parcel:
-    """A tree of scalars as a tuple of arrays, without what is known and without repetitions."""
+    """A tree of scalars as a tuple of arrays, without constants of the trace and without repeated objects."""
 
     def __init__(self, dtype: DTypeLike) -> None:
-        """Take the arrays' float type; the tree's form is learnt by `packed`."""
+        """Take the arrays' float type; `packed` stores the tree's structure in `form`."""
         self.dtype = dtype
         self.form: PyTree = None
 
     def packed(self, tree: PyTree) -> tuple[PyTree, ...]:
-        """The arrays."""
+        """The arrays of a tree."""
         leaves, structure = jax.tree.flatten(tree)
         places: dict[int, int] = {}
         contents: list[PyTree] = []
@@ -97,7 +97,7 @@ class Parcel:
         return arrays(contents, self.dtype)
 
     def opened(self, contents: Sequence[PyTree]) -> PyTree:
-        """The tree."""
+        """The tree of packed arrays, inverse of `packed`."""
         structure, places = self.form
         return structure.unflatten([place if known(place) else contents[place] for place in places])
 
@@ -105,13 +105,13 @@ class Parcel:
 def bryson_frazier(
     given: Inputs, method: KF | EKF, keep: tuple[str, ...], chosen: tuple[int, ...]
 ) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
-    """Smoothed means, and covariances of the chosen error components; the filter's fields by name.
+    """Smoothed means, covariances of the chosen error components, and the filter's fields by name.
 
     Args:
         given: model and recording.
         method: how the filter linearises.
         keep: the filter's fields to return.
-        chosen: which error components' covariances are wanted, in order; if none, None is returned for them.
+        chosen: error components whose covariances are returned, in order; if empty, the covariances are None.
     """
     noises = constant_noises(given)
     size, dtype = len(given.cov), given.dtype
@@ -136,7 +136,7 @@ def bryson_frazier(
 
 
 def pieces(step: Advanced, real: PyTree) -> Pieces:
-    """What is stored of a step; `real` is False where the sample only fills up a segment."""
+    """The pieces of a step; `real` is False where the sample is padding of the last segment."""
     g = step.gains
     columns = transposed(g.inverse)
     count = len(columns)
@@ -153,7 +153,7 @@ def pieces(step: Advanced, real: PyTree) -> Pieces:
 
 
 def _before(piece: Pieces, vector: list[PyTree], entries: Matrix | None) -> tuple[list[PyTree], Matrix | None]:
-    """λ and Λ after the sample before, from those after this one."""
+    """λ⁺ and Λ⁺ of the previous sample, from λ⁺ and Λ⁺ of this sample."""
     shown, gains = transposed(piece.matrix), transposed(piece.gain)
     if piece.turn is not None:
         vector = _transposed_times(piece.turn, vector)
@@ -181,7 +181,7 @@ def _before(piece: Pieces, vector: list[PyTree], entries: Matrix | None) -> tupl
 
 
 def _thinner(left: Matrix, shown: Matrix, sides: Matrix, i: int, j: int) -> tuple[PyTree, PyTree]:
-    """Entry (i, j) of Λ (I − K H) + Hᵀ (…), by the side on which H has fewer entries: the result is symmetric."""
+    """The two summands of entry (i, j) or (j, i) of the symmetric Λ⁻: of the entry with fewer products with H."""
     a, b = (i, j) if sum(map(is_zero, shown[i])) >= sum(map(is_zero, shown[j])) else (j, i)
     return left[a][b], dot(shown[a], sides[b])
 

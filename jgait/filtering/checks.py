@@ -1,6 +1,6 @@
-"""Checks of the arguments of a filter: structure and shapes while tracing, values before.
+"""Checks of the arguments of a filter: structure and shapes while tracing, values before the trace.
 
-Nothing here raises inside compiled code: structures and shapes are known to a trace, and values are only looked at
+No check raises inside compiled code: structures and shapes are known while tracing, and values are checked only
 where they are concrete.
 """
 
@@ -17,7 +17,7 @@ from jgait.types import Values
 
 
 def common_dtype(*trees: PyTree) -> PyTree:
-    """The widest float type among the leaves; Python numbers and integers follow the others."""
+    """The widest float type among the leaves; Python numbers and integers have no influence."""
     leaves = jax.tree.leaves(trees)
     with jax.numpy_dtype_promotion("standard"):
         dtype = jnp.result_type(*leaves) if leaves else jnp.result_type(float)
@@ -25,7 +25,7 @@ def common_dtype(*trees: PyTree) -> PyTree:
 
 
 def in_dtype(tree: PyTree, dtype: DTypeLike) -> PyTree:
-    """The same tree with every floating leaf in the dtype; integers and booleans stay."""
+    """The same tree with every floating leaf cast to the dtype; integers and booleans do not change."""
 
     def cast(leaf: PyTree) -> PyTree:
         return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
@@ -40,11 +40,11 @@ EXECUTIONS = ("auto", "fast", "dense", "square_root", "parallel")
 def check_arguments(
     model: PyTree, method: PyTree, keep: tuple[str, ...], fields: tuple[str, ...], execution: str = "auto"
 ) -> None:
-    """Refuse what cannot be a static argument.
+    """Raise if a static argument of a filter is not valid.
 
     Raises:
-        ValueError: if the model is no `Model` or cannot be hashed, the method is none, `keep` names no field, or
-            `execution` is none.
+        ValueError: if the model is not a hashable `Model`, `method` is not a method, `keep` has a name that is not a
+            field, or `execution` is not one of `EXECUTIONS`.
     """
     if not isinstance(model, Model):
         raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
@@ -63,10 +63,10 @@ def check_arguments(
 
 
 def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
-    """Refuse values that no filter can use, where they are concrete.
+    """Raise if concrete values cannot be used by any filter.
 
     Raises:
-        ValueError: for what is no number, NaN or infinity in observations or controls, and time that runs backwards.
+        ValueError: for non-numbers, NaN or infinity in observations or controls, and for negative time intervals.
     """
     for kind, tree in (("observation", observations), ("control", controls)):
         for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
@@ -87,10 +87,10 @@ def check_values(observations: PyTree, controls: PyTree, dt: Values) -> None:
 
 
 def check_belief(belief: PyTree) -> None:
-    """Refuse a belief whose mean is not a tuple of scalars, or whose covariance is none.
+    """Raise if a belief's mean is not a tuple of scalars, or its covariance is not a `Covariance`.
 
     Raises:
-        ValueError: naming the leaf.
+        ValueError: the message names the leaf.
     """
     if not isinstance(belief, Belief) or not isinstance(belief.cov, Covariance):
         raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
@@ -100,10 +100,10 @@ def check_belief(belief: PyTree) -> None:
 
 
 def check_observation(model: Model, params: PyTree, mean: PyTree, control: PyTree, observation: PyTree) -> None:
-    """Refuse observations of another type than the model's.
+    """Raise if the observations' type is not that of the model's observations.
 
     Raises:
-        ValueError: naming what the model observes and what came.
+        ValueError: the message names the expected and the given type.
     """
     expected = jax.eval_shape(model.observation, params, mean, control)
     structure: PyTree = jax.tree.structure(expected)
@@ -120,10 +120,10 @@ def check_observation(model: Model, params: PyTree, mean: PyTree, control: PyTre
 
 
 def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
-    """Check that all leaves are (T,) of one length; gives them as arrays, and T.
+    """Check that all leaves are (T,) of the same length; return them as arrays, and T.
 
     Raises:
-        ValueError: naming the leaf that differs.
+        ValueError: the message names the leaf with another shape.
     """
     for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
         shape = jnp.shape(leaf)
@@ -139,7 +139,7 @@ def series(tree: PyTree, kind: str, length: int | None) -> tuple[PyTree, int]:
 
 
 def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
-    """The interval dt, () or (T,); raises ValueError if it is neither a scalar nor of that length."""
+    """The interval dt, () or (T,); raises ValueError if its shape is another."""
     shape = jnp.shape(dt)
     if shape not in ((), (length,)):
         raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
@@ -147,16 +147,16 @@ def interval(dt: Values, length: int, dtype: DTypeLike) -> PyTree:
 
 
 def seen(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> PyTree:
-    """The mask as booleans (..., m); raises like `mask_leaves`."""
+    """The mask as one array of booleans (..., m); raises like `mask_leaves`."""
     leaves = mask_leaves(mask, observation, shape)
     return jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in leaves], axis=-1)
 
 
 def mask_leaves(mask: PyTree, observation: PyTree, shape: tuple[int, ...]) -> list[PyTree]:
-    """The mask of each component of the observation: an array of bools, or True where there is no mask.
+    """The mask of each component of the observation: an array of bools, or True if there is no mask.
 
     Raises:
-        ValueError: if it is neither one array of the shape nor a tuple of them like the observation, or not bool.
+        ValueError: if the mask is neither one bool array of the shape nor an observation tuple of such arrays.
     """
     names = names_of(observation)
     structure: PyTree = jax.tree.structure(observation)

@@ -1,4 +1,4 @@
-"""`jax.jit` with the widest vectors that the processor has."""
+"""`jax.jit` with the widest vector instructions of the processor."""
 
 import functools
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from jaxtyping import PyTree
 def wide_vectors() -> dict[str, Any]:
     """Compiler options for the default backend: 512-bit vectors on processors with AVX-512, else none.
 
-    XLA takes 256 bits by default, since some older processors lower their clock for wider ones.
+    XLA uses 256 bits by default, because some older processors lower their clock rate for wider vectors.
     """
     if jax.default_backend() != "cpu":
         return {}
@@ -27,10 +27,10 @@ def wide_vectors() -> dict[str, Any]:
 def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...] = ()) -> Callable[..., PyTree]:
     """`jax.jit` of a function, compiled for wide vectors where the processor has them.
 
-    Compiler options belong to the outermost `jit`: called within another one, this is a plain `jax.jit`.
+    Compiler options apply to the outermost `jit` only: inside another `jit`, this is a plain `jax.jit`.
 
     Args:
-        function: to be compiled, typically `jax.vmap` of a filter over recordings.
+        function: function to compile, typically `jax.vmap` of a filter over recordings.
         static_argnames: as of `jax.jit`.
 
     Returns:

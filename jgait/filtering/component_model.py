@@ -1,7 +1,7 @@
-"""A model on named tuples as functions on lists of scalars; the results of the functions are checked here.
+"""The functions of a model on named tuples as functions on lists of scalars, with checks of their results.
 
-Errors δ are taken about a reference state x: x ⊕ δ by `retract`, x' ⊖ x by `local`; plain sum and difference unless
-the model states another rule. The checks run while tracing, once for each compilation.
+An error δ is relative to a reference state x: `retract` computes x ⊕ δ, `local` computes x' ⊖ x; these are sum and
+difference unless the model defines other functions. The checks run while tracing, once for each compilation.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,17 +20,17 @@ from jgait.types import Values
 
 
 class ComponentModel(NamedTuple):
-    """The functions of a model, with its parameters, on lists of scalars; see `Model` for what each does.
+    """The functions of a model, with its parameters, on lists of scalars; see `Model` for the meaning of each.
 
     Attributes:
         state: tree structure of the state tuple (k leaves).
-        error: of the error tuple (n leaves).
-        observed: of the observation tuple (m leaves).
-        curved: whether the model brings its own retract and local.
-        wrapped: whether it brings its own residual.
-        names: what to call its functions in messages.
-        error_transition: the steps that an error is moved in, (x, delta, control, dt) → delta each; empty where the
-            model states none.
+        error: tree structure of the error tuple (n leaves).
+        observed: tree structure of the observation tuple (m leaves).
+        curved: whether the model defines `retract` and `local`.
+        wrapped: whether the model defines `residual`.
+        names: names of the model's functions in messages.
+        error_transition: the functions that propagate an error one after another, each (x, delta, control, dt) →
+            delta; empty if the model defines none.
         error_observation: (x, delta, control) → observation, or None.
         error_shift: (x, delta, error) → error, or None.
     """
@@ -54,7 +54,7 @@ class ComponentModel(NamedTuple):
 
 
 def scalars(tree: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> list[PyTree]:
-    """The leaves of a tuple of scalars: Python numbers as floats, all else as arrays of the dtype.
+    """The leaves of a tuple of scalars: Python numbers as floats, all other leaves as arrays of the dtype.
 
     Raises:
         ValueError: if the tuple is of another type than expected, or a leaf is not a scalar.
@@ -91,7 +91,7 @@ def _scalar(value: PyTree, dtype: DTypeLike) -> PyTree:
 
 
 def _error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
-    """The tree structure of the error tuple: the state's, or what `local` gives."""
+    """The tree structure of the error tuple: that of the state, or that of the result of `local`."""
     if (model.retract is None) != (model.local is None):
         given = "retract" if model.local is None else "local"
         raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
@@ -104,18 +104,18 @@ def _error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
 def component_model(
     model: Model, params: PyTree, mean: PyTree, observation: PyTree, dtype: DTypeLike
 ) -> ComponentModel:
-    """See a model as one on lists of scalars.
+    """Convert a model to functions on lists of scalars.
 
     Args:
-        model: on named tuples.
+        model: model on named tuples.
         params: passed on to its functions.
         mean: a tuple of the state's type.
-        observation: a tuple of the observation's type, or None where nothing is observed.
-        dtype: of all components.
+        observation: a tuple of the observation's type, or None without observations.
+        dtype: dtype of all components.
 
     Raises:
-        ValueError: now, if retract and local do not go together; while tracing, if a function of the model does not
-            return what its neighbours need.
+        ValueError: at once, if only one of `retract` and `local` is defined; while tracing, if the result of a function
+            of the model has the wrong type.
     """
     state: PyTree = jax.tree.structure(mean)
     observed: PyTree = jax.tree.structure(observation)
@@ -164,7 +164,7 @@ def component_model(
 def _error_functions(
     model: Model, params: PyTree, state: PyTree, error: PyTree, observed: PyTree, dtype: DTypeLike
 ) -> PyTree:
-    """What the model states of its errors, on lists of scalars."""
+    """The model's functions of errors, as functions on lists of scalars."""
     stated = model.error_transition
     steps = stated if isinstance(stated, tuple) else () if stated is None else (stated,)
     if model.local is None and (steps or model.error_observation or model.error_shift):
@@ -192,6 +192,6 @@ def _error_functions(
 
 
 def _named(field: str, function: PyTree) -> str:
-    """`transition`, or `transition (pendulum_transition)`, for messages."""
+    """The name of a function in messages: `transition`, or `transition (pendulum_transition)`."""
     name = getattr(function, "__name__", "")
     return field if name.lstrip("_") in ("", field) else f"{field} ({name})"

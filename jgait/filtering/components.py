@@ -1,7 +1,7 @@
-"""Arithmetic on components: scalars that are either known while tracing (Python floats) or arrays.
+"""Arithmetic on components: scalars that are known while tracing (Python floats), or arrays.
 
-What is known is never computed at run time: a sum skips zeros, a product with one is the other factor. Matrices are
-lists of rows; a symmetric one holds the same object at (i, j) and (j, i).
+Operations on known components cost no run time: a sum skips zeros, a product with one is the other factor. A matrix
+is a list of rows; a symmetric matrix has the same object at (i, j) and (j, i).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -39,7 +39,7 @@ def minus(a: PyTree, b: PyTree) -> PyTree:
 
 
 def times(a: PyTree, b: PyTree) -> PyTree:
-    """A · b; a known zero wins over whatever the other is."""
+    """A · b; zero if either factor is a known zero, even if the other is not finite."""
     if is_zero(a) or is_zero(b):
         return 0.0
     if known(a) and a == 1.0:
@@ -50,7 +50,7 @@ def times(a: PyTree, b: PyTree) -> PyTree:
 
 
 def total(values: Iterable[PyTree]) -> PyTree:
-    """Their sum, from left to right."""
+    """The sum of components, from left to right."""
     result: PyTree = 0.0
     for value in values:
         result = plus(result, value)
@@ -74,7 +74,7 @@ def transposed(a: Matrix) -> Matrix:
 
 
 def symmetric(size: int, entry: Callable[[int, int], PyTree]) -> Matrix:
-    """A symmetric matrix from a function that is asked for i ≤ j only."""
+    """A symmetric matrix from a function of (i, j), called for i ≤ j only."""
     rows: Matrix = [[0.0] * size for _ in range(size)]
     for i in range(size):
         for j in range(i, size):
@@ -99,12 +99,12 @@ def added(p: Matrix, q: Matrix) -> Matrix:
 
 
 def identity(size: int) -> Matrix:
-    """The identity."""
+    """The identity matrix."""
     return symmetric(size, lambda i, j: 1.0 if i == j else 0.0)
 
 
 def upper(p: Matrix) -> list[PyTree]:
-    """The upper triangle, row by row."""
+    """The upper triangle of a matrix, row by row."""
     return [p[i][j] for i in range(len(p)) for j in range(i, len(p))]
 
 
@@ -115,7 +115,7 @@ def from_upper(entries: Sequence[PyTree], size: int) -> Matrix:
 
 
 def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
-    """`jnp.where`, left out where both are the same; the condition may be a Python bool."""
+    """`jnp.where`, skipped if both values are equal; the condition may be a Python bool."""
     if isinstance(condition, bool):
         return value if condition else otherwise
     if value is otherwise or (known(value) and known(otherwise) and value == otherwise):
@@ -124,7 +124,7 @@ def where(condition: PyTree, value: PyTree, otherwise: PyTree) -> PyTree:
 
 
 def both(a: PyTree, b: PyTree) -> PyTree:
-    """A and b, for bools known or not."""
+    """A and b, for Python bools or arrays."""
     if isinstance(a, bool):
         return b if a else False
     if isinstance(b, bool):
@@ -133,13 +133,13 @@ def both(a: PyTree, b: PyTree) -> PyTree:
 
 
 def all_finite(values: Iterable[PyTree]) -> PyTree:
-    """Whether all are finite: their sum is, unless something overflows, which is as bad."""
+    """Whether all values are finite: tests whether their sum is; a sum that overflows counts as not finite."""
     unknown = {id(value): value for value in values if not known(value)}
     return jnp.isfinite(total(unknown.values())) if unknown else True
 
 
 def barred(*trees: PyTree) -> PyTree:
-    """The same values behind an `optimization_barrier`; known ones stay known."""
+    """The same values behind an `optimization_barrier`; known values stay Python floats."""
     leaves, structure = jax.tree.flatten(trees)
     places = [i for i, leaf in enumerate(leaves) if not isinstance(leaf, float | bool)]
     if places:
@@ -149,5 +149,5 @@ def barred(*trees: PyTree) -> PyTree:
 
 
 def sound(health: PyTree) -> PyTree:
-    """Whether a float is finite; a Python bool where it is known."""
+    """Whether a float is finite; a Python bool if the float is known."""
     return True if known(health) else jnp.abs(health) < jnp.inf

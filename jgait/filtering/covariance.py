@@ -1,4 +1,4 @@
-"""Covariances addressed by the names of the components they belong to."""
+"""Covariances whose entries are addressed by the names of the components."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -12,7 +12,7 @@ from jgait.types import Values
 
 
 def names_of(tree: PyTree) -> tuple[str, ...]:
-    """Names of a tuple's leaves in order; nested ones are joined by dots: `up.forward`."""
+    """Names of a tuple's leaves in order; nested names are joined by dots: `up.forward`."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths)
 
@@ -27,14 +27,14 @@ def structure_names(structure: PyTreeDef) -> tuple[str, ...]:
 class Covariance:
     """A symmetric matrix addressed by names: the upper triangle, one array for each pair of components.
 
-    `cov["x", "thigh_angle"]` is an entry, with the time axis in front where there is one; `variances()` and
-    `stddev()` come as the tuple the covariance belongs to.
+    `cov["x", "thigh_angle"]` is an entry, with a leading time axis if there is one; `variances()` and `stddev()`
+    return the tuple type of the covariance's components.
     """
 
     __slots__ = ("structure", "upper")
 
     def __init__(self, upper: tuple[PyTree, ...], structure: PyTreeDef) -> None:
-        """Take the upper triangle row by row (i ≤ j) and the tree structure of the tuple it belongs to."""
+        """Take the upper triangle row by row (i ≤ j) and the tree structure of the tuple of components."""
         self.upper = upper
         self.structure = structure
 
@@ -44,12 +44,12 @@ class Covariance:
 
     @classmethod
     def tree_unflatten(cls, structure: PyTreeDef, upper: PyTree) -> "Covariance":
-        """Inverse of `tree_flatten`; checks nothing, since jax also puts placeholders here."""
+        """Inverse of `tree_flatten`, without checks, because JAX also passes placeholders as leaves."""
         return cls(tuple(upper), structure)
 
     @classmethod
     def from_variances(cls, variances: PyTree) -> "Covariance":
-        """Independent components with the given variances.
+        """The covariance of independent components with the given variances.
 
         Args:
             variances: tuple of the error's type.
@@ -63,11 +63,11 @@ class Covariance:
 
     @classmethod
     def from_dense(cls, matrix: PyTree, like: PyTree) -> "Covariance":
-        """From a symmetric matrix (..., n, n), of which the upper triangle is taken.
+        """The covariance from the upper triangle of a symmetric matrix (..., n, n).
 
         Args:
             matrix: (..., n, n), components in the order of `names`.
-            like: any tuple of the type the covariance belongs to, or its tree structure.
+            like: any tuple of components, or its tree structure.
 
         Raises:
             ValueError: if the matrix does not have the size of the tuple.
@@ -102,13 +102,13 @@ class Covariance:
         return self.upper[self._index(pair)]
 
     def with_entries(self, entries: Mapping[tuple[str, str], PyTree]) -> "Covariance":
-        """The same with some entries set, each for both orders of its two names.
+        """The same covariance with some entries replaced, each for both orders of its two names.
 
         Args:
             entries: pair of names, in either order → value.
 
         Raises:
-            KeyError: if a name is no component.
+            KeyError: if a name is not a component.
             ValueError: if an entry is given in both orders.
         """
         upper = list(self.upper)
@@ -140,7 +140,7 @@ class Covariance:
         return stacked[..., np.asarray(place)]
 
     def __repr__(self) -> str:
-        """Names only: the entries are many."""
+        """The names of the components, without the entries."""
         return f"Covariance({', '.join(self.names)})"
 
 

@@ -1,12 +1,12 @@
 r"""The covariance after an update, over components.
 
-It is computed in the coordinates of the measurement. With z = H x, G = H P⁻, E = H P⁻ Hᵀ, S = E + R,
+The covariance is computed in the coordinates of the measurement. With z = H x, G = H P⁻, E = H P⁻ Hᵀ, S = E + R,
 
-    cov(z, ·) = R S⁻¹ [G E],      cov(x_j, x_k) = P⁻_jk − (S^-½ G)_jᵀ (S^-½ G)_k     for the x not in z,
+    cov(z, ·) = R S⁻¹ [G E],      cov(x_j, x_k) = P⁻_jk − (S^-½ G)_jᵀ (S^-½ G)_k     for the x_j not in z,
 
-so what is measured precisely is never the difference of two large numbers (as in P⁻ − K S Kᵀ), at less than half the
-cost of Joseph's form. It needs rows of H that can be solved, one by one, for a component with a constant entry; where
-there are none, Joseph's form is used.
+so a small variance of a measured component is not the difference of two large numbers (as in P⁻ − K S Kᵀ), at less
+than half the cost of Joseph's form. Each row of H must be solvable for one component with a constant entry; if the
+rows are not, Joseph's form is used.
 """
 
 from typing import NamedTuple
@@ -32,20 +32,20 @@ from jgait.filtering.components import (
 
 
 class Gains(NamedTuple):
-    """The pieces of an update, whitened by the innovation's factor L, S = L Lᵀ; zero where masked or not sound.
+    """The terms of an update, whitened by the innovation's factor L, S = L Lᵀ; zero where masked or not finite.
 
     Attributes:
-        matrix: H, as if nothing were masked (m × n).
-        noise: R.
-        cross: H P⁻ (m × n), as if nothing were masked.
+        matrix: H without the mask (m × n).
+        noise: R (m × m).
+        cross: H P⁻ without the mask (m × n).
         inverse: L⁻¹, lower triangle.
         white_cross: L⁻¹ H P⁻ (m × n).
         white: L⁻¹ (y − ŷ) (m).
         innovation: y − ŷ (m), 0 where masked.
         spread: S (m × m), 1 on the diagonal where masked.
-        log_det: of S.
-        factor_health: finite where S could be factored; elsewhere nothing is learnt from the sample.
-        health: finite where nothing broke down.
+        log_det: logarithm of the determinant of S.
+        factor_health: finite where S could be factored; elsewhere the update leaves the belief unchanged.
+        health: finite where all numbers are finite and S could be factored.
     """
 
     matrix: Matrix
@@ -62,7 +62,7 @@ class Gains(NamedTuple):
 
 
 def updated_covariance(cov: Matrix, g: Gains, seen: list[PyTree]) -> Matrix:
-    """The covariance after the update, about the predicted state, of which `seen` (m bools) was measured."""
+    """The covariance after the update, of errors about the predicted state; `seen` (m bools): components measured."""
     plan = pivots(g.matrix)
     return _joseph(cov, g) if plan is None else _in_measured_coordinates(cov, g, seen, plan)
 
@@ -81,11 +81,11 @@ def _joseph(cov: Matrix, g: Gains) -> Matrix:
 
 
 def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
-    """For each row a column with a known entry, in an order in which the rows can be solved for them; or None.
+    """(row, column) of a known entry for each row, in the order in which the rows are solved for the columns; or None.
 
-    A row is taken when its column shows in no row that is still to be taken; solving goes the other way round. Columns
-    that come first in the state are preferred: the motion, not the biases, whose small variances would otherwise come
-    out as differences of large ones.
+    A row is selected when its column is zero in all rows not yet selected; the result has the reverse order. The
+    first columns of the state are preferred: the motion, not the biases, whose small variances would otherwise be
+    differences of large numbers.
     """
     rest = set(range(len(matrix)))
     taken: list[tuple[int, int]] = []
@@ -105,7 +105,7 @@ def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
 
 
 def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[PyTree], plan: list[tuple[int, int]]) -> Matrix:
-    """The covariance after the update, through that of the unmeasured components and z = H x."""
+    """The covariance after the update, from the covariance of the unmeasured components and z = H x."""
     size, count = len(cov), len(seen)
     solved = {column for _, column in plan}
     free = [j for j in range(size) if j not in solved]
@@ -135,7 +135,7 @@ def _in_measured_coordinates(cov: Matrix, g: Gains, seen: list[PyTree], plan: li
 
 
 def _solution(matrix: Matrix, free: list[int], plan: list[tuple[int, int]]) -> Matrix:
-    """X = T (x_free, z): z = H x solved row by row for the pivots."""
+    """The matrix T of x = T (x_free, z): z = H x solved row by row for the pivots."""
     size, width = len(matrix[0]), len(free) + len(matrix)
     rows: Matrix = [[0.0] * width for _ in range(size)]
     for place, j in enumerate(free):

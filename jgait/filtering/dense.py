@@ -1,8 +1,8 @@
-r"""Predict and update on vectors and matrices: the readable reference.
+r"""Predict and update on vectors and matrices: the reference implementation, written to be read.
 
-Numbers that break down (an overflow, an innovation covariance that is not positive) never raise and never spread:
-the belief is kept and the step is marked. What would break is replaced before it is used, and not only after, so
-that gradients stay finite too.
+Numerical failures (an overflow, an innovation covariance that is not positive) do not raise, and do not reach other
+samples: the belief is kept and the step is marked. Values that would fail are replaced before they are used, and
+not only afterwards, so that gradients stay finite too.
 """
 
 import math
@@ -34,7 +34,7 @@ class Prediction(NamedTuple):
         mean: the predicted state (k,).
         matrix: A (n, n).
         noise: Ω + Q (n, n).
-        finite: False where the transition was not, and the identity stands in for it.
+        finite: False where the transition was not finite and the identity replaces it.
     """
 
     mean: PyTree
@@ -55,7 +55,7 @@ class Correction(NamedTuple):
 
 
 class _Terms(NamedTuple):
-    """One linear update from the prior: the error and covariance it ends at, and the innovation's statistics."""
+    """One linear update of the prior: the updated error and covariance, and the innovation's statistics."""
 
     delta: PyTree
     cov: PyTree
@@ -68,10 +68,10 @@ class _Terms(NamedTuple):
 
 
 class Adjoint(NamedTuple):
-    """What an update passes back to the samples before it: λ ← Cᵀ λ − g, Λ ← Cᵀ Λ C + N.
+    """The terms of an update for the backward pass over earlier samples: λ ← Cᵀ λ − g, Λ ← Cᵀ Λ C + N.
 
     Attributes:
-        left: C (n, n), which takes errors before the update to errors about the state after it.
+        left: C (n, n), which maps errors before the update to errors about the updated state.
         gradient: g = Hᵀ S⁻¹ (y − ŷ) (n,).
         information: N = Hᵀ S⁻¹ H (n, n).
     """
@@ -89,9 +89,9 @@ def _all_finite(*arrays: PyTree) -> PyTree:
 
 
 def affine_transition(vm: VectorModel, before: Moments, control: PyTree, dt: Values, method: Method) -> Prediction:
-    """The transition as an affine model of the error, about the state that the mean moves to.
+    """The transition as an affine model of the error about the predicted state.
 
-    On a manifold the sigma methods' mean v moves the point that errors are taken about: A and Ω turn with it.
+    On a manifold the sigma methods' mean v moves the reference state of the errors: A and Ω are transformed to it.
     """
     x, cov = before
     moved = vm.transition(x, control, dt)
@@ -117,7 +117,7 @@ def affine_transition(vm: VectorModel, before: Moments, control: PyTree, dt: Val
 def predicted_moments(
     vm: VectorModel, before: Moments, control: PyTree, dt: Values, method: Method
 ) -> tuple[Moments, Prediction]:
-    """The belief after the interval, and the affine transition that led to it."""
+    """The belief after the interval, and the affine transition."""
     prediction = affine_transition(vm, before, control, dt, method)
     return Moments(prediction.mean, congruence(prediction.matrix, before.cov) + prediction.noise), prediction
 
@@ -125,17 +125,17 @@ def predicted_moments(
 def corrected(
     vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Moments, Correction]:
-    """The belief after a measurement (m,) of which `seen` (m,) is measured, and the statistics of the update."""
+    """The belief after a measurement (m,) with mask `seen` (m,), and the statistics of the update."""
     return _corrected(vm, prior, measured, control, seen, method)[:2]
 
 
 def _corrected(
     vm: VectorModel, prior: Moments, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Moments, Correction, Adjoint]:
-    """The belief after a measurement, the statistics of the update, and what the update passes back.
+    """The belief after a measurement, the statistics of the update, and its `Adjoint` for the smoother.
 
-    Each iteration linearises at the result of the one before, but updates the same prior. Innovation, likelihood
-    and NIS are those of the first, which is linearised at the prediction.
+    Each iteration linearises at the result of the previous iteration, but updates the same prior. Innovation,
+    likelihood and NIS are those of the first iteration, which is linearised at the prediction.
     """
     noise = vm.observation_noise(prior.mean, control)
     first = terms = _linear_update(
@@ -176,7 +176,7 @@ def _linear_update(
 
     affine = affine_observation(vm, x, control, expected, method, at, around)
     residual = vm.residual(jnp.where(seen, measured, expected), expected) - affine.value
-    # A masked component does not depend on the state and has the innovation 0 ± 1: it carries no information.
+    # A masked component has a zero row in H and the innovation 0 ± 1, so the sample has no information about it.
     innovation = jnp.where(seen, residual, 0.0)
     matrix = jnp.where(seen[:, None], affine.matrix, 0.0)
     eye = jnp.eye(seen.shape[0], dtype=cov.dtype)
@@ -207,13 +207,13 @@ def _linear_update(
 def affine_observation(
     vm: VectorModel, x: PyTree, control: PyTree, expected: PyTree, method: Method, at: PyTree, around: PyTree
 ) -> Affine:
-    """How what is observed differs from `expected`, that at error `at` (n,) with covariance `around` (n, n)."""
+    """The observation minus `expected` as an affine function about error `at` (n,) with covariance `around` (n, n)."""
 
     def g(delta: PyTree) -> PyTree:
-        # What the model states of errors holds at the state itself, where iterations do not stay.
+        # The model's error functions are valid at the reference state only; later iterations linearise elsewhere.
         if vm.error_observation is not None and isinstance(method, KF | EKF) and method.iterations == 1:
             return vm.error_observation(x, delta, control)
-        # As a difference from the prediction at `at`, so that wrapped angles stay small.
+        # The difference from the prediction at `at` keeps wrapped angles small.
         return vm.residual(vm.observation(vm.retract(x, delta), control), expected)
 
     return linearise(method, g, at, around, vm.names["observation"])
@@ -229,7 +229,7 @@ def advanced(
 def _advanced(
     vm: VectorModel, before: Moments, measured: PyTree, control: PyTree, dt: Values, seen: PyTree, method: Method
 ) -> tuple[Moments, Moments, Correction, PyTree, Adjoint]:
-    """As `advanced`, with the transition's matrix (n, n) and what the update passes back."""
+    """As `advanced`, with the transition's matrix (n, n) and the update's `Adjoint`."""
     predicted, prediction = predicted_moments(vm, before, control, dt, method)
     after, correction, back = _corrected(vm, predicted, measured, control, seen, method)
     valid = correction.valid & prediction.finite
@@ -253,11 +253,11 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
 
 
 SMOOTHED_FROM = ("mean", "cov", "transition", *Adjoint._fields)
-"""What `smoothed_scan` needs of `scanned`."""
+"""The fields of `scanned` that `smoothed_scan` needs."""
 
 
 def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any]) -> tuple[PyTree, PyTree]:
-    """Modified Bryson–Frazier smoothing of what `scanned` kept: mean (T, k), covariance (T, n, n)."""
+    """Modified Bryson–Frazier smoothing of the fields from `scanned`: mean (T, k), covariance (T, n, n)."""
 
     def body(carry: tuple[PyTree, PyTree], sample: PyTree) -> tuple[PyTree, Moments]:
         vector, matrix = carry
@@ -272,7 +272,7 @@ def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any]) -> tuple[PyTree, 
 
 
 def _adjusted(vm: VectorModel, filtered: Moments, vector: PyTree, matrix: PyTree) -> Moments:
-    """The smoothed belief at a sample: x ⊕ (−P λ), P − P Λ P; the filtered one where that is not finite."""
+    """The smoothed belief at a sample: x ⊕ (−P λ), P − P Λ P; the filtered belief where that is not finite."""
     x, cov = filtered
     delta, smoothed = -product(cov, vector), cov - congruence(cov, matrix)
     good = jnp.all(jnp.isfinite(delta)) & jnp.all(jnp.isfinite(smoothed))

@@ -1,10 +1,10 @@
-"""The choice of the computation of a filter: the results are the same, each way is used where it is fastest.
+"""The choice of a filter's implementation: all give the same results and differ in speed and rounding.
 
-fast         components, structure found while tracing (`structured`); KF, EKF, iterated EKF
-dense        vectors and matrices (`dense`): the readable reference, for every method and size
-square_root  factors of the covariances (`square_root`): float32 that keeps its digits on tight problems
-parallel     associative scan over time (`parallel`): accelerators; linear, or linearised about a trajectory
-auto         fast where the method has it and the state is small enough to compile soon, else dense
+fast         components, structure detected while tracing (`structured`); KF, EKF, iterated EKF
+dense        vectors and matrices (`dense`): the reference, for every method and size
+square_root  factors of the covariances (`square_root`): accurate in float32 on ill-conditioned problems
+parallel     associative scan over time (`parallel`): for accelerators; linear, or linearised about a trajectory
+auto         fast if the method supports it and the state is small enough for a short compilation, else dense
 """
 
 from typing import Any, Literal
@@ -24,18 +24,18 @@ Execution = Literal["auto", "fast", "dense", "square_root", "parallel"]
 Form = Literal["auto", "rts", "bryson_frazier"]
 
 FAST_UP_TO = 32
-"""Largest error components × observed components × iterations that "auto" takes to the fast path.
+"""Error components × observed components × iterations below which "auto" uses the fast path [1].
 
-Compiling time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), more than most runs
-are worth. The smoother's covariances take about n times as many operations, so "auto" leaves them to the dense path.
+Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), longer than most
+runs. The smoother's covariances take about n times as many operations, so "auto" uses the dense path for them.
 """
 
 
 def chosen(given: Inputs, method: Method, execution: Execution, about: PyTree, small: bool = True) -> Execution:
-    """The way that is taken; `small`: whether the problem is small enough for components.
+    """The selected implementation; `small`: whether the problem is small enough for components.
 
     Raises:
-        ValueError: for a way that the method does not have, or a trajectory that no other way looks at.
+        ValueError: if `execution` does not support `method`, or `about` is missing or not used.
     """
     if about is not None and execution != "parallel":
         raise ValueError(f"about is the trajectory of execution='parallel'; got execution={execution!r}")
@@ -77,7 +77,7 @@ def smoothed(
     components: tuple[int, ...],
     form: Form = "auto",
 ) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
-    """Smoothed mean, covariance of the error components asked for (None without any), the filter's fields by name."""
+    """Smoothed mean, covariance of the selected error components (None without any), the filter's fields by name."""
     size = len(given.cov)
     everything = components == tuple(range(size))
     flat = not given.cm.curved
@@ -113,7 +113,7 @@ def _smoothed_vectors(
 
 
 def trajectory(given: Inputs, about: PyTree) -> PyTree:
-    """A state tuple of (T,) arrays as (T, k); raises ValueError for another tuple or shape."""
+    """A state tuple of (T,) arrays as one array (T, k); raises ValueError for another tuple or shape."""
     if about is None:
         return None
     first = jax.tree.map(lambda leaf: jnp.asarray(leaf)[0] if jnp.ndim(leaf) else leaf, about)

@@ -1,7 +1,7 @@
 r"""Factors of covariances, P = L Lᵀ with L lower triangular, and their updates without a new factorisation.
 
-Turning the columns of an array changes no product of two of its rows, so every factor of P leads to the triangular
-one. All of it is elementwise arithmetic that XLA fuses into a scan, and has a finite gradient where P is singular.
+A rotation of an array's columns changes no product of two rows, so every factor of P can be made triangular. All
+functions are elementwise arithmetic that XLA fuses into a scan, with finite gradients where P is singular.
 """
 
 import jax.numpy as jnp
@@ -12,18 +12,18 @@ from jgait.filtering.linear_algebra import product, scaled_cholesky
 from jgait.types import AnyArray
 
 FLAT = 16.0
-"""The rest of a row below this share of it is rounding error and has no derivative [epsilons of the dtype]."""
+"""Remainder of a row, as a fraction of its norm, below which it is rounding, without a derivative [epsilons]."""
 
 
 def triangularised(a: Float[AnyArray, "n k"], floor: float = 1.0) -> Float[Array, "n n"]:
     """The lower triangle L with L Lᵀ = a aᵀ, with no negative entry on its diagonal.
 
-    A row that adds nothing to those before it gives a column of zeros; the gradient is finite there too: 0 from what
-    the row would have added.
+    A row that depends linearly on the rows before it gives a column of zeros; the gradient is finite there too: it is
+    0 for the remainder of that row.
 
     Args:
-        a: finite.
-        floor: what is left of a row below this share of it adds nothing [epsilons of the dtype].
+        a: finite matrix.
+        floor: fraction of a row's norm below which its remainder counts as zero [epsilons of the dtype].
 
     Returns:
         L.
@@ -34,18 +34,18 @@ def triangularised(a: Float[AnyArray, "n k"], floor: float = 1.0) -> Float[Array
 def reduced(
     a: Float[AnyArray, "n k"], count: int, floor: float = 1.0
 ) -> tuple[Float[Array, "n {count}"], Float[Array, "{count} k"]]:
-    """The first columns of `triangularised`, and the orthonormal rows that the columns were projected on.
+    """The first columns of `triangularised`, and the orthonormal rows onto which the rows of `a` are projected.
 
-    Householder reflections of the array with zeros before it, which come down to the recurrences of Gram and Schmidt
-    and are as accurate: no pivot to cancel against, no sign, and a row that adds nothing leaves the rest untouched.
+    Householder reflections of the array with zeros before it are equal to the Gram–Schmidt recurrences and as accurate:
+    there is no cancellation with a pivot and no sign, and a dependent row does not change the rest.
 
     Args:
-        a: finite.
-        count: how many columns.
+        a: finite matrix.
+        count: number of columns.
         floor: as of `triangularised`.
 
     Returns:
-        L and U: a − L U is what the columns leave of a.
+        L and U: a − L U is the remainder of a.
 
     Source: Å. Björck, C. Paige, "Loss and recapture of orthogonality in the modified Gram–Schmidt algorithm",
     SIAM J. Matrix Anal. Appl. 13(1), 1992, section 2.
@@ -69,7 +69,7 @@ def reduced(
 
 
 def _rounding(a: Float[AnyArray, "n k"]) -> tuple[Float[Array, "n"], float]:
-    """Squares of an epsilon of each row, and the least square that can be divided by."""
+    """The squared rounding error (one epsilon) of each row, and the smallest square that is safe as a divisor."""
     kind = jnp.finfo(a.dtype)
     return lax.stop_gradient(squares(a)) * float(kind.eps) ** 2, float(kind.tiny) / float(kind.eps)
 
@@ -80,9 +80,9 @@ def changed(
     change: Float[AnyArray, "n n"],
     extra: Float[AnyArray, "n k"],
 ) -> tuple[Float[Array, "n n"], Float[Array, "n n"]]:
-    """The factor L' with L' L'ᵀ = (L + change)(L + change)ᵀ + extra extraᵀ, and what it rounds off.
+    """The factor L' with L' L'ᵀ = (L + change)(L + change)ᵀ + extra extraᵀ, and its rounding error.
 
-    Row by row, a rotation moves what lies right of the diagonal, n_i, into the diagonal; written as what it adds,
+    Row by row, a rotation moves the entries right of the diagonal, n_i, into the diagonal; written as increments,
 
         ρ² = l_ii² + n_i·n_i,  l_ji ← l_ji + (n_j·n_i − (ρ − l_ii) l_ji) / ρ,
         n_j ← n_j − (n_j·n_i / (ρ (ρ + l_ii)) + l_ji / ρ) n_i,  ρ − l_ii = n_i·n_i / (ρ + l_ii)
@@ -103,7 +103,7 @@ def changed(
         pivot, below, row = sign * work[0, 0], sign * work[1:, 0], work[0, 1:]
         across = jnp.sum(row * row)
         square = pivot * pivot + across
-        # A row that is nothing but rounding is left alone.
+        # A row that is only rounding error does not change.
         flat = square <= jnp.maximum(FLAT**2 * whole[i], least)
         length = jnp.sqrt(jnp.where(flat, 1.0, square))
         total = jnp.where(flat, 1.0, length + pivot)
@@ -121,7 +121,7 @@ def changed(
 def added(
     value: Float[AnyArray, "*shape"], rest: Float[AnyArray, "*shape"], more: Float[AnyArray, "*shape"]
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """The unrounded sum value + rest + more as the nearest number and what is left of it."""
+    """The exact sum value + rest + more as the nearest number and its rounding error."""
     total = jnp.add(value, more)
     back = total - value
     low = lax.stop_gradient(jnp.asarray(rest) + ((value - (total - back)) + (more - back)))
@@ -130,16 +130,16 @@ def added(
 
 
 def covariance(factor: Float[AnyArray, "n k"]) -> Float[Array, "n n"]:
-    """The matrix L Lᵀ, symmetric to the last bit."""
+    """The exactly symmetric matrix L Lᵀ."""
     return product(factor, factor.T)
 
 
 def rooted(p: Float[AnyArray, "n n"], beside: Float[AnyArray, "n"]) -> tuple[Float[Array, "n n"], Bool[Array, ""]]:
-    """A factor of a perhaps singular covariance, and whether p is one up to rounding.
+    """A factor of a possibly singular covariance, and whether p is positive semidefinite up to rounding.
 
     Args:
         p: covariance, finite.
-        beside: variances that p is added to, and whose rounding it may hold.
+        beside: variances to which p is added, whose rounding error p may contain.
     """
     size = p.shape[0]
     d, _, lower = scaled_cholesky(p, jitter=size)
@@ -150,5 +150,5 @@ def rooted(p: Float[AnyArray, "n n"], beside: Float[AnyArray, "n"]) -> tuple[Flo
 
 
 def squares(factor: Float[AnyArray, "n k"]) -> Float[Array, "n"]:
-    """The variances of a factored covariance, diag(L Lᵀ)."""
+    """The variances of a covariance from its factor, diag(L Lᵀ)."""
     return jnp.sum(factor * factor, axis=1)

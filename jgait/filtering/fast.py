@@ -1,8 +1,8 @@
-r"""The structured filter as one scan; under `jax.vmap` every component is an array over the recordings.
+r"""The filter over components as one scan; under `jax.vmap` every component is an array over the recordings.
 
-Where it is differentiated, the scan runs in segments of about √T samples, each under `jax.checkpoint`: a gradient in
-reverse mode stores the belief at the start of each segment, and takes a segment again when it comes to it. Memory
-grows with √T, and what is stored meanwhile fits a cache.
+For derivatives, the scan runs in segments of about √T samples, each under `jax.checkpoint`: a gradient in reverse
+mode stores the belief at the start of each segment, and computes a segment again when the backward pass reaches the
+segment. Memory grows with √T, and the stored values of one segment fit the processor's cache.
 """
 
 import math
@@ -33,21 +33,21 @@ from jgait.filtering.structured import (
 )
 
 SEGMENTED_FROM = 256
-"""Recordings with fewer samples are scanned in one piece."""
+"""Least number of samples of a recording that is scanned in segments; shorter recordings have one segment."""
 
 Carry = tuple[tuple[PyTree, ...], tuple[PyTree, ...]]
-"""A belief as it is carried along: mean, and upper triangle of the covariance."""
+"""A belief as the carry of a scan: mean, and upper triangle of the covariance."""
 
 
 class Noises(NamedTuple):
-    """The noise covariances, where they are the same at every sample."""
+    """The noise covariances that are the same at every sample, else None."""
 
     transition: Noise | None
     observation: Noise | None
 
 
 class Advanced(NamedTuple):
-    """One predict and update; `turn` and what else as of `structured.corrected`."""
+    """One predict and update; `gains`, `after`, `told` and `turn` as in `structured.corrected`."""
 
     transition: Transition
     predicted: Components
@@ -59,10 +59,10 @@ class Advanced(NamedTuple):
 
 
 def check_linear(given: Inputs, method: KF | EKF) -> None:
-    """Refuse a nonlinear model for the `KF`.
+    """Raise if the method is `KF` and the model is nonlinear.
 
     Raises:
-        ValueError: naming the function whose Jacobian depends on the state.
+        ValueError: if a Jacobian depends on the state; the message names the function.
     """
     if not isinstance(method, KF):
         return
@@ -80,7 +80,7 @@ def check_linear(given: Inputs, method: KF | EKF) -> None:
 
 
 def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample, method: KF | EKF) -> Advanced:
-    """Predict, then update, in components."""
+    """Predict, then update, over components."""
     transition = affine_transition(given.cm, before, sample, noises.transition)
     prior = predicted(transition, before.cov)
     after, gains, told, turn = corrected(given.cm, prior, sample, method, noises.observation)
@@ -95,7 +95,7 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
         given: model and recording.
         method: how to linearise.
         keep: fields to return.
-        segments: scan in checkpointed segments, for gradients; in one piece it is faster.
+        segments: scan in checkpointed segments, for gradients; a scan without segments is faster.
     """
     noises = constant_noises(given)
 
@@ -107,7 +107,7 @@ def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments:
     start = carried(Components(given.mean, given.cov), given.dtype)
     leaves = series(given)
     kept = segmented(body, start, leaves, given.length) if segments else lax.scan(body, start, leaves)[1]
-    # Under vmap a reshape leaves the recordings' axis in front: twins of `with_gradient_of` have to agree on its place.
+    # Under vmap a reshape keeps the recordings' axis in front; both functions of `with_gradient_of` need the same axis.
     kept = jax.tree.map(lambda leaf: leaf.reshape(1, given.length).reshape(given.length), kept)
     return {name: list(values) if isinstance(values, tuple) else values for name, values in kept.items()}
 
@@ -131,11 +131,11 @@ def field(step: Advanced, name: str, dtype: DTypeLike) -> PyTree:
 
 
 def with_gradient_of(function: Callable[..., PyTree], twin: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """A function whose derivatives, of any order and mode, are taken through an equal one.
+    """`function`, with derivatives of any order and mode computed from an equal function.
 
     Args:
-        function: of positional pytrees, which closes over no array.
-        twin: equal to it, but made to be differentiated.
+        function: function of positional pytrees that closes over no array.
+        twin: an equal function that is suitable for differentiation.
     """
     result = jax.custom_jvp(function)
 
@@ -158,10 +158,10 @@ def with_gradient_of(function: Callable[..., PyTree], twin: Callable[..., PyTree
 
 
 def segmented(body: Callable[[PyTree, PyTree], PyTree], start: PyTree, leaves: PyTree, length: int) -> PyTree:
-    """`lax.scan`'s outputs, taken in checkpointed segments; `body` gets the leaves of one sample at a time.
+    """The outputs of `lax.scan`, computed in checkpointed segments; `body` has the leaves of one sample as input.
 
-    Where no segment length divides T, the last segment is filled up with copies of the last sample, whose outputs are
-    dropped: nothing but those sees them, since they come last.
+    If the segment length does not divide T, the last segment is padded with copies of the last sample, whose outputs
+    are dropped; the copies have no influence on other samples, because they come last.
     """
     body = jax.checkpoint(body, prevent_cse=False)
     if length < SEGMENTED_FROM:
@@ -179,7 +179,7 @@ def segmented(body: Callable[[PyTree, PyTree], PyTree], start: PyTree, leaves: P
 
 
 def segment_length(length: int) -> int:
-    """A divisor of the length near its root, or the root rounded up."""
+    """A divisor of the length near its square root, or the square root rounded up."""
     root = math.isqrt(length)
     for candidate in sorted(range(max(1, root // 2), 2 * root), key=lambda size: abs(math.log(size / root))):
         if length % candidate == 0:
@@ -188,19 +188,19 @@ def segment_length(length: int) -> int:
 
 
 def filled(leaf: PyTree, length: int) -> PyTree:
-    """The array (T,) with its last entry repeated up to the length."""
+    """The array (T,) padded to the length with its last entry."""
     missing = length - leaf.shape[0]
     return jnp.concatenate([leaf, jnp.broadcast_to(leaf[-1:], (missing,))]) if missing else leaf
 
 
 def series(given: Inputs) -> PyTree:
-    """What a scan runs over: arrays (T,) only; see `sample_of`."""
+    """The inputs of a scan: arrays (T,) only; see `sample_of`."""
     seen = [leaf for leaf in given.seen if not isinstance(leaf, bool)]
     return given.measured, given.controls, given.dt if jnp.ndim(given.dt) else None, seen
 
 
 def sample_of(leaves: PyTree, given: Inputs) -> Sample:
-    """One sample of what `series` gave."""
+    """One sample from the leaves of `series`."""
     measured, control, dt, seen = leaves
     rest = iter(seen)
     flags = [leaf if isinstance(leaf, bool) else next(rest) for leaf in given.seen]
@@ -218,7 +218,7 @@ def opened(carry: Carry, given: Inputs) -> Components:
 
 
 def arrays(values: list[PyTree], dtype: DTypeLike) -> tuple[PyTree, ...]:
-    """Scalars, known or not, as arrays of the dtype."""
+    """Scalars (Python floats or arrays) as arrays of the dtype."""
     return tuple(jnp.asarray(value, dtype) for value in values)
 
 
@@ -239,7 +239,7 @@ def constant_noises(given: Inputs) -> Noises:
 
 
 def _constant(function: Callable[..., Matrix], arguments: PyTree, dtype: DTypeLike) -> Noise | None:
-    """The matrix that the function gives whatever its arguments, or None if it depends on them."""
+    """The function's result if it does not depend on the arguments, else None."""
     closed = jax.make_jaxpr(lambda *given: upper(function(*given)))(*arguments)
     if any(reached(closed.jaxpr, set(closed.jaxpr.invars))):
         return None

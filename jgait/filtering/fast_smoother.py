@@ -1,6 +1,6 @@
 r"""Rauch–Tung–Striebel smoothing over components; see `smoother` for the equations.
 
-In segments: the filter stores the belief at the start of each, and is run again there.
+The smoother runs in segments: the filter stores the belief at the start of each segment, and runs again in each.
 """
 
 from collections.abc import Callable
@@ -69,7 +69,7 @@ def rts(given: Inputs, method: KF | EKF, keep: tuple[str, ...]) -> tuple[PyTree,
 def smoothed_moments(
     given: Inputs, noises: Noises, filtered: Components, following: Components, sample: Sample
 ) -> Components:
-    """The smoothed belief at one sample, from its filtered one and the smoothed one at `sample`, the next."""
+    """The smoothed belief at one sample, from its filtered belief and the smoothed belief at the next, `sample`."""
     cm, (x, cov), size = given.cm, filtered, len(given.cov)
     transition = affine_transition(cm, filtered, sample, noises.transition)
     trace = Expansion(given.dtype)
@@ -103,17 +103,17 @@ def there_and_back(
     given: Inputs, noises: Noises, method: KF | EKF, keep: tuple[str, ...], start: PyTree,
     ahead: Callable[..., PyTree], back: Callable[..., PyTree],
 ) -> tuple[PyTree, dict[str, PyTree]]:  # fmt: skip
-    """Scan forward in segments and keep the belief before each; then backward, each segment forward once more.
+    """Scan forward and store the belief before each segment; then backward, with each segment forward once more.
 
     Args:
         given: model and recording.
-        noises: what of its noises is the same at every sample.
+        noises: the model's noises that are the same at every sample.
         method: how to linearise.
         keep: the filter's fields to return.
-        start: the backward pass's carry at the end; None takes the last belief.
-        ahead: (belief before, leaves of the sample, whether it is one and does not only fill up) → belief after, and
-            what `back` needs of it.
-        back: (carry, that) → carry, output.
+        start: carry of the backward pass at the last sample; None: the last filtered belief.
+        ahead: (belief before, leaves of the sample, False if the sample is padding) → belief after, and the quantities
+            that `back` needs.
+        back: (carry, those quantities) → carry, output.
     """
     length = given.length
     size = length if length < SEGMENTED_FROM else segment_length(length)
@@ -148,9 +148,9 @@ def there_and_back(
 
 
 def _sorted(real: PyTree) -> PyTree:
-    """The flags of a segment, True before False as they are: a sort that changes nothing but what XLA compiles.
+    """The flags of a segment, already True before False: the sort changes only what XLA compiles.
 
-    It keeps XLA from writing a loop and all loops within as one function: the mapped smoother of 15 states then
-    compiled in 74 s of processor time instead of 90.
+    With the sort, XLA does not compile a loop and its inner loops as one function: the mapped smoother of 15 states
+    then compiled in 74 s of processor time instead of 90.
     """
     return lax.sort((~real).astype(jnp.int32)) == 0

@@ -1,10 +1,10 @@
-r"""Kalman filtering as one scan of predict and update; the same step serves online, a sample at a time.
+r"""Kalman filtering as one scan of predict and update; `step` runs the same step online, one sample at a time.
 
     predict   m⁻ = f(m) ⊕ v,        P⁻ = A P Aᵀ + Ω + Q
     update    S = H P⁻ Hᵀ + Ω + R,  K = P⁻ Hᵀ S⁻¹,  m = m⁻ ⊕ K (y − ŷ),  P = (I − K H) P⁻ (I − K H)ᵀ + K (R + Ω) Kᵀ
 
-All in error coordinates δ about the predicted state, so rotations need no special case. An iterated update takes
-its linearisation at its own result, but always starts again from the same prior.
+All equations are in error coordinates δ about the predicted state, so rotations need no special case. An iterated
+update is linearised at the result of the previous iteration, but always updates the same prior.
 """
 
 from functools import partial
@@ -30,16 +30,16 @@ from jgait.types import Maybe, Values
 
 
 class Updated(NamedTuple):
-    """One update.
+    """The result of one update.
 
     Attributes:
-        belief: after the observation.
+        belief: belief after the observation.
         innovation: measured − predicted, observation tuple; 0 where masked.
         innovation_stddev: square root of the diagonal of S, observation tuple; 1 where masked.
-        log_likelihood: of the measured components given the past [nat], linearised at the prediction.
+        log_likelihood: log-density of the measured components given the past [nat], linearised at the prediction.
         nis: normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
-        count: measured components, as a float.
-        valid: False where the numbers broke down and the prediction was kept; then the four above are 0.
+        count: number of measured components, as a float.
+        valid: False where the update was not finite and the prediction was kept; then the four fields above are 0.
     """
 
     belief: Belief
@@ -64,19 +64,19 @@ class Step(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """A filtered recording; every leaf has the time axis in front, and a field not asked for is None.
+    """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None.
 
     Attributes:
         mean: filtered mean, in the state's type.
-        cov: its covariance.
+        cov: covariance of `mean`.
         predicted_mean: mean before each sample.
-        predicted_cov: its covariance.
+        predicted_cov: covariance of `predicted_mean`.
         innovation: measured − predicted, in the observation's type; 0 where masked.
-        innovation_stddev: its standard deviation, in the observation's type; 1 where masked.
-        log_likelihood: (T,) of each sample given the past [nat].
+        innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
+        log_likelihood: (T,) log-density of each sample given the past [nat].
         nis: (T,) normalised innovation squared.
-        count: (T,) measured components.
-        valid: (T,) False where the numbers broke down and the prediction was kept.
+        count: (T,) number of measured components.
+        valid: (T,) False where the numbers were not finite and the prediction was kept.
     """
 
     mean: PyTree = None
@@ -92,7 +92,7 @@ class Posterior(NamedTuple):
 
 
 FIELDS = Posterior._fields
-"""What a filter can return, see `Posterior`."""
+"""The names of the fields that a filter can return, see `Posterior`."""
 
 KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
 """The fields of a posterior that a filter returns by default."""
@@ -101,21 +101,21 @@ KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
 def predict(
     model: Model, params: PyTree, belief: Belief, *, control: PyTree = None, dt: Values = 1.0, method: Method = EKF()
 ) -> Belief:
-    """The belief one interval later, before its sample.
+    """The belief after one interval, before the sample at its end.
 
     Args:
         model: state-space model.
         params: passed on to the model's functions.
-        belief: now.
+        belief: belief at the start of the interval.
         control: input over the interval, or None.
         dt: length of the interval [s].
         method: how to linearise.
 
     Returns:
-        The predicted belief; the one that was, where the transition is not finite.
+        The predicted belief; the unchanged belief where the transition is not finite.
 
     Raises:
-        ValueError: if the model's functions and the belief do not fit together.
+        ValueError: if the belief does not have the types that the model's functions need.
     """
     checks.check_arguments(model, method, (), FIELDS)
     checks.check_belief(belief)
@@ -134,17 +134,17 @@ def update(
     Args:
         model: state-space model.
         params: passed on to the model's functions.
-        belief: before the observation.
-        observation: observation tuple of scalars; what the mask hides may be any finite number.
+        belief: belief before the observation.
+        observation: observation tuple of scalars; a masked component may be any finite number.
         control: passed on to the model's functions.
-        mask: observation tuple of bools, one bool for all, or None for all there.
+        mask: observation tuple of bools, one bool for all components, or None: all components are measured.
         method: how to linearise.
 
     Returns:
         The updated belief with innovation, log-likelihood and normalised innovation squared.
 
     Raises:
-        ValueError: if model, belief, observation and mask do not fit together.
+        ValueError: if belief, observation or mask does not have the types that the model's functions need.
     """
     checks.check_arguments(model, method, (), FIELDS)
     checks.check_belief(belief)
@@ -162,23 +162,23 @@ def step(
     model: Model, params: PyTree, belief: Belief, observation: PyTree, *, control: PyTree = None, dt: Values = 1.0,
     mask: PyTree = None, method: Method = EKF(),
 ) -> Step:  # fmt: skip
-    """Predict over dt, then update: one sample online, jitted; the same step that `kalman_filter` scans.
+    """Predict over dt, then update: one sample online, jitted; `kalman_filter` scans the same step.
 
     Args:
         model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
         params: passed on to the model's functions.
-        belief: after the sample before.
-        observation: observation tuple of scalars; what the mask hides may be any finite number.
+        belief: belief after the previous sample.
+        observation: observation tuple of scalars; a masked component may be any finite number.
         control: control tuple of scalars, or None.
-        dt: time since the sample before [s].
+        dt: time since the previous sample [s].
         mask: observation tuple of bools, one bool, or None; as of `kalman_filter`.
         method: how to linearise.
 
     Returns:
-        Prediction and update; `.belief` is what the next step starts from.
+        Prediction and update; `.belief` is the input of the next step.
 
     Raises:
-        ValueError: if the arguments do not fit together; NaN in the observation.
+        ValueError: if an argument does not have the type that the model needs, or the observation has NaN.
     """
     checks.check_arguments(model, method, (), FIELDS)
     checks.check_values(observation, control, dt)
@@ -230,24 +230,24 @@ def kalman_filter(
     Args:
         model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
         params: any pytree, passed on to the model's functions; differentiable.
-        observations: observation tuple of (T,) arrays; what the mask hides may be any finite number.
+        observations: observation tuple of (T,) arrays; a masked component may be any finite number.
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
         dt: interval [s], scalar or (T,); dt[k] is the time from sample k−1 to k, so dt[0] = 0 puts the initial
             belief at the first sample.
         mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None. A leaf that is Python's False
-            instead takes its component out of the model, which computes sooner; it is None in innovations.
+            removes its component from the model, which is faster; the component is None in innovations.
         method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.
-        initial: belief before the first interval; None takes the model's.
-        keep: fields of `Posterior` to return; what is not asked for is neither computed nor stored.
-        execution: how to run it, see `jgait.filtering.execution`; results agree to rounding.
-        about: state tuple of (T,) arrays that execution="parallel" linearises an `EKF` about.
+        initial: belief before the first interval; None: the model's `initial`.
+        keep: fields of `Posterior` to return; other fields are neither computed nor stored.
+        execution: implementation, see `jgait.filtering.execution`; results agree up to rounding.
+        about: state tuple of (T,) arrays, the states at which execution="parallel" linearises an `EKF`.
 
     Returns:
         The posterior, every leaf with the time axis in front, in the widest float type of parameters, observations
         and initial belief.
 
     Raises:
-        ValueError: observations, controls, mask or dt do not fit the model or each other; NaN in observations.
+        ValueError: if observations, controls, mask or dt have wrong types or shapes, or observations have NaN.
     """
     checks.check_arguments(model, method, keep, FIELDS, execution)
     checks.check_values(observations, controls, dt)
@@ -284,7 +284,7 @@ _filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execu
 
 
 def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
-    """What a scan kept, under the names it belongs to."""
+    """The posterior from the fields that a scan returned."""
     structures = {
         "mean": cm.state, "predicted_mean": cm.state, "cov": cm.error, "predicted_cov": cm.error,
         "innovation": cm.observed, "innovation_stddev": cm.observed,
@@ -297,12 +297,12 @@ def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
 
 
 def named_values(values: PyTree, structure: PyTreeDef) -> PyTree:
-    """A list of components, or an array (..., k), as the tuple they belong to."""
+    """A list of components, or an array (..., k), as a named tuple."""
     return structure.unflatten(values) if isinstance(values, list) else unpack(values, structure)
 
 
 def named_covariance(values: PyTree, structure: PyTree) -> Covariance:
-    """The upper triangle as a list, or an array (..., n, n), as the covariance they belong to."""
+    """The upper triangle as a list, or an array (..., n, n), as a `Covariance`."""
     if isinstance(values, list):
         return Covariance(tuple(values), structure)
     return Covariance.from_dense(values, structure)

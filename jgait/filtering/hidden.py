@@ -1,7 +1,7 @@
-"""Observations that are never there: a mask that is False for good takes them out of the model.
+"""Observations that are never measured: a mask that is the constant False removes them from the model.
 
-A mask's leaf is False for good where it is Python's or NumPy's scalar False, known while a program is traced. Its
-component is then None in observation, noise and mask, and the filter computes what is left.
+A mask's leaf is constant if it is Python's or NumPy's scalar False, known while a program is traced. The leaf's
+component is then None in observation, noise and mask, and the filter uses the other components.
 """
 
 from functools import lru_cache
@@ -15,15 +15,15 @@ from jgait.filtering.model import Model
 
 
 def without_hidden(model: Model, observation: PyTree, mask: PyTree) -> tuple[Model, PyTree, PyTree]:
-    """Model, observation and mask without the components that are never there.
+    """Model, observation and mask without the components that are never measured.
 
     Args:
         model: state-space model.
         observation: observation tuple.
-        mask: observation tuple of masks, some perhaps False for good; or anything else, which stays.
+        mask: observation tuple of masks, of which some may be the constant False; any other mask does not change.
 
     Returns:
-        The three, unchanged where nothing is hidden. Where everything is, one component stays, masked everywhere.
+        The three, unchanged if nothing is hidden. If everything is hidden, one component stays, masked everywhere.
     """
     structure: PyTree = jax.tree.structure(observation)
     if mask is None or structure != jax.tree.structure(mask):
@@ -45,7 +45,7 @@ def _never(leaf: PyTree) -> bool:
 
 
 class _Part:
-    """What is left of observation tuples of one structure; hashable, so that a reduced model compiles once."""
+    """The selection of measured components of an observation tuple; hashable, so that a reduced model compiles once."""
 
     def __init__(self, structure: PyTree, hidden: tuple[bool, ...]) -> None:
         self.key = (structure, hidden)
@@ -62,7 +62,7 @@ class _Part:
         return structure.unflatten([None if gone else leaf for leaf, gone in leaves])
 
     def noise(self, values: PyTree) -> PyTree:
-        """The same of variances, or of a covariance."""
+        """The measured components of a tuple of variances, or of a covariance."""
         if not isinstance(values, Covariance):
             return self(values)
         kept = [i for i, gone in enumerate(self.key[1]) if not gone]
@@ -71,7 +71,7 @@ class _Part:
         return Covariance(tuple(values[pair] for pair in pairs), like)
 
     def whole(self, values: PyTree) -> PyTree:
-        """The full tuple again, 0 where a component is hidden."""
+        """The full tuple, 0 where a component is hidden."""
         structure, hidden = self.key
         left = iter(jax.tree.leaves(values))
         return structure.unflatten([0.0 if gone else next(left) for gone in hidden])

@@ -1,4 +1,4 @@
-"""Filter or smooth, chosen by an argument, with one type of result."""
+"""Filter or smoother, selected by an argument, with the same type of result."""
 
 from typing import NamedTuple
 
@@ -20,9 +20,9 @@ class Inferred(NamedTuple):
     """A filtered or smoothed recording.
 
     Attributes:
-        mean: in the state's type, time axis in front; smoothed if that was asked for.
-        cov: its covariance.
-        filtered: the filter's posterior, the fields that were asked for.
+        mean: mean in the state's type, time axis in front; smoothed if `smooth` is True.
+        cov: covariance of `mean`.
+        filtered: the filter's posterior, with the fields in `keep`.
     """
 
     mean: PyTree
@@ -31,12 +31,12 @@ class Inferred(NamedTuple):
 
     @property
     def log_likelihood(self) -> PyTree:
-        """Of all observations, each given the past [nat]."""
+        """Log-likelihood of all observations, each given the past [nat]."""
         return jnp.sum(self.filtered.log_likelihood)
 
     @property
     def nis(self) -> PyTree:
-        """Mean normalised innovation squared: 1 where the model's noise is that of the observations."""
+        """Mean normalised innovation squared: 1 if the model's noise is equal to the noise of the observations."""
         return jnp.sum(self.filtered.nis) / jnp.maximum(jnp.sum(self.filtered.count), 1.0)
 
 
@@ -45,7 +45,7 @@ def infer(
     mask: PyTree = None, method: Method = EKF(), initial: Belief | None = None, keep: tuple[str, ...] = SUMMARY,
     covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
-    """Filter a recording, and smooth it if that is asked for.
+    """Filter a recording, and smooth it if `smooth` is True.
 
     Args:
         model: state-space model, see `kalman_filter`.
@@ -54,13 +54,13 @@ def infer(
         smooth: Rauch–Tung–Striebel smoothing after the filter; static.
         controls: control tuple of (T,) arrays, or None.
         dt: interval [s], scalar or (T,).
-        mask: observation tuple of (T,) bools, one (T,) bool, or None; a leaf that is Python's False takes its
-            component out of the model.
+        mask: observation tuple of (T,) bools, one (T,) bool, or None; a leaf that is Python's False removes its
+            component from the model.
         method: how to linearise.
-        initial: belief before the first interval; None takes the model's.
+        initial: belief before the first interval; None: the model's `initial`.
         keep: fields of the filter's `Posterior` to return.
-        covariance: which smoothed covariances, see `kalman_smoother`; a filter gives all.
-        execution: how to run it, see `jgait.filtering.execution`.
+        covariance: smoothed covariances to return, see `kalman_smoother`; a filter returns all.
+        execution: implementation, see `jgait.filtering.execution`.
 
     Returns:
         Means, covariances and the filter's posterior.

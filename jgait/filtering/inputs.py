@@ -16,7 +16,7 @@ from jgait.types import Values
 
 
 class PreparedInputs(NamedTuple):
-    """A filter's arguments in vectors and matrices."""
+    """A filter's arguments as vectors and matrices."""
 
     vm: VectorModel
     start: Moments
@@ -31,14 +31,14 @@ class Inputs(NamedTuple):
 
     Attributes:
         cm: the model.
-        mean: initial mean (k scalars; known ones are Python floats).
+        mean: initial mean (k scalars; known scalars are Python floats).
         cov: initial covariance (n × n scalars).
         measured: observation (m arrays (T,)).
         controls: control tuple of (T,) arrays, or None.
         dt: intervals, () or (T,).
-        seen: the mask (m arrays (T,) of bools, or True where it masks nothing).
-        dtype: of all floats.
-        length: T.
+        seen: the mask (m arrays (T,) of bools, or True if every sample of the component is measured).
+        dtype: dtype of all floats.
+        length: T, number of samples.
     """
 
     cm: ComponentModel
@@ -52,7 +52,7 @@ class Inputs(NamedTuple):
     length: int
 
     def vectors(self) -> PreparedInputs:
-        """The same in vectors and matrices."""
+        """The same arguments as vectors and matrices."""
         shape = (self.length,)
         return PreparedInputs(
             on_vectors(self.cm, self.dtype),
@@ -73,7 +73,7 @@ def inputs(
     mask: PyTree,
     initial: Belief | None,
 ) -> Inputs:
-    """Check structure and shapes, and bring everything to one dtype; raises, see `kalman_filter`."""
+    """Check structure and shapes, and cast everything to one dtype; raises as `kalman_filter`."""
     observations, length = checks.series(observations, "observation", None)
     controls, _ = checks.series(controls, "control", length)
     dtype = checks.common_dtype(params, observations, initial)

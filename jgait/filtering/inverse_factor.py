@@ -10,10 +10,10 @@ from jgait.types import Values
 
 
 def inverse_factor(spread: Matrix, summary: Values) -> tuple[Matrix, Values, Values]:
-    """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if all went well.
+    """L⁻¹ for spread = L Lᵀ, the logarithm of its determinant, and a float that is finite if the factor exists.
 
-    Where it did not, L⁻¹ is zero. A pivot that is not positive is replaced before its root is taken, so that
-    gradients stay finite.
+    If the factor does not exist, L⁻¹ is zero. A pivot that is not positive is replaced before its square root is
+    computed, so that gradients stay finite.
     """
     health = plus(summary, total(spread[j][j] for j in range(len(spread))))
     pivots: list[Values] = []
@@ -32,7 +32,7 @@ def inverse_factor(spread: Matrix, summary: Values) -> tuple[Matrix, Values, Val
 
 
 def generalised_inverse_factor(cov: Matrix, epsilon: float) -> Matrix:
-    """L⁻¹ for cov = L Lᵀ with zero rows for what is known exactly from the components before, up to rounding."""
+    """L⁻¹ for cov = L Lᵀ with zero rows for components that are linear in earlier ones, up to rounding."""
     floor = 2.0 * len(cov) * epsilon
 
     def root(pivot: Values, variance: Values) -> Values:

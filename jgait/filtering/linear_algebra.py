@@ -1,4 +1,4 @@
-"""Small dense products and solves, written so that XLA fuses them into the scan instead of calling a library."""
+"""Small dense products and solves in a form that XLA fuses into the scan, without library calls."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -14,7 +14,7 @@ def product(a: Float[AnyArray, "row inner"], b: Float[AnyArray, "inner *column"]
 
 
 def congruence(a: Float[AnyArray, "row n"], p: Float[AnyArray, "n n"]) -> Float[Array, "row row"]:
-    """The product a p aᵀ for symmetric p, symmetric to the last bit."""
+    """The product a p aᵀ for symmetric p, exactly symmetric."""
     result = product(product(a, p), a.T)
     return 0.5 * (result + result.T)
 
@@ -22,8 +22,8 @@ def congruence(a: Float[AnyArray, "row n"], p: Float[AnyArray, "n n"]) -> Float[
 def cholesky(a: Float[AnyArray, "n n"], floor: float = 0.0) -> tuple[Float[Array, "n n"], Bool[Array, ""]]:
     """The lower triangle L with L Lᵀ = a, and whether every pivot was above the floor.
 
-    A pivot that is not is replaced (by the floor, or by 1 where the floor is 0), so that neither the factor nor its
-    gradient is ever NaN; what such a factor is good for is up to the caller.
+    A pivot not above the floor is replaced (by the floor, or by 1 if the floor is 0), so that the factor and its
+    gradient are never NaN; the caller decides whether to use such a factor.
     """
     size = a.shape[0]
     rows = jnp.arange(size)
@@ -68,11 +68,11 @@ def scaled_cholesky(
 ) -> tuple[Float[Array, "n"], Float[Array, "n"], Float[Array, "n n"]]:
     """Standard deviations d, their inverse, and the factor L of the correlation matrix: p ≈ d (L Lᵀ) d.
 
-    Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. Where components are
-    perfectly correlated a pivot vanishes up to rounding; it is kept at `jitter` roundings.
+    Components that are known exactly (variance 0) have d = 1/d = 0 and a unit row in L. If components are perfectly
+    correlated, a pivot is zero up to rounding and is replaced by `jitter` epsilons.
 
     Args:
-        p: covariance, perhaps singular.
+        p: covariance, possibly singular.
         jitter: least pivot of the correlation matrix, in units of the dtype's epsilon.
     """
     variance = jnp.diagonal(p)
@@ -86,6 +86,6 @@ def scaled_cholesky(
 
 
 def solve_covariance(p: Float[AnyArray, "n n"], b: Float[AnyArray, "n k"]) -> Float[Array, "n k"]:
-    """Solve p x = b for a covariance p that may hold exactly known components (their x is 0)."""
+    """Solve p x = b for a covariance p that may have exactly known components (their x is 0)."""
     _, inverse, lower = scaled_cholesky(p, jitter=p.shape[0])
     return inverse[:, None] * backward_substitution(lower, forward_substitution(lower, inverse[:, None] * b))

@@ -232,7 +232,7 @@ def identifiability(
 
     Args:
         loss: (params, item) → the item's total negative log-likelihood [nat], not a mean over its samples: a loss
-            divided by n makes every standard error √n too large, except for "sandwich", which has no scale.
+            divided by n makes every standard error √n too large, except for "sandwich".
             Pure JAX; a function kept between calls is compiled once.
         params: NamedTuple of the best parameters in natural units (`Fit.params`).
         transforms: the same type, holding a `Transform` for each.
