@@ -1,4 +1,4 @@
-"""Stride lengths sample by sample: the steps that `ankle_stride.length` scans, with its equations and sources.
+"""Stride lengths sample by sample: the steps that `ankle_stride.length` scans; `length` gives equations and sources.
 
 Each method has two functions, for its first state and for its step over one sample, so that a device can measure during
 the walk. Signals are in the axes of the segment: forward x, left y, up z.

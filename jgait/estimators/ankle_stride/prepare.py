@@ -189,7 +189,7 @@ def _leg(
 
 
 def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: float) -> np.ndarray:
-    """(T,) bool, the ankle stands: around stance instants, and in slow turning in pauses, before and after the walk."""
+    """(T,) bool, the ankle stands: around stance instants, and while the leg turns slowly in a pause or at the ends."""
     flags = np.zeros(len(speed), bool)
     if not len(stood.begin):
         return flags

@@ -175,7 +175,7 @@ def integrated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
     mask: ArrayLike | None = None, known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
-    """OFI over each bout, without a restart of its filter in the bout; cycles only limit the lengths that are read.
+    """OFI over each bout, without a restart of its filter in the bout; cycles only define where lengths are read.
 
     Arguments, result and errors as of `updated`; `updated` is True for every cycle.
     """
