@@ -1,4 +1,4 @@
-"""Published estimators, one method a folder; `get` finds one by name."""
+"""Published estimators, one package for each method; `get` returns one by name."""
 
 from collections.abc import Callable
 
@@ -22,12 +22,12 @@ _ESTIMATORS: dict[str, Callable[..., Estimator[PyTree, PyTree]]] = {
 
 
 def names() -> tuple[str, ...]:
-    """The estimators there are."""
+    """Names of all estimators."""
     return tuple(_ESTIMATORS)
 
 
 def about_of(name: str) -> About:
-    """What an estimator states about itself; of a name that is none, what holds for all."""
+    """The `About` record of an estimator; the default record for an unknown name."""
     return get(name).about if name in _ESTIMATORS else About()
 
 
@@ -36,11 +36,11 @@ def get(name: str, *args: PyTree, **settings: PyTree) -> Estimator[PyTree, PyTre
 
     Args:
         name: one of `names()`.
-        args: its options, for example `leg_ekf.PAPER`.
-        settings: the same by name, for example `options=leg_ekf.PAPER`.
+        args: options of the estimator, for example `leg_ekf.PAPER`.
+        settings: options by keyword, for example `options=leg_ekf.PAPER`.
 
     Raises:
-        ValueError: if there is none of that name.
+        ValueError: if the name is unknown.
     """
     if name not in _ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(names())}; got {name!r}")

@@ -1,7 +1,7 @@
-"""What an estimator states about itself, as data: measures of a person, options, totals, tables, figures, flags.
+"""The `About` record of an estimator: measures of a person, options, totals, tables, figures, flags.
 
-Commands, reports and the documentation read this record, so that none of them lists the estimators by name. Each
-estimator has its record in its own `about.py`.
+Commands, reports and the documentation read this record, so that none of them lists the estimators by name. The
+package of each estimator has its record in `about.py`.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,21 +13,21 @@ from jgait.notes import Note
 from jgait.types import Estimate, Recording
 
 Settings = dict[str, Any]
-"""Keyword arguments of a package's `estimator`: its "options", and further ones that only this package has."""
+"""Keyword arguments of a package's `estimator`: "options", and arguments that only this package has."""
 
 
 class BodyMeasure(NamedTuple):
-    """A measure of a person, or of where a sensor sits on the person, that an estimator takes through `with_body`.
+    """A measure of a person, or of the position of a sensor on the person, that `with_body` accepts.
 
     Attributes:
-        name: as `with_body` calls it.
-        unit: of the value.
+        name: name in `with_body`.
+        unit: unit of the value.
         low: smallest value that is accepted.
         high: largest value that is accepted.
-        meaning: what is measured, in words.
-        option: the option of the command line that gives it, or "".
-        default: the value that stands in for a missing one, or None where the text would be misleading.
-        parameter: the parameter that the measure sets; "" is the parameter of the same name.
+        meaning: description of the measure.
+        option: command-line option of the measure, or "".
+        default: value that is used if the measure is missing, or None if stating it would be misleading.
+        parameter: parameter that the measure sets; "" for the parameter of the same name.
     """
 
     name: str
@@ -41,12 +41,12 @@ class BodyMeasure(NamedTuple):
 
 
 class MissingMeasure(NamedTuple):
-    """What to note where measures are missing and the default stands in for them.
+    """The note for missing measures, which are replaced by defaults.
 
     Attributes:
         measures: names of the measures.
-        text: what follows; a `str.format` template over the parameters `p`.
-        any_one: one of the measures is enough.
+        text: consequence of the missing measure; a `str.format` template over the parameters `p`.
+        any_one: True if one of the measures is enough.
     """
 
     measures: tuple[str, ...]
@@ -55,19 +55,19 @@ class MissingMeasure(NamedTuple):
 
 
 class CommandOption(NamedTuple):
-    """An option of the command line that only some estimators have.
+    """A command-line option that only some estimators have.
 
     Attributes:
-        name: such as "--level".
-        help: what the option does, in words.
+        name: name of the option, such as "--level".
+        help: description of the option.
         kind: type of the value on the command line.
         low: smallest value, or None.
         high: largest value, or None.
-        parse: value of the command line → value that is used; raises ValueError for what cannot be used.
+        parse: value of the command line → value that is used; raises ValueError for an invalid value.
         settings: (settings, value) → settings.
         params: (parameters, value) → parameters.
         notes: (recording, value) → notes about the recording.
-        remark: value, or None where the option is not given → what to note before anything is computed, or "".
+        remark: value, or None if the option is not given → text of a note before the computation, or "".
     """
 
     name: str
@@ -87,11 +87,11 @@ class TotalColumn(NamedTuple):
 
     Attributes:
         name: key of the totals.
-        heading: what the column is called.
-        unit: of the printed number, or "".
-        digits: after the decimal point.
-        scale: from the total to the printed number.
-        left: the column holds words, set to the left.
+        heading: heading of the column.
+        unit: unit of the printed number, or "".
+        digits: digits after the decimal point.
+        scale: factor from the total to the printed number.
+        left: True for a column of text, aligned left.
     """
 
     name: str
@@ -103,20 +103,20 @@ class TotalColumn(NamedTuple):
 
 
 def always(_: Estimate) -> bool:
-    """Any estimate has it."""
+    """True for every estimate."""
     return True
 
 
 class EstimateTable(NamedTuple):
-    """A table that is written for a recording.
+    """A table that is written to a file for a recording.
 
     Attributes:
-        name: the end of the file's name.
+        name: end of the file name.
         rows: "samples": one row for each sample, see `jgait.io.to_dataframe`; "strides": one row for each stride, see
-            `jgait.io.strides_to_dataframe`, with a column `special` for the flags; or a function that gives the columns
-            or the rows. Names of columns end with their unit.
-        json: the key of the rows among the JSON numbers, or "" where these do not have them.
-        when: which estimates have the table.
+            `jgait.io.strides_to_dataframe`, with a column `special` for the flags; or a function that returns
+            the columns or the rows. Names of columns end with their unit.
+        json: key of the rows in the JSON file, or "" if the file does not contain them.
+        when: True for estimates that have the table.
     """
 
     name: str
@@ -126,7 +126,7 @@ class EstimateTable(NamedTuple):
 
 
 class EstimatedRecording(NamedTuple):
-    """An estimate, and all that it was computed from.
+    """An estimate, with the recording, parameters and settings from which it was computed.
 
     Attributes:
         recording: the signals.
@@ -142,7 +142,7 @@ class EstimatedRecording(NamedTuple):
 
 
 def of_estimate(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
-    """The arguments of a figure that needs the estimate alone."""
+    """The arguments of a figure that needs only the estimate."""
     return (made.estimate,), {}
 
 
@@ -151,10 +151,10 @@ class EstimateFigure(NamedTuple):
 
     Attributes:
         plot: name of the function in `jgait.plot`.
-        file: the end of the file's name.
-        when: which estimates have the figure.
-        arguments: positional and keyword arguments of the function; the title is added to them.
-        caption: below the figure in a report, which draws a figure with a caption besides those of any estimate.
+        file: end of the file name.
+        when: True for estimates that have the figure.
+        arguments: positional and keyword arguments of the function; the title is added.
+        caption: caption in a report; a report contains only figures with a caption, and those of all estimates.
     """
 
     plot: str
@@ -165,17 +165,17 @@ class EstimateFigure(NamedTuple):
 
 
 class StrideFlag(NamedTuple):
-    """A property that makes a stride special.
+    """A property of strides that are marked in tables, figures and reports.
 
     Attributes:
-        name: as in `Estimate.diagnostics`.
-        word: what tables in files call it.
-        label: what figures and reports call it.
-        meaning: what it means for the numbers, in a sentence.
-        read: estimate → (strides,) bool, or None where the estimate does not state it.
-        regular: whether such strides count in means.
-        leaves_out: columns of the table of strides whose values of such strides do not count in means.
-        grade: how serious it is, see `jgait.report.page.GRADES`.
+        name: name in `Estimate.diagnostics`.
+        word: text of the flag in table files.
+        label: text of the flag in figures and reports.
+        meaning: effect of the property on the numbers, in a sentence.
+        read: estimate → (strides,) bool, or None if the estimate does not contain the flag.
+        regular: True if flagged strides count in means.
+        leaves_out: columns of the table of strides in which flagged strides do not count in means.
+        grade: severity, see `jgait.report.page.GRADES`.
     """
 
     name: str
@@ -189,29 +189,29 @@ class StrideFlag(NamedTuple):
 
 
 def no_numbers(_: Estimate) -> Mapping[str, PyTree]:
-    """No numbers beyond those of every estimate."""
+    """No numbers in addition to those of every estimate."""
     return {}
 
 
 class About(NamedTuple):
-    """What an estimator states about itself.
+    """Description of an estimator for commands, reports and documentation.
 
     Attributes:
-        title: what it estimates, from which sensors.
-        needs: the columns of a recording that it needs, in words.
+        title: estimated quantities and sensors.
+        needs: columns of a recording that the estimator needs, in words.
         source: authors and year of the method.
-        default: the options of its default pipeline.
-        paper: the options of the paper's pipeline, or None where there is none.
-        measures: of a person.
-        missing: what to note where measures are missing.
-        options: of the command line, besides those of the measures.
+        default: options of the default pipeline.
+        paper: options of the paper's pipeline, or None.
+        measures: measures of a person.
+        missing: notes for missing measures.
+        options: command-line options in addition to those of the measures.
         totals: estimate → rows of numbers of the whole recording, one row or one for each leg.
-        columns: which of the totals `jgait estimate` prints, and how.
-        caption: below the printed table; a `str.format` template over the settings.
-        tables: that are written.
-        figures: that are drawn.
-        flags: of strides.
-        numbers: estimate → JSON numbers beyond those of every estimate.
+        columns: columns of the totals that `jgait estimate` prints.
+        caption: text below the printed table; a `str.format` template over the settings.
+        tables: tables that are written to files.
+        figures: figures that are drawn.
+        flags: flags of strides.
+        numbers: estimate → JSON numbers in addition to those of every estimate.
     """
 
     title: str = "Gait from wearable sensors"

@@ -1,7 +1,7 @@
-"""How the fields of an estimator's inputs are padded: each field states its first axis once, in its annotation.
+"""Padding of the inputs of an estimator: the annotation of each field defines its first axis.
 
-gyr: Held       one entry a sample, the last one goes on
-begin: Annotated[Any, Axis("zero", capacity)]      one entry a stride, with room for more
+gyr: Held       one entry a sample, padding repeats the last entry
+begin: Annotated[Any, Axis("zero", capacity)]      one entry a stride, `capacity(samples)` entries with padding
 """
 
 import functools
@@ -16,7 +16,7 @@ from jgait.types import Values
 
 
 def one_each(samples: int) -> int:
-    """An axis with one entry a sample."""
+    """The length of an axis with one entry a sample."""
     return samples
 
 
@@ -24,8 +24,8 @@ class Axis(NamedTuple):
     """The first axis of a field.
 
     Attributes:
-        fill: what is put behind the last entry: "zero" (False), "one" (True), "hold" (the last entry again), or
-            "onwards" (even steps).
+        fill: values of the padding: "zero" (False), "one" (True), "hold" (the last entry repeated), or "onwards"
+            (even steps from the last entry).
         length: number of samples → length of the axis.
     """
 
@@ -33,7 +33,7 @@ class Axis(NamedTuple):
     length: Callable[[int], int] = one_each
 
     def padded(self, values: np.ndarray, more: int) -> np.ndarray:
-        """An array with so many more entries."""
+        """The array with `more` entries of padding."""
         if not more:
             return values
         if self.fill == "onwards":
@@ -49,15 +49,15 @@ type Sampled = Annotated[Values, Axis()]
 """(T, …), one entry a sample; 0 or False in padding."""
 
 type Held = Annotated[Values, Axis("hold")]
-"""(T, …), one entry a sample; the last one goes on in padding."""
+"""(T, …), one entry a sample; padding repeats the last entry."""
 
 type Times = Annotated[Values, Axis("onwards")]
-"""(T,) [s]; goes on in even steps in padding."""
+"""(T,) [s]; padding continues in even steps."""
 
 
 @functools.cache
 def axes_of(record: PyTree) -> dict[str, Axis | None]:
-    """The axis of each field of a NamedTuple; None of a field that is not padded."""
+    """The axis of each field of a NamedTuple; None for a field that is not padded."""
 
     def axis(hint: object) -> Axis | None:
         hint = getattr(hint, "__value__", hint)
@@ -67,11 +67,11 @@ def axes_of(record: PyTree) -> dict[str, Axis | None]:
 
 
 def pad[I](inputs: I, samples: int) -> I:
-    """The same recording with invalid samples behind it, so that recordings of different length stack.
+    """The inputs with invalid samples at the end, so that recordings of different length can be stacked.
 
     Args:
-        inputs: NamedTuple of arrays and of further such tuples, or None, whose fields state their axes; `time` is (T,).
-        samples: length wanted, T or more.
+        inputs: NamedTuple of arrays, None or such NamedTuples, with axes in the annotations; `time` is (T,).
+        samples: new length, T or more.
 
     Returns:
         Inputs of `samples` samples; the estimate at the first T is unchanged.

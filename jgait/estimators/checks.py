@@ -1,4 +1,4 @@
-"""What every estimator asks of the sensors it is given, and how it says that something else came."""
+"""Checks of the sensors of a recording that all estimators use; the errors name sensor and cause."""
 
 from collections.abc import Sequence
 
@@ -8,20 +8,20 @@ from jgait.types import Imu, Recording, RecordingError, as_float
 
 
 def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
-    """The time that sensors share, checked together with their signals.
+    """The common time of several sensors; their signals are checked as well.
 
     Args:
-        recording: has all of them.
-        names: their placements.
-        caller: the estimator, subject of the message.
-        what: what they are, as in "both feet".
-        acc: whether all of them need an accelerometer.
+        recording: contains all sensors.
+        names: placements of the sensors.
+        caller: name of the estimator in error messages.
+        what: description of the sensors in error messages, such as "both feet".
+        acc: True if all sensors need an accelerometer.
 
     Returns:
         (T,) [s].
 
     Raises:
-        RecordingError: clocks that run backwards or differ, signals of the wrong shape, NaN, nothing that is not
+        RecordingError: clocks that run backwards or differ, signals of the wrong shape, NaN, all samples
             masked, no accelerometer.
     """
     time = as_float(recording.sensors[names[0]].time)
@@ -59,15 +59,15 @@ def _check_signals(imu: Imu, name: str, samples: int) -> None:
 
 
 def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
-    """Refuse a sampling rate that the clock does not have.
+    """Compare the nominal sampling rate with that of the clock.
 
     Args:
         time: (T,) [s], increasing.
-        name: the sensor's placement.
-        rate_hz: what the recording says [Hz].
+        name: placement of the sensor.
+        rate_hz: nominal sampling rate of the recording [Hz].
 
     Raises:
-        RecordingError: if they differ by a twentieth or more.
+        RecordingError: if the rates differ by more than a twentieth.
     """
     own = 1.0 / float(np.median(np.diff(time)))
     if abs(own / rate_hz - 1.0) > 0.05:

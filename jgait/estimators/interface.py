@@ -1,4 +1,4 @@
-"""What every estimator offers: decisions on the host, a pure function to compile and map, and what both come to."""
+"""Interface of all estimators: `prepare` on the host, the pure function `run`, and `estimate`, which calls both."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,15 +16,15 @@ from jgait.types import Estimate, Recording, Values
 
 
 class Prepared[I](NamedTuple):
-    """A recording made ready for the pure part of an estimator.
+    """A recording prepared for the pure function `run` of an estimator.
 
     Attributes:
-        inputs: NamedTuple of NumPy arrays whose fields state their axes, see `jgait.estimators.axes`, one of them
-            `time` (T,); recordings of one T and one structure stack.
-        options: what the recording decides at compile time, hashable; recordings that share it share a program.
-        notes: what was decided or noticed on the way.
-        standing: half-open range of samples of quiet standing; None where none was looked for.
-        extra: what the estimator's own `finish` takes; it stays on the host.
+        inputs: NamedTuple of NumPy arrays with annotated axes, see `jgait.estimators.axes`, one of them `time` (T,);
+            recordings of the same T and structure can be stacked.
+        options: static options of `run`, hashable; recordings with the same options share a compiled program.
+        notes: notes on decisions about the recording and its problems.
+        standing: half-open range of samples of quiet standing; None if the estimator does not detect it.
+        extra: further input of `finish`; it stays on the host.
     """
 
     inputs: I
@@ -35,21 +35,21 @@ class Prepared[I](NamedTuple):
 
 
 class Estimator[P, I](NamedTuple):
-    """An estimator as functions, so that cohorts and tuners need not know which one it is.
+    """An estimator as a record of functions, the same for all estimators, for cohorts and tuners.
 
     Attributes:
-        name: as in `jgait.estimators`.
+        name: name in `jgait.estimators`.
         params: default parameters, natural units.
-        transforms: their ranges, in the same type.
-        prepare: recording → `Prepared`, on the host; raises `RecordingError` for what cannot be used.
+        transforms: ranges of the parameters, in the same type.
+        prepare: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
         run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static.
-        own: (params, body) → parameters with a person's own measures put in; `body` maps a name as of the
-            diagnostics of a reference ("thigh_length" [m], …) to a number or to (right, left); pure, arrays welcome.
-        about: what the estimator states about itself: measures, options, tables, figures, flags.
+        own: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
+            reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
+        about: description of the estimator: measures, options, tables, figures, flags.
         per_stride: names of the diagnostics with an entry for each stride.
-        finish: (estimate without padding, what was prepared) → the estimate of one recording; on the host.
-        in_parts: (params, inputs, options) → the estimate of a recording so long that it is run in parts, or None of
-            one that is not; on the host.
+        finish: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
+        in_parts: (params, inputs, options) → the estimate of a long recording, computed in parts, or None for a
+            recording that is not long; on the host.
         unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
             that its gradient is zero by construction.
     """
@@ -67,7 +67,7 @@ class Estimator[P, I](NamedTuple):
     unused: tuple[str, ...] = ()
 
     def pad(self, inputs: I, samples: int) -> I:
-        """The inputs with invalid samples behind them, the estimate before them unchanged; see `axes.pad`."""
+        """The inputs with invalid samples at the end, which do not change the estimate; see `axes.pad`."""
         return pad(inputs, samples)
 
     def estimate(self, p: P, recording: Recording) -> Estimate:
@@ -75,14 +75,14 @@ class Estimator[P, I](NamedTuple):
 
         Args:
             p: parameters.
-            recording: as the estimator's package says.
+            recording: with the sensors that the estimator's package lists.
 
         Returns:
-            An `Estimate` of NumPy arrays; `diagnostics["notes"]` says what was decided or noticed, `standing` is the
+            An `Estimate` of NumPy arrays; `diagnostics["notes"]` lists decisions and problems, `standing` is the
             half-open range of samples of quiet standing, or None.
 
         Raises:
-            RecordingError: a recording that cannot be used.
+            RecordingError: an unusable recording.
             ValueError: a parameter outside its range.
         """
         check_params(p, self.transforms)
@@ -90,7 +90,7 @@ class Estimator[P, I](NamedTuple):
         return self.solve(p, prepared._replace(notes=(*recording.notes, *prepared.notes)))
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
-        """The estimate of what was prepared; as `estimate`."""
+        """The estimate of a prepared recording; as `estimate`."""
         inputs, options = prepared.inputs, prepared.options
         samples = len(inputs.time)  # type: ignore[attr-defined]
         result = None if self.in_parts is None else self.in_parts(p, inputs, options)
@@ -103,16 +103,16 @@ class Estimator[P, I](NamedTuple):
 
 
 def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict[str, Any]) -> P:
-    """Parameters with a person's own measures put in: those of the same names.
+    """The parameters with the measures of a person: each measure replaces the parameter of the same name.
 
     Args:
-        estimator: its name, for the message.
-        measures: names that the estimator takes.
-        p: parameters; of a measure with a value for each leg the parameter is a pair (right, left).
-        body: name → a number or (right, left), as far as known. Where the parameter is one number, the mean counts.
+        estimator: name of the estimator in error messages.
+        measures: names of the measures that the estimator accepts.
+        p: parameters; a parameter with a value for each leg is a pair (right, left).
+        body: name → a number or (right, left), as far as known. A parameter of one number gets the mean of both.
 
     Raises:
-        ValueError: if `body` names anything else, or a measure is not one number or two.
+        ValueError: if `body` contains another name, or a measure is not one number or two.
     """
     unknown = [name for name in body if name not in measures]
     if unknown:

@@ -1,4 +1,4 @@
-"""Kinds of facts that several estimators notice about a recording."""
+"""Kinds of notes about a recording that several estimators use."""
 
 from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind
 

@@ -1,4 +1,4 @@
-"""What is done with every estimator's inputs and result: a few lengths, one compiled program, no padding left."""
+"""Padded lengths of inputs, compilation of `run`, and removal of the padding, for all estimators."""
 
 import functools
 import math
@@ -11,17 +11,17 @@ from jaxtyping import PyTree
 from jgait.types import Estimate
 
 BUCKET = 512
-"""[samples] Recordings are padded to this times a power of two, so that few programs are compiled."""
+"""[samples] Recordings are padded to this length times a power of two, so that few programs are compiled."""
 
 
 def bucket(samples: int, smallest: int = BUCKET) -> int:
-    """The length to pad to: the smallest one times a power of two."""
+    """The padded length of a recording: `smallest` times a power of two."""
     return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
 
 
 @functools.cache
 def compiled(run: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """The compiled form of an estimator's `run`, with its options static; the same for the same function."""
+    """The compiled `run` of an estimator, with static options; cached for each function."""
     return jax.jit(run, static_argnames=("options",))
 
 
@@ -29,8 +29,8 @@ def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Esti
     """An estimate without its padding, as NumPy arrays; strides in the order of their ends.
 
     Args:
-        result: of padded inputs.
-        samples: how many are not padding.
+        result: estimate from padded inputs.
+        samples: number of samples that are not padding.
         per_stride: names of diagnostics with an entry for each stride.
     """
     result = jax.tree.map(np.asarray, result)

@@ -1,4 +1,4 @@
-"""What makes strides special, for all estimators: turns, stairs, clipped swings, half strides, unsure numbers."""
+"""Flags of strides, for all estimators: turns, stairs, clipped swings, half strides, uncertain numbers."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ from jgait.estimators.about import StrideFlag
 from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 
 LARGEST_TURN = 0.35
-"""[rad] A stride over which a foot turns by more (20°) belongs to a turn, where the estimator does not state it."""
+"""[rad] Largest change of heading of a straight stride (20°), for estimators that do not detect turns."""
 
 SHORT_STRIDE = 0.8
-"""A stride at an end of a walking bout that is shorter than this share of the median begins or ends in standing."""
+"""[1] At an end of a walking bout, a stride below this share of the median length starts or ends in standing."""
 
 FEWEST_STRIDES = 3
-"""Strides of a leg from which on their median length is used."""
+"""Least number of strides of a leg for which their median length is used."""
 
 
 def stated(estimate: Estimate, name: str) -> np.ndarray | None:
-    """(strides,) bool, the flag of this name in the diagnostics; None where the diagnostics do not have it."""
+    """(strides,) bool, the flag of this name in the diagnostics; None if the diagnostics do not contain it."""
     values = estimate.diagnostics.get(name)
     if values is None or estimate.strides is None or np.shape(values) != np.shape(estimate.strides.side):
         return None
@@ -24,7 +24,7 @@ def stated(estimate: Estimate, name: str) -> np.ndarray | None:
 
 
 def in_order(estimate: Estimate) -> np.ndarray:
-    """(rows,) int, the valid strides in the order in which they start, as in the table of strides."""
+    """(rows,) int, the valid strides in the order of their starts, as in the table of strides."""
     strides = estimate.strides
     valid = np.flatnonzero(np.asarray(strides.valid, bool))
     first = as_float(strides.standing if strides.start is None else strides.start)
@@ -32,7 +32,7 @@ def in_order(estimate: Estimate) -> np.ndarray:
 
 
 def marks(estimate: Estimate, flags: tuple[StrideFlag, ...]) -> dict[str, np.ndarray]:
-    """Flag → (rows,) bool for every row of the table of strides; flags that the estimate does not state have none."""
+    """Name of the flag → (rows,) bool for the rows of the table of strides; without flags that are not available."""
     if estimate.strides is None:
         return {}
     order = in_order(estimate)
@@ -58,7 +58,7 @@ def _half(estimate: Estimate) -> Flags:
 
 
 def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
-    """(rows,) bool, strides from or to standing: without a contact before, or short at the end of a walking bout."""
+    """(rows,) bool, strides from or to standing: without initial contact before, or short at an end of a bout."""
     start, end, length = (as_float(values)[order] for values in (strides.start, strides.end, strides.length))
     side = np.asarray(strides.side)[order]
     half = np.zeros(order.size, bool)
@@ -75,7 +75,7 @@ def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
 
 
 def _unsure(estimate: Estimate) -> Flags:
-    # where the pendulum measures the speed, an unsure integration does no harm
+    # if the speed comes from the pendulum model, the uncertain integration is not used
     return None if "pendulum_constant" in estimate.diagnostics else stated(estimate, "unsure")
 
 
@@ -114,4 +114,4 @@ WIDTH = StrideFlag(
 )  # fmt: skip
 
 STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, WIDTH)
-"""All flags, for estimates whose estimator is not known."""
+"""All flags, for estimates of an unknown estimator."""

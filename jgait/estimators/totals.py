@@ -22,10 +22,10 @@ LEVELS: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
 
 
 def level_of(text: str) -> bool | str:
-    """What is known of the ground, from the word of the command line.
+    """`FootOptions.level` for a word of the command line.
 
     Raises:
-        ValueError: for a word that is none of `LEVELS`.
+        ValueError: if the word is not in `LEVELS`.
     """
     if text not in LEVELS:
         raise ValueError(f"--level is {', '.join(LEVELS)}; got {text!r}")
@@ -36,7 +36,7 @@ LEVEL = CommandOption(
     "--level", "whether the ground is level: yes, no, or auto, which the rise of the strides decides.", str,
     parse=level_of,
 )  # fmt: skip
-"""Needs `settings` of the estimator."""
+"""The option without `settings`, which each estimator adds."""
 
 DURATION = TotalColumn("duration_s", "duration", "s", 1)
 DISTANCE = TotalColumn("distance_m", "distance", "m")
@@ -46,12 +46,12 @@ MEDIANS = (TotalColumn("stride_length_m", "length", "m"), TotalColumn("walking_s
 
 
 def has_strides(estimate: Estimate) -> bool:
-    """Whether any stride is valid."""
+    """True if any stride is valid."""
     return estimate.strides is not None and bool(np.any(estimate.strides.valid))
 
 
 def has_legs(estimate: Estimate) -> bool:
-    """Whether the angles of any leg are known."""
+    """True if the angles of any leg are estimated."""
     return any(leg is not None for leg in estimate.legs)
 
 
@@ -62,12 +62,12 @@ LEG_STRIDES = EstimateFigure("leg_strides", "strides", has_strides)
 
 
 def duration(estimate: Estimate) -> float:
-    """From the first sample to the last [s]."""
+    """Time from the first to the last sample [s]."""
     return float(estimate.time[-1] - estimate.time[0])
 
 
 def distance(estimate: Estimate) -> float | None:
-    """Distance walked [m]; None where it is not estimated."""
+    """Distance walked [m]; None if it is not estimated."""
     return None if estimate.distance is None else float(estimate.distance[-1])
 
 
@@ -82,7 +82,7 @@ def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
 
 
 def median(values: npt.ArrayLike, rows: PyTree = slice(None)) -> float | None:
-    """Median of the values that are known; None where there are none."""
+    """Median of the finite values; None if there are none."""
     if values is None:
         return None
     known = as_float(values)[rows]
