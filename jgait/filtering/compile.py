@@ -31,10 +31,10 @@ def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...
 
     Args:
         function: function to compile, typically `jax.vmap` of a filter over recordings.
-        static_argnames: as of `jax.jit`.
+        static_argnames: as in `jax.jit`.
 
     Returns:
-        The compiled function; `.lower` as of `jax.jit`.
+        The compiled function; `.lower` as in `jax.jit`.
     """
     plain = jax.jit(function, static_argnames=static_argnames)
 

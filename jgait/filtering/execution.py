@@ -56,7 +56,7 @@ def chosen(given: Inputs, method: Method, execution: Execution, about: PyTree, s
 def filtered(
     given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, about: PyTree, segments: bool
 ) -> dict[str, Any]:
-    """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays; `segments` as of `fast.scanned`."""
+    """Fields of `Posterior` by name, as arrays (T, …) or lists of (T,) arrays; `segments` as in `fast.scanned`."""
     execution = chosen(given, method, execution, about)
     if execution == "fast":
         fast.check_linear(given, method)  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ def reduced(
     Args:
         a: finite matrix.
         count: number of columns.
-        floor: as of `triangularised`.
+        floor: as in `triangularised`.
 
     Returns:
         L and U: a − L U is the remainder of a.

@@ -171,7 +171,7 @@ def step(
         observation: observation tuple of scalars; a masked component may be any finite number.
         control: control tuple of scalars, or None.
         dt: time since the previous sample [s].
-        mask: observation tuple of bools, one bool, or None; as of `kalman_filter`.
+        mask: observation tuple of bools, one bool, or None; as in `kalman_filter`.
         method: how to linearise.
 
     Returns:

@@ -1,11 +1,11 @@
-r"""How a filter replaces a nonlinear function by an affine one: the only place where KF, EKF, UKF and CKF differ.
+r"""The affine approximation of nonlinear functions: the only difference between KF, EKF, UKF and CKF.
 
-A function g of the error δ, believed to be δ ~ N(μ, P), is replaced by g(δ) ≈ v + A (δ − μ) + e, e ~ N(0, Ω):
+A function g of the error δ ~ N(μ, P) is replaced by g(δ) ≈ v + A (δ − μ) + e, e ~ N(0, Ω):
 
     EKF       v = g(μ), A = ∂g/∂δ at μ (autodiff), Ω = 0
     UKF, CKF  statistical linear regression over sigma points μ ± c L ξ_i, L Lᵀ = P: v their mean, A = B L⁻¹, and
-              Ω = Φ − A P Aᵀ, what no affine function explains
-    KF        like the EKF, for functions whose Jacobian does not depend on where it is taken
+              Ω = Φ − A P Aᵀ, the covariance of the regression's residual
+    KF        like the EKF, for functions whose Jacobian does not depend on δ
 
 Sources: S. Särkkä, "Bayesian Filtering and Smoothing" (2013), chapters 5 and 6; Á. García-Fernández et al.,
 "Posterior linearization filter", IEEE TSP 63(20), 2015, for the iterated form.
@@ -24,7 +24,7 @@ from jaxtyping import PyTree
 from jgait.filtering.linear_algebra import backward_substitution, product, scaled_cholesky
 
 SIGMA_JITTER = 100.0
-"""Least pivot of the correlation matrix that sigma points are drawn from [epsilons of the dtype]."""
+"""Least pivot of the correlation matrix from which sigma points are computed [epsilons of the dtype]."""
 
 
 class Affine(NamedTuple):
@@ -35,11 +35,11 @@ class Affine(NamedTuple):
     spread: PyTree
 
 
-# The methods are frozen dataclasses and no tuples: EKF(1) and CKF(1) would be equal as tuples, and jit, which finds
-# compiled functions by equality of their static arguments, would take one for the other.
+# The methods are frozen dataclasses, not tuples: EKF(1) and CKF(1) would be equal as tuples, and jit, which compares
+# static arguments to find a compiled function, would use the wrong one.
 @dataclass(frozen=True)
 class KF:
-    """Kalman filter: for linear models; refuses a model whose Jacobian depends on the state."""
+    """Kalman filter: for linear models; raises for a model whose Jacobian depends on the state."""
 
     @property
     def iterations(self) -> int:
@@ -49,10 +49,10 @@ class KF:
 
 @dataclass(frozen=True)
 class EKF:
-    """Extended Kalman filter; with more than one iteration the update is linearised again at its own result.
+    """Extended Kalman filter; with more than one iteration the update is linearised again at its result.
 
     Attributes:
-        iterations: how often each update is linearised, always from the same prior.
+        iterations: number of linearisations of each update; every iteration updates the same prior.
     """
 
     iterations: int = 1
@@ -65,13 +65,13 @@ class EKF:
 class UKF:
     """Unscented Kalman filter: 2n + 1 sigma points at √(α² (n + κ)) standard deviations.
 
-    The defaults have no negative weights and give the exact variance of a quadratic of one Gaussian.
+    The defaults have no negative weights and give the exact variance of a quadratic function of one Gaussian variable.
 
     Attributes:
-        alpha: spread of the points; a small one loses digits, since differences are divided by its square.
-        beta: weight of the middle in the covariance; 2 suits Gaussians.
-        kappa: further spread.
-        iterations: as of `EKF` (posterior linearisation).
+        alpha: spread of the points; a small spread increases rounding errors: differences are divided by its square.
+        beta: weight of the central point in the covariance; 2 suits Gaussian distributions.
+        kappa: additional spread of the points.
+        iterations: as in `EKF` (posterior linearisation).
     """
 
     alpha: float = 1.0
@@ -90,7 +90,7 @@ class CKF:
     """Cubature Kalman filter: 2n equally weighted points at √n standard deviations.
 
     Attributes:
-        iterations: as of `EKF` (posterior linearisation).
+        iterations: as in `EKF` (posterior linearisation).
     """
 
     iterations: int = 1
@@ -102,7 +102,7 @@ class CKF:
 Method = KF | EKF | UKF | CKF
 
 
-def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - reads as the method's name
+def IteratedEKF(iterations: int = 3) -> EKF:  # noqa: N802 - named like the method
     """The EKF whose updates are linearised `iterations` times."""
     return EKF(iterations)
 
@@ -113,7 +113,7 @@ def _check_iterations(iterations: PyTree) -> None:
 
 
 def check_method(method: PyTree) -> None:
-    """Refuse what is no method, such as the class instead of an instance.
+    """Raise if `method` is not a method, for example a class instead of an instance.
 
     Raises:
         ValueError: if `method` is not a KF, EKF, UKF or CKF.
@@ -123,17 +123,17 @@ def check_method(method: PyTree) -> None:
 
 
 def linearise(method: Method, g: Callable[[PyTree], PyTree], mean: PyTree, cov: PyTree, what: str) -> Affine:
-    """Replace g about the mean (n,) by an affine function, after the method.
+    """Replace g near the mean (n,) by an affine function, as the method defines.
 
     Args:
         method: KF, EKF, UKF or CKF.
         g: error vector (n,) → vector (m,).
-        mean: (n,) where to linearise.
-        cov: (n, n) how far around; the Jacobian methods do not look at it.
+        mean: (n,) error at which g is linearised.
+        cov: (n, n) covariance of the error; KF and EKF do not use it.
         what: name of the function, for messages.
 
     Raises:
-        ValueError: from the KF, if the Jacobian of g depends on where it is taken.
+        ValueError: if the method is `KF` and the Jacobian of g depends on the error.
     """
     if isinstance(method, UKF | CKF):
         return _regression(method, g, mean, cov)
@@ -150,8 +150,8 @@ def _regression(method: UKF | CKF, g: Callable[[PyTree], PyTree], mean: PyTree, 
     """Statistical linear regression over the points μ ± c (d L) ξ_i of a covariance d L Lᵀ d.
 
     With the pairs' half differences h_i and half second differences s_i the sums over the points become
-    v = g(μ) + Σ s_i / c², B = [h_1 … h_n] / c and Ω = Σ s_i s_iᵀ / c² + q e eᵀ with e = v − g(μ): what an affine
-    g explains has cancelled on paper, so that nothing large is left to cancel in rounding.
+    v = g(μ) + Σ s_i / c², B = [h_1 … h_n] / c and Ω = Σ s_i s_iᵀ / c² + q e eᵀ with e = v − g(μ): the affine part of
+    g is cancelled in the formula, so that no large numbers cancel in floating point.
     """
     square, q = _scaling(method, mean.shape[0])
     radius = math.sqrt(square)
@@ -177,7 +177,7 @@ def _scaling(method: UKF | CKF, size: int) -> tuple[float, float]:
 
 
 def depends_on_place(g: Callable[[PyTree], PyTree], at: PyTree) -> bool:
-    """Whether the Jacobian of g depends on where it is taken, read off the trace of its derivative."""
+    """Whether the Jacobian of g depends on g's argument, determined from the trace of the derivative."""
 
     def directional(x: PyTree, tangent: PyTree) -> PyTree:
         return jax.jvp(g, (x,), (tangent,))[1]
@@ -189,7 +189,7 @@ def depends_on_place(g: Callable[[PyTree], PyTree], at: PyTree) -> bool:
 def reached(jaxpr: PyTree, sources: set[PyTree]) -> list[bool]:
     """For each output of a jaxpr, whether any of the source variables can influence it.
 
-    Calls of functions are followed into; loops and branches count as a whole, which errs on the side of yes.
+    Called functions are analysed too; in a loop or branch every input counts as an influence on every output.
     """
     touched = set(sources)
     for equation in jaxpr.eqns:

@@ -1,7 +1,7 @@
-"""A state-space model: functions on tuples of named scalars, and beliefs about such tuples.
+"""A state-space model: functions on tuples of named scalars, and distributions of such tuples.
 
-A state is a NamedTuple of scalars (nested NamedTuples are allowed), and so are observations and controls. A
-covariance is addressed by the same names. Vectors and matrices exist only inside the filters.
+States, observations and controls are NamedTuples of scalars (nested NamedTuples are allowed). The same names
+address the entries of a covariance. Vectors and matrices exist only inside the filters.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from jgait.filtering.covariance import Covariance
 
 
 class Belief(NamedTuple):
-    """A distribution of a state: its mean, and the covariance of the error about it."""
+    """A distribution of a state: the mean, and the covariance of the error about the mean."""
 
     mean: PyTree
     cov: Covariance
@@ -26,23 +26,23 @@ class Model(NamedTuple):
         initial: params → `Belief` one interval before the first sample.
         transition: (params, state, control, dt) → state after dt.
         transition_noise: (params, state, control, dt) → `Covariance`, or an error tuple of independent variances;
-            taken at the mean before the interval.
-        observation: (params, state, control) → what the sensors should read.
-        observation_noise: (params, state, control) → `Covariance`, or an observation tuple of variances; taken at
+            computed at the mean before the interval.
+        observation: (params, state, control) → expected observation.
+        observation_noise: (params, state, control) → `Covariance`, or an observation tuple of variances; computed at
             the predicted mean.
-        retract: (state, error) → state, for states on a manifold; None adds.
-        local: (reference, state) → error with retract(reference, local(reference, state)) = state; None subtracts.
-        residual: (measured, predicted) → their difference, for angles that wrap; None subtracts.
+        retract: (state, error) → state, for states on a manifold; None: their sum.
+        local: (reference, state) → error with retract(reference, local(reference, state)) = state; None: difference.
+        residual: (measured, predicted) → their difference, for angles that wrap; None: plain subtraction.
 
-    A model with `retract` and `local` may state how errors move, so that their structure (what is zero, what is one)
-    is known; otherwise it is computed through those two, at several times the cost. To first order in `error`:
+    A model with `retract` and `local` may define the propagation of errors, so that the zeros and ones of Jacobians
+    are known; otherwise Jacobians are computed through these two, at several times the cost. To first order in `error`:
 
     Attributes:
         error_transition: (params, state, error, control, dt) → error after dt about the state after dt; or a tuple of
-            such functions, the next taking the error that the one before gives: where each changes but a few
-            components of the error, they take fewer operations than all at once.
-        error_observation: (params, state, error, control) → observation tuple, by how much it differs.
-        error_shift: (reference, delta, error) → error about reference ⊕ delta of the state reference ⊕ (delta +
+            such functions, each applied to the result of the previous: if each changes only a few components of the
+            error, they need fewer operations than a single function.
+        error_observation: (params, state, error, control) → observation tuple, the change of the observation.
+        error_shift: (reference, delta, error) → error, relative to reference ⊕ delta, of the state reference ⊕ (delta +
             error).
     """
 

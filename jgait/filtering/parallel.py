@@ -1,15 +1,16 @@
-r"""Filter and smoother in parallel over time: log T passes over all samples instead of T steps, for accelerators.
+r"""Filter and smoother in parallel over time: log T passes over all samples instead of T steps, for GPUs and TPUs.
 
-Both recursions are prefix sums of an associative operation. The element of a sample describes the effect of its
-transition and its measurement on any belief before: p(x_k | y_k, x_{k−1}) = N(A x_{k−1} + b, C), and the information
-of y_k about x_{k−1}, η and J. Two neighbours i, j make one, with W = C_i (I + J_j C_i)⁻¹,
+Both recursions are prefix sums of an associative operation. The element of a sample describes the effect of the
+sample's transition and measurement on any earlier belief: p(x_k | y_k, x_{k−1}) = N(A x_{k−1} + b, C), and the
+information of y_k about x_{k−1}, η and J. Two neighbours i, j are joined to one element; with W = C_i (I + J_j C_i)⁻¹,
 
     A = A_j (I − W J_j) A_i,  b = A_j ((I − W J_j) b_i + W η_j) + b_j,  C = A_j W A_jᵀ + C_j
     η = A_iᵀ (I − J_j W) (η_j − J_j b_i) + η_i,  J = A_iᵀ (I − J_j W) J_j A_i + J_i
 
-The smoother's element is p(x_k | x_{k+1}, y_1 … y_k) = N(E x_{k+1} + g, L). All in deviations δ from the states that
-the model is linearised about, which have to be known before: any for a linear model, else a trajectory, such as the
-smoothed one of the round before. It takes some times the operations of the sequential filter, so on a CPU it is slower.
+The smoother's element is p(x_k | x_{k+1}, y_1 … y_k) = N(E x_{k+1} + g, L). All are in deviations δ from the states
+at which the model is linearised, which must be known first: any states for a linear model, else a trajectory, such
+as the smoothed trajectory of the previous round. The operations are several times those of the sequential filter,
+so on a CPU the parallel filter is slower.
 
 Source: S. Särkkä, Á. F. García-Fernández, "Temporal parallelization of Bayesian smoothers", IEEE TAC 66(1), 2021;
 for rounds S. Yaghoobi et al., "Parallel iterated extended and sigma-point Kalman smoothers", ICASSP 2021.
@@ -38,9 +39,9 @@ from jgait.types import Values
 
 
 class AffineElement(NamedTuple):
-    """One interval and the sample at its end, in deviations δ from the states linearised about.
+    """One interval and the sample at its end, in deviations δ from the states of linearisation.
 
-    δ ← F δ + u + N(0, Q), and the residual e = H δ + N(0, R); `seen` counts its components.
+    δ ← F δ + u + N(0, Q), and the residual e = H δ + N(0, R); `seen` is the number of measured components of e.
     """
 
     F: PyTree
@@ -54,7 +55,7 @@ class AffineElement(NamedTuple):
 
 
 class Element(NamedTuple):
-    """What a stretch of samples does to the belief before it; see the module."""
+    """The effect of consecutive samples on the belief before them; see the module."""
 
     A: PyTree
     b: PyTree
@@ -64,7 +65,7 @@ class Element(NamedTuple):
 
 
 class BackwardElement(NamedTuple):
-    """What a stretch of samples makes of the belief after it; see the module."""
+    """The smoothed belief of consecutive samples given the belief after them; see the module."""
 
     E: PyTree
     g: PyTree
@@ -72,7 +73,7 @@ class BackwardElement(NamedTuple):
 
 
 class _FilteredElement(NamedTuple):
-    """The samples, and deviations and covariances over time at each one, before and after its measurement."""
+    """The samples, and each sample's deviation and covariance before and after its measurement."""
 
     samples: AffineElement
     predicted: Moments
@@ -80,23 +81,23 @@ class _FilteredElement(NamedTuple):
 
 
 def parallel_filter(ready: PreparedInputs, about: PyTree = None) -> dict[str, Any]:
-    """The Kalman filter, or the extended one linearised about a given trajectory, in parallel over time.
+    """The Kalman filter, or the extended Kalman filter linearised about a given trajectory, in parallel over time.
 
-    A sample whose numbers break down is taken for one without transition or without measurement and marked. The
-    measurement has to be uncertain even where the state before is known: R + H Q Hᵀ > 0.
+    A sample with a numerical failure is filtered without its transition or without its measurement, and marked. The
+    measurement must have a positive variance even if the previous state is known: R + H Q Hᵀ > 0.
 
     Args:
         ready: a filter's arguments.
-        about: (T, k) states to linearise about, where noises that depend on the state are taken, too: the transition
-            into sample k about entry k − 1 (the first about the initial mean), the observation about entry k. None
-            for a linear model, about its initial mean.
+        about: (T, k) states of linearisation, at which noises that depend on the state are computed, too: entry k − 1
+            for the transition into sample k (the initial mean for the first), entry k for the observation. None for
+            a linear model, which is linearised at its initial mean.
 
     Returns:
         Fields of `Posterior` by name, as vectors and matrices over time.
 
     Raises:
-        ValueError: if the model's states form a manifold, `about` has another shape, or it is None and the model is
-            not linear.
+        ValueError: if the model's states form a manifold, `about` has another shape, or `about` is None and the
+            model is not linear.
     """
     about = _about(ready, about)
     return _told(about[1], _filtered(ready, *about))
@@ -107,13 +108,13 @@ def parallel_smoother(ready: PreparedInputs, about: PyTree = None) -> dict[str, 
 
     Args:
         ready: a filter's arguments.
-        about: as of `parallel_filter`.
+        about: as in `parallel_filter`.
 
     Returns:
         "mean" (T, k), "cov" (T, n, n), and "filtered": what `parallel_filter` returns.
 
     Raises:
-        ValueError: as of `parallel_filter`.
+        ValueError: as in `parallel_filter`.
     """
     method, points = _about(ready, about)
     filtered = _filtered(ready, method, points)
@@ -128,7 +129,7 @@ def parallel_smoother(ready: PreparedInputs, about: PyTree = None) -> dict[str, 
 
 
 def _about(ready: PreparedInputs, about: PyTree) -> tuple[KF | EKF, PyTree]:
-    """How to linearise, and about which states (T, k)."""
+    """The method, and the states of linearisation (T, k)."""
     vm, start = ready.vm, ready.start.mean
     if vm.curved:
         raise ValueError(
@@ -152,7 +153,7 @@ def _filtered(ready: PreparedInputs, method: KF | EKF, points: PyTree) -> _Filte
     origins = jnp.concatenate([start.mean[None, :], points[:-1]])
     samples = jax.vmap(sample)(origins, points, ready.measured, ready.controls, ready.dt, ready.seen)
     zero = jnp.zeros_like(start.mean)
-    # The initial belief is a sample whose transition forgets everything before.
+    # The initial belief is a sample whose transition does not depend on earlier states.
     first = Element(jnp.zeros_like(start.cov), zero, start.cov, zero, jnp.zeros_like(start.cov))
     elements, positive = jax.vmap(_element)(samples)
     elements = jax.tree.map(lambda head, body: jnp.concatenate([head[None], body]), first, elements)
@@ -172,7 +173,7 @@ def _affine(
     seen: PyTree,
     method: KF | EKF,
 ) -> AffineElement:
-    """A sample's transition linearised about the origin, and its observation about the state `at`."""
+    """A sample's transition linearised about `origin`, and its observation about the state `at`."""
     prediction = affine_transition(vm, origin, control, dt, method)
     expected = vm.observation(at, control)
 
@@ -208,7 +209,7 @@ def _element(s: AffineElement) -> tuple[Element, PyTree]:
 
 
 def _joined(i: Element, j: Element) -> Element:
-    """Two neighbouring stretches as one, i before j; see the module."""
+    """Two neighbouring elements joined to one, i before j; see the module."""
     W, told = _met(i.C, j.J)
     stay = jnp.eye(W.shape[0], dtype=W.dtype) - _times(W, j.J)
     through = _times(j.A, stay)
@@ -222,7 +223,7 @@ def _joined(i: Element, j: Element) -> Element:
 
 
 def _times(a: PyTree, b: PyTree) -> PyTree:
-    """The product as one batched call: over all samples at once it beats the fused form of `linear_algebra`."""
+    """The product as one batched call, for all samples faster than the fused form of `linear_algebra`."""
     return jnp.matmul(a, b, precision=lax.Precision.HIGHEST)
 
 
@@ -233,10 +234,10 @@ def _around(a: PyTree, p: PyTree) -> PyTree:
 
 @jax.custom_jvp
 def _met(C: PyTree, J: PyTree) -> tuple[PyTree, PyTree]:
-    """A covariance C met by information J: C (I + J C)⁻¹, what is left of C, and (I + J C)⁻¹ J, what is new in J.
+    """A covariance C updated with information J: the new covariance C (I + J C)⁻¹, and (I + J C)⁻¹ J, new information.
 
-    With C = B Bᵀ both are sums of squares of (I + Bᵀ J B)⁻¹, which exists in any units. The loops keep the program
-    small, for it is compiled once for every level of the scan.
+    With C = B Bᵀ both follow from (I + Bᵀ J B)⁻¹, which exists in any units. Loops keep the program small, because
+    it is compiled once for every level of the scan.
     """
     B = _factor(C)
     G = _inverse(_around(B.T, J) + jnp.eye(C.shape[0], dtype=C.dtype))
@@ -258,7 +259,7 @@ def _met_jvp(primals: PyTree, tangents: PyTree) -> tuple[PyTree, PyTree]:
 
 
 def _factor(p: PyTree) -> PyTree:
-    """A factor B (n, n) of a perhaps singular covariance, p = B Bᵀ up to rounding; as `scaled_cholesky`."""
+    """A factor B (n, n) of a possibly singular covariance, p = B Bᵀ up to rounding; as `scaled_cholesky`."""
     size = p.shape[0]
     rows, floor = jnp.arange(size), size * float(jnp.finfo(p.dtype).eps)
     variance = jnp.diagonal(p)
@@ -277,7 +278,7 @@ def _factor(p: PyTree) -> PyTree:
 
 
 def _inverse(p: PyTree) -> PyTree:
-    """The inverse of a symmetric matrix (n, n) that is no less than I, by Gauss and Jordan's exchange steps."""
+    """The inverse of a symmetric matrix (n, n) with eigenvalues ≥ 1, by Gauss and Jordan's exchange steps."""
 
     def exchange(k: PyTree, p: PyTree) -> PyTree:
         pivot, row, column = p[k, k], p[k], p[:, k]
@@ -293,7 +294,7 @@ def _moved(s: AffineElement, before: Moments) -> Moments:
 
 
 def _told(points: PyTree, filtered: _FilteredElement) -> dict[str, Any]:
-    """Fields of `Posterior`, each sample from its own prediction."""
+    """Fields of `Posterior`, each sample from the sample's prediction."""
     samples, predicted, after = filtered
 
     def told(s: AffineElement, predicted: Moments, after: Moments) -> dict[str, Any]:
@@ -321,7 +322,7 @@ def _told(points: PyTree, filtered: _FilteredElement) -> dict[str, Any]:
 
 
 def _backward_element(now: Moments, ahead: AffineElement, predicted: Moments) -> BackwardElement:
-    """A filtered belief as an element, with the transition to the next sample and the prediction there."""
+    """The smoother's element of a filtered belief, from the transition to the next sample and its prediction."""
     gain = solve_covariance(predicted.cov, product(ahead.F, now.cov)).T
     left = jnp.eye(now.cov.shape[0], dtype=now.cov.dtype) - product(gain, ahead.F)
     spread = congruence(left, now.cov) + congruence(gain, ahead.Q)
@@ -329,7 +330,7 @@ def _backward_element(now: Moments, ahead: AffineElement, predicted: Moments) ->
 
 
 def _behind(after: BackwardElement, before: BackwardElement) -> BackwardElement:
-    """Two neighbouring stretches as one, from the later one backward, as a reversed scan meets them."""
+    """Two neighbouring elements joined to one, the later first, in the order of a reversed scan."""
     return BackwardElement(
         _times(before.E, after.E), _times(before.E, after.g) + before.g, _around(before.E, after.L) + before.L
     )

@@ -12,7 +12,7 @@ from jgait.types import Values
 
 
 def _root(cov: PyTree) -> Values:
-    """A matrix whose square is a covariance (n, n), singular or not."""
+    """A factor of a covariance (n, n), which may be singular."""
     values, vectors = jnp.linalg.eigh(cov)
     return vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]
 
@@ -20,7 +20,7 @@ def _root(cov: PyTree) -> Values:
 def draw(
     key: PRNGKeyArray, model: Model, params: PyTree, samples: int, *, controls: PyTree = None, dt: Values = 1.0
 ) -> tuple[PyTree, PyTree]:
-    """Draw one recording from a model: the truth for tests, power studies, and tuners that should find it again.
+    """Draw one random recording from a model, for tests, power studies, and checks that a fit recovers parameters.
 
         x₀ ~ N(m₀, P₀),  x_k = f(x_{k−1}) ⊕ N(0, Q),  y_k = h(x_k) + N(0, R)
 
@@ -28,15 +28,15 @@ def draw(
         key: PRNG key.
         model: state-space model.
         params: any pytree, passed on to the model's functions.
-        samples: T, how many.
+        samples: T, number of samples.
         controls: control tuple of (T,) arrays, or None.
-        dt: interval [s], scalar or (T,), as of `kalman_filter`.
+        dt: interval [s], scalar or (T,), as in `kalman_filter`.
 
     Returns:
-        States and observations in their own types, time axis in front. Pure, for `jax.vmap` over keys.
+        States and observations in the model's types, time axis in front. Pure, for `jax.vmap` over keys.
 
     Raises:
-        ValueError: if the model's functions do not fit together.
+        ValueError: if a result of the model's functions has the wrong type.
     """
     belief = model.initial(params)
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)

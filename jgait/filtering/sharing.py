@@ -1,9 +1,9 @@
-"""A value that is used more than once is computed once.
+"""Barriers that make XLA compute a value once that is used several times.
 
-XLA's fusion for CPUs writes one loop for each result that is stored, and repeats in each what they share: of a step
-of a filter with 15 states ten times as much was computed as written, and compiled. `shared` traces a function of
-scalars and puts an `optimization_barrier` behind each value that several others use and that costs more than its
-store and load.
+XLA's fusion for CPUs writes one loop for each stored result and repeats shared operations in each loop: for a step
+of a filter with 15 states, ten times the operations of the source were compiled and computed. `shared` traces a
+function of scalars and puts an `optimization_barrier` behind each value that several others use and that costs more
+than a store and a load.
 """
 
 from collections import Counter
@@ -17,16 +17,16 @@ from jaxtyping import PyTree
 from jgait.filtering.tracing import EXPENSIVE, INLINED
 
 WORTH = 3
-"""Operations from which on a value that is used again is stored."""
+"""Least number of operations at which a value that is used again is stored [1]."""
 
 _FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})
 
 
 def shared(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """The same function of pytrees, with barriers behind what is used again.
+    """The same function of pytrees, with barriers behind values that are used again.
 
     Args:
-        function: of arrays, typically the body of a scan; loops and branches in it are left as they are.
+        function: function of arrays, typically the body of a scan; loops and branches in it do not change.
     """
 
     def run(*arguments: PyTree) -> PyTree:
@@ -39,7 +39,7 @@ def shared(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
 
 
 class _Flat:
-    """Equations without calls, on numbered values."""
+    """The equations of a program without calls, on numbered values."""
 
     def __init__(self) -> None:
         self.equations: list[tuple[PyTree, list[PyTree], list[int]]] = []
@@ -54,7 +54,7 @@ class _Flat:
 
 
 def _flattened(closed: PyTree) -> tuple[_Flat, Counter[int]]:
-    """A jaxpr with its calls inlined, and how often each value is used."""
+    """A jaxpr with its calls inlined, and the number of uses of each value."""
     flat = _Flat()
 
     def constant(value: PyTree) -> int:
@@ -93,7 +93,7 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree]) -> li
     values = dict(flat.values)
     costs: dict[int, int] = dict.fromkeys(values, 0)
     for place, argument in zip(flat.inputs, arguments, strict=True):
-        # A slice of what a scan runs over is repeated, too.
+        # XLA repeats the slicing of a scan's inputs, too.
         values[place] = lax.optimization_barrier(argument) if counts[place] > 1 else argument
         costs[place] = 0
 
@@ -114,7 +114,7 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree]) -> li
 
 
 def inputs_of(inputs: list[PyTree]) -> list[int]:
-    """The places among inputs, without literals."""
+    """The numbers of the values among inputs, without literals."""
     return [place for place in inputs if isinstance(place, int)]
 
 

@@ -1,10 +1,10 @@
-r"""Smoothing: a backward scan of what later samples tell, the modified Bryson–Frazier form.
+r"""Smoothing: a backward scan of the information of later samples, the modified Bryson–Frazier form.
 
     λ ← Cᵀ Fᵀ λ − Hᵀ S⁻¹ (y − ŷ),   Λ ← Cᵀ Fᵀ Λ F C + Hᵀ S⁻¹ H,   C = I − K H
     m_s = m ⊕ (−P λ),   P_s = P − P Λ P,   λ and Λ of the samples after this one
 
 This is the Rauch–Tung–Striebel smoother without an inverse of a covariance: the same on flat states, equal to first
-order in the smoother's corrections on manifolds, where C turns with the update and P_s at last to errors about m_s.
+order in the smoother's corrections on manifolds, where C maps to errors about m, and P_s is mapped to those about m_s.
 
 Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973; H. Rauch,
 F. Tung, C. Striebel (1965), AIAA Journal 3(8).
@@ -32,7 +32,7 @@ class Smoothed(NamedTuple):
 
     Attributes:
         mean: smoothed mean in the state's type, time axis in front.
-        cov: its covariance, or None where it was not asked for.
+        cov: covariance of `mean`, or None if `covariance` is False.
         filtered: the filter's `Posterior`.
     """
 
@@ -57,28 +57,28 @@ def kalman_smoother(
     about: PyTree = None,
     form: Form = "auto",
 ) -> Smoothed:
-    """Filter forward, then smooth backward: every sample is judged by all of the recording.
+    """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
     Args:
         model: state-space model; functions at module level, since the model is a static argument of `jax.jit`.
         params: any pytree, passed on to the model's functions; differentiable.
-        observations: observation tuple of (T,) arrays; what the mask hides may be any finite number.
+        observations: observation tuple of (T,) arrays; a masked component may be any finite number.
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
-        dt: interval [s], scalar or (T,), as of `kalman_filter`.
-        mask: observation tuple of (T,) bools, one (T,) bool, or None; as of `kalman_filter`.
+        dt: interval [s], scalar or (T,), as in `kalman_filter`.
+        mask: observation tuple of (T,) bools, one (T,) bool, or None; as in `kalman_filter`.
         method: how to linearise.
-        initial: belief before the first interval; None takes the model's.
+        initial: belief before the first interval; None: the model's `initial`.
         keep: fields of the filter's `Posterior` to return.
-        covariance: False leaves the smoothed covariances out, which is several times faster. A tuple of names gives
-            those of some components of the error, ("position",) for all of its parts: the `Covariance` then belongs
-            to the error's tuple with None for the others.
-        execution: how to run it, see `jgait.filtering.execution`.
-        about: as of `kalman_filter`.
-        form: "rts" smooths as above; "bryson_frazier", for execution="fast", carries backwards what later samples
-            tell instead of the smoothed belief: the same on flat states up to rounding, equal to first order in the
+        covariance: False omits the smoothed covariances, which is several times faster. A tuple of names selects
+            components of the error, ("position",) all components of the position: the `Covariance` then has the
+            error's tuple with None for the other components.
+        execution: implementation, see `jgait.filtering.execution`.
+        about: as in `kalman_filter`.
+        form: "rts" scans the smoothed belief backwards; "bryson_frazier", for execution="fast", scans the information
+            of later samples backwards: the same on flat states up to rounding, equal to first order in the
             smoother's corrections on manifolds, and several times faster (see `jgait.filtering.bryson_frazier`).
-            "auto" takes it on the fast path for means and for some components, where states are flat or the model
-            has an `error_shift`.
+            "auto" uses "bryson_frazier" on the fast path for means and for some components, if states are flat or
+            the model has an `error_shift`.
 
     Returns:
         Smoothed means and covariances, and the filter's posterior.
@@ -128,7 +128,7 @@ _smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "cov
 
 
 def _components(covariance: bool | tuple[str, ...], error: PyTree) -> tuple[int, ...]:
-    """Which components of the error the names mean; raises ValueError for a name that none has."""
+    """The numbers of the error components with the given names; raises ValueError for an unknown name."""
     names = structure_names(error)
     if isinstance(covariance, bool):
         return tuple(range(len(names))) if covariance else ()
@@ -143,5 +143,5 @@ def _means(wanted: str, name: str) -> bool:
 
 
 def _part(chosen: tuple[int, ...], error: PyTree) -> PyTree:
-    """The structure of the error's tuple with None in place of what was not chosen."""
+    """The structure of the error's tuple with None for the components not selected."""
     return jax.tree.structure(error.unflatten([i if i in chosen else None for i in range(error.num_leaves)]))

@@ -1,15 +1,15 @@
-r"""The filter on a factor of the covariance, P = L Lᵀ: the form that keeps its digits in float32.
+r"""The filter on a factor of the covariance, P = L Lᵀ: the most accurate form in float32.
 
     predict   L⁻ = tria [A L, (Ω + Q)^½]
     update    [X 0; Y L] = tria [(R + Ω)^½, H L⁻; 0, L⁻],  S = X Xᵀ,  m = m⁻ ⊕ Y X⁻¹ (y − ŷ)
 
-tria makes an array lower triangular by turning its columns, which changes no product of two of its rows. Nothing is
+tria makes an array lower triangular by a rotation of its columns, which changes no product of two rows. Nothing is
 subtracted from a covariance. But a factor that is rounded at every step drifts as a covariance does, by an epsilon
-a step until the filter forgets: half a thousandth where it takes 10 000 steps. So the factor is never computed
-anew. Each step computes how it changes, to all digits of the change, and the carry is a sum of two numbers, the
-second being what the first has rounded off.
+a step over the filter's memory: by half a thousandth for a memory of 10 000 steps. So the factor is never computed
+anew. Each step computes the change of the factor to full precision, and the carry is a sum of two numbers, of which
+the second is the rounding error of the first.
 
-What a factor cannot hold is a noise that is no covariance: such a step is marked, even where R + H P Hᵀ would be
+A noise matrix that is not positive semidefinite has no factor: such a step is marked, even if R + H P Hᵀ is
 positive.
 
 Sources: P. Kaminski, A. Bryson, S. Schmidt, "Discrete square root filtering: a survey of current techniques",
@@ -32,17 +32,17 @@ from jgait.filtering.vectors import Moments, VectorModel
 from jgait.types import Values
 
 SINGULAR = 8.0
-"""Below this share of its standard deviation the smoother takes what a state adds for rounding [epsilons]."""
+"""Fraction of a state's standard deviation below which the smoother treats its remainder as rounding [epsilons]."""
 
 
 class Root(NamedTuple):
-    """A belief.
+    """A belief with a factored covariance.
 
     Attributes:
-        mean: (k,).
-        mean_rest: what it has rounded off (k,); 0 on manifolds.
+        mean: (k,) rounded mean.
+        mean_rest: rounding error of `mean` (k,); 0 on manifolds.
         factor: L (n, n), lower triangular with no negative entry on its diagonal; the covariance is L Lᵀ.
-        rest: what L has rounded off (n, n).
+        rest: rounding error of L (n, n).
     """
 
     mean: PyTree
@@ -52,14 +52,14 @@ class Root(NamedTuple):
 
 
 def root_of(mean: PyTree, factor: PyTree) -> Root:
-    """The belief whose numbers are exact."""
+    """The belief with rounding errors 0."""
     return Root(mean, jnp.zeros_like(mean), factor, jnp.zeros_like(factor))
 
 
 class _Move(NamedTuple):
-    """An affine transition: where the mean and its rest go, (A − I) L, and a factor of the noise.
+    """An affine transition: the predicted mean and its rounding error, (A − I) L, and a factor of the noise.
 
-    `good` is False where it broke down and the belief stands still instead.
+    `good` is False where the transition was not finite and the belief stays unchanged.
     """
 
     mean: PyTree
@@ -70,7 +70,7 @@ class _Move(NamedTuple):
 
 
 class _RootTerms(NamedTuple):
-    """One linear update from the prior: the factor ends at [L + change, extra]; the others as in `dense._Terms`."""
+    """One linear update of the prior: [L + change, extra] is the updated factor; other fields as in `dense._Terms`."""
 
     delta: PyTree
     change: PyTree
@@ -89,7 +89,7 @@ def _affine(vm: VectorModel, before: Root, control: PyTree, dt: Values, method: 
     change = product(prediction.matrix - eye, factor)
     moved = squares(factor + change)
     noise, positive = rooted(prediction.noise, moved)
-    # Squares that overflow would break the factor, and its gradient.
+    # Squares that overflow would make the factor and its gradient NaN.
     good = prediction.finite & positive & jnp.all(jnp.isfinite(moved + squares(change) + squares(noise)))
     ahead = (
         (prediction.mean, rest)
@@ -103,7 +103,7 @@ def _affine(vm: VectorModel, before: Root, control: PyTree, dt: Values, method: 
 
 
 def predicted_root(vm: VectorModel, before: Root, control: PyTree, dt: Values, method: Method) -> tuple[Root, PyTree]:
-    """The belief after the interval, and False where the numbers broke down and the one before it stands."""
+    """The belief after the interval, and False where the transition was not finite and the belief is unchanged."""
     move = _affine(vm, before, control, dt, method)
     return Root(move.mean, move.mean_rest, *changed(before.factor, before.rest, move.change, move.noise)), move.good
 
@@ -111,7 +111,7 @@ def predicted_root(vm: VectorModel, before: Root, control: PyTree, dt: Values, m
 def corrected_root(
     vm: VectorModel, prior: Root, measured: PyTree, control: PyTree, seen: PyTree, method: Method
 ) -> tuple[Root, Correction]:
-    """`dense.corrected` on a factor."""
+    """`dense.corrected` for a factored covariance."""
     factor = prior.factor
     noise = vm.observation_noise(prior.mean, control)
     first = terms = _linear_update(
@@ -174,7 +174,7 @@ def _linear_update(
     below = jnp.concatenate([jnp.zeros_like(factor, shape=(factor.shape[0], size)), factor], axis=1)
     lower, directions = reduced(jnp.concatenate([jnp.concatenate([root, shown], axis=1), below]), size)
     total, cross = lower[:size], lower[size:]
-    # What the projection leaves of [0, L]: more columns than L has, but no digit lost where R is small.
+    # The remainder of [0, L] after the projection has more columns than L, but no loss of digits where R is small.
     left = -product(cross, directions)
     good = finite & jnp.all(jnp.diagonal(total) > 0.0)
     total = _regular(total)
@@ -188,7 +188,7 @@ def _linear_update(
 
 
 def _regular(lower: PyTree) -> PyTree:
-    """A lower triangle with 1 where its diagonal is 0."""
+    """The lower triangle, with 1 where the diagonal is 0."""
     eye = jnp.eye(lower.shape[0], dtype=bool)
     return jnp.where(eye & (lower <= 0.0), 1.0, lower)
 
@@ -199,7 +199,7 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
     Args:
         ready: a filter's arguments.
         method: how to linearise.
-        keep: fields to return; beside those of `Posterior`, "factor" and "predicted_factor" (T, n, n).
+        keep: fields to return: those of `Posterior`, "factor" and "predicted_factor" (T, n, n).
     """
     vm = ready.vm
     factor, positive = rooted(ready.start.cov, jnp.zeros_like(ready.start.cov[0]))
@@ -218,7 +218,7 @@ def scanned(ready: PreparedInputs, method: Method, keep: tuple[str, ...]) -> dic
         }  # fmt: skip
         return (after, jnp.ones_like(sound)), {name: everything[name] for name in keep}
 
-    # A first covariance that is none marks the sample that it was taken for one at.
+    # An initial covariance that is not positive semidefinite marks the first sample.
     start = (root_of(ready.start.mean, factor), positive)
     return lax.scan(body, start, (ready.measured, ready.controls, ready.dt, ready.seen))[1]
 
@@ -254,7 +254,7 @@ def smoothed_scan(ready: PreparedInputs, kept: dict[str, Any], method: Method) -
 def smoothed_root(
     vm: VectorModel, filtered: Root, following: tuple[PyTree, PyTree], control: PyTree, dt: Values, method: Method
 ) -> tuple[PyTree, PyTree]:
-    """Smoothed mean and factor at one sample, from its filtered belief and the smoothed mean and factor at the next."""
+    """Smoothed mean and factor at a sample, from the filtered belief and the smoothed mean and factor at the next."""
     x, factor = filtered.mean, filtered.factor
     mean, _, change, noise, _ = _affine(vm, filtered, control, dt, method)
     step, ahead = vm.local(mean, following[0]), following[1]

@@ -1,8 +1,8 @@
 r"""Predict and update over components: the computation of `dense` without superfluous operations.
 
-Barriers stand where XLA would otherwise repeat work in each of the loops that use it. A float that is
-finite if all numbers are stands for their soundness: a comparison where it is used costs next to nothing, where stored
-bools would break up the vector loops.
+Barriers keep XLA from repeating operations in each loop that uses their results. The field `health` is a float that
+is finite if all numbers are finite: a comparison costs almost nothing, while stored bools would split XLA's vector
+loops.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,7 +42,7 @@ from jgait.types import Values
 
 
 class Components(NamedTuple):
-    """Mean (k scalars), and covariance of the error about it (n × n scalars)."""
+    """Mean (k scalars), and covariance of the error about the mean (n × n scalars)."""
 
     mean: list[PyTree]
     cov: Matrix
@@ -54,8 +54,8 @@ class Sample(NamedTuple):
     Attributes:
         measured: observation (m scalars).
         control: control tuple, or None.
-        dt: interval.
-        seen: what of the observation is there (m bools; True where the mask says nothing).
+        dt: interval [s].
+        seen: which components are measured (m bools; True without a mask).
     """
 
     measured: list[PyTree]
@@ -65,7 +65,7 @@ class Sample(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """A noise covariance that is the same at every sample; `health` is finite if it is."""
+    """A noise covariance that is the same at every sample; `health` is finite if the matrix is finite."""
 
     matrix: Matrix
     health: PyTree
@@ -76,9 +76,9 @@ class Transition(NamedTuple):
 
     Attributes:
         mean: the predicted state.
-        steps: matrices that move the error, the first one first.
+        steps: matrices that propagate the error, in the order of application.
         noise: Q.
-        health: finite where the transition was.
+        health: finite where the transition was finite.
     """
 
     mean: list[PyTree]
@@ -109,7 +109,7 @@ def dtype_of(moments: Components) -> PyTree:
 
 
 def affine_transition(cm: ComponentModel, before: Components, sample: Sample, noise: Noise | None) -> Transition:
-    """The transition linearised at the mean; where it is not finite, the identity without noise stands in for it."""
+    """The transition linearised at the mean; where it is not finite, the identity without noise replaces it."""
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
     trace = Expansion(dtype_of(before))
@@ -144,7 +144,7 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
 def _moving_steps(
     cm: ComponentModel, trace: Expansion, x: list[PyTree], mean: list[PyTree], control: PyTree, dt: Values
 ) -> list[Matrix]:
-    """The matrices that move an error, as the model states them or as its functions do it."""
+    """The matrices that propagate an error, from the model's `error_transition` or through `retract` and `local`."""
 
     def found(delta: Sequence[PyTree]) -> list[PyTree]:
         return cm.local(mean, cm.transition(cm.retract(x, delta), control, dt))
@@ -159,7 +159,7 @@ def _moving_steps(
 
 
 def _summary(values: Sequence[PyTree], safe: set[int]) -> PyTree:
-    """The sum of what is not known, each once: finite if all are, unless it overflows, which is as bad."""
+    """The sum of all distinct unknown values: finite if all are finite; a sum that overflows counts as a failure."""
     unknown = {id(value): value for value in values if not known(value) and id(value) not in safe}
     return total(unknown.values())
 
@@ -174,9 +174,9 @@ def predicted(transition: Transition, cov: Matrix) -> Components:
 def corrected(
     cm: ComponentModel, prior: Components, sample: Sample, method: KF | EKF, noise: Noise | None
 ) -> tuple[Components, Gains, Told, Matrix | None]:
-    """The belief after a sample, the last iteration's gains, what the update tells, and on a manifold its `turn`.
+    """The belief after a sample, the last iteration's gains, the update's statistics, and on a manifold its `turn`.
 
-    Each iteration linearises at the result of the one before, but starts again from the same prior.
+    Each iteration linearises at the result of the previous iteration, but updates the same prior.
     """
     size = len(prior.cov)
     at: list[PyTree] = [0.0] * size

@@ -1,9 +1,9 @@
-r"""Analysis of functions of scalars: which derivatives are constant, and the same function in faster primitives.
+r"""Analysis of functions of scalars: constant derivatives, and the same function in faster primitives.
 
-`Expansion` runs the trace of a function equation by equation. What is known (zeros and ones of a derivative's
-seed, constants) is folded away, so the Jacobian's structure comes out as Python floats among arrays; what is equal is
-computed once; sine and cosine become one polynomial pair; and results of expensive primitives pass an
-`optimization_barrier`, without which XLA would repeat them in every fused loop that uses them.
+`Expansion` evaluates the trace of a function equation by equation. Known values (zeros and ones of a derivative's
+seed, constants) are folded, so the constant entries of the Jacobian are Python floats among arrays; equal equations
+are computed once; sine and cosine become one polynomial pair; and results of expensive primitives pass an
+`optimization_barrier`, without which XLA would repeat these primitives in every fused loop that uses the results.
 """
 
 import operator
@@ -24,7 +24,7 @@ EXPENSIVE = frozenset({
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cosh", "div", "erf", "erf_inv", "exp", "exp2",
     "expm1", "log", "log1p", "logistic", "pow", "rsqrt", "sinh", "sqrt", "tan", "tanh",
 })  # fmt: skip
-"""Primitives that are worth a store and a load instead of a repetition."""
+"""Primitives that cost more than a store and a load, so that their results are stored and not computed again."""
 
 _NUMPY: dict[str, Callable[..., PyTree]] = {
     "add": operator.add, "add_any": operator.add, "sub": operator.sub, "mul": operator.mul, "neg": operator.neg,
@@ -36,7 +36,7 @@ INLINED = ("jit", "pjit", "closed_call", "core_call")
 
 
 class Expansion:
-    """One run through the traces of several functions, which share what they compute.
+    """One evaluation of the traces of several functions, which share equal equations.
 
     Values are Python floats and bools where known, arrays (or tracers) elsewhere.
     """
@@ -101,7 +101,7 @@ class Expansion:
             return self._done[key][0]
         outputs = self._bound(name, equation, inputs)
         if key is not None:
-            self._done[key] = (outputs, inputs)  # the inputs are kept so that their ids stay theirs
+            self._done[key] = (outputs, inputs)  # keeps the inputs alive, so that no other object gets their ids
         return outputs
 
     def _bound(self, name: str, equation: PyTree, inputs: list[PyTree]) -> Sequence[PyTree]:
@@ -118,7 +118,7 @@ class Expansion:
 
 
 def _constant(value: PyTree) -> PyTree:
-    """A literal as what this module knows: a Python float or bool where it is a scalar one."""
+    """A literal as a known value: a Python float or bool if it is a scalar."""
     if np.ndim(value) != 0 or isinstance(value, jax.core.Tracer):
         return value
     kind = np.result_type(value).kind
@@ -128,12 +128,12 @@ def _constant(value: PyTree) -> PyTree:
 
 
 def _array(value: PyTree, aval: PyTree) -> PyTree:
-    """A value as an argument of a primitive that expects this type."""
+    """A value as an array of the type that a primitive expects."""
     return np.asarray(value, aval.dtype) if isinstance(value, bool | float) else value
 
 
 def _key(equation: PyTree, inputs: Sequence[PyTree]) -> PyTree:
-    """What makes two equations equal, or None where that is unknown."""
+    """A key that is the same for equal equations; None if equality cannot be determined."""
     if equation.effects:
         return None
     try:
@@ -147,7 +147,7 @@ def _key(equation: PyTree, inputs: Sequence[PyTree]) -> PyTree:
 
 
 def _folded(name: str, equation: PyTree, inputs: list[PyTree]) -> PyTree:
-    """The result of an equation on scalars if it needs no computing, else None."""
+    """The result of an equation on scalars if no operation is needed at run time, else None."""
     aval = equation.outvars[0].aval
     if len(equation.outvars) != 1 or aval.shape != ():
         return None

@@ -1,4 +1,4 @@
-"""A model on lists of scalars as a model on vectors, for the dense filters alone."""
+"""A model on lists of scalars as a model on vectors, for the filters on vectors and matrices."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from jgait.types import Values
 
 
 class Moments(NamedTuple):
-    """Mean (k,), and covariance of the error about it (n, n)."""
+    """Mean (k,), and covariance of the error about the mean (n, n)."""
 
     mean: PyTree
     cov: PyTree
@@ -42,7 +42,7 @@ class VectorModel(NamedTuple):
     error_shift: Callable[[PyTree, PyTree, PyTree], PyTree] | None
 
     def recentred(self, reference: PyTree, delta: PyTree, cov: PyTree) -> PyTree:
-        """The covariance about `reference`, turned into one about the state at `delta` from it."""
+        """The covariance of errors about `reference`, mapped to errors about the state reference ⊕ delta."""
         if not self.curved:
             return cov
         return congruence(self.turn(reference, delta), cov)
@@ -57,12 +57,12 @@ class VectorModel(NamedTuple):
 
 
 def pack(tree: PyTree, structure: PyTree, dtype: DTypeLike, what: str) -> PyTree:
-    """A tuple of scalars as one vector; raises ValueError if it is another tuple than expected."""
+    """A tuple of scalars as one vector; raises ValueError if the tuple has another structure."""
     return stacked(scalars(tree, structure, dtype, what), dtype)
 
 
 def unpack(vector: PyTree, structure: PyTree) -> PyTree:
-    """A vector (or its stack over time) as the tuple it came from."""
+    """A vector, or a stack of vectors over time, as a tuple; inverse of `pack`."""
     return jax.tree.unflatten(structure, [vector[..., i] for i in range(structure.num_leaves)])
 
 
@@ -82,12 +82,12 @@ def dense_matrix(matrix: Matrix, dtype: DTypeLike) -> PyTree:
 
 
 def vector_model(model: Model, params: PyTree, mean: PyTree, observation: PyTree, dtype: DTypeLike) -> VectorModel:
-    """See a model as one on vectors; arguments and errors as of `component_model`."""
+    """Convert a model to functions on vectors; arguments and errors as in `component_model`."""
     return on_vectors(component_model(model, params, mean, observation, dtype), dtype)
 
 
 def on_vectors(cm: ComponentModel, dtype: DTypeLike) -> VectorModel:
-    """The same model on vectors."""
+    """Convert a model on lists of scalars to functions on vectors."""
     return VectorModel(
         cm.state, cm.error, cm.observed, cm.curved, cm.names,
         lambda x, control, dt: stacked(cm.transition(list(x), control, dt), dtype),
