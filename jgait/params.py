@@ -262,7 +262,7 @@ def unconstrain[P](params: P, transforms: P) -> P:
 
 
 def constrain[P](free: P, transforms: P, params: P) -> P:
-    """Map free values back to natural units; fixed parameters are taken from `params`.
+    """Map free values back to natural units; fixed parameters are copied from `params`.
 
     Args:
         free: free values, as `unconstrain` returns them.

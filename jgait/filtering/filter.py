@@ -59,7 +59,7 @@ class Step(NamedTuple):
 
     @property
     def belief(self) -> Belief:
-        """The belief after the sample: what the next step starts from."""
+        """The belief after the sample, the input of the next step."""
         return self.updated.belief
 
 

@@ -206,7 +206,7 @@ def reached(jaxpr: PyTree, sources: set[PyTree]) -> list[bool]:
 
 
 def _called(equation: PyTree) -> PyTree:
-    """The jaxpr that an equation calls once with its own inputs, or None."""
+    """The jaxpr that an equation calls once with the equation's inputs, or None."""
     if equation.primitive.name in ("scan", "while", "cond"):
         return None
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))

@@ -111,7 +111,7 @@ def parallel_smoother(ready: PreparedInputs, about: PyTree = None) -> dict[str, 
         about: as in `parallel_filter`.
 
     Returns:
-        "mean" (T, k), "cov" (T, n, n), and "filtered": what `parallel_filter` returns.
+        "mean" (T, k), "cov" (T, n, n), and "filtered": the result of `parallel_filter`.
 
     Raises:
         ValueError: as in `parallel_filter`.

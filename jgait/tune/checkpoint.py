@@ -67,7 +67,7 @@ class OtherFitError(ValueError):
 
 
 def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
-    """Read what `save` wrote.
+    """Read a pytree that `save` wrote.
 
     Args:
         path: path of the file.

@@ -1,7 +1,7 @@
 """Which parameters the data determine, from the curvature of the loss at the best parameters.
 
-All standard errors are in free coordinates (see `jgait.params`): a standard error of 1 is a factor e for a positive
-parameter, one unit of the logit for an interval, and one unit of the parameter for a real parameter.
+Unless natural units are stated, results are in free coordinates (see `jgait.params`): a standard error of 1 is a
+factor e for a positive parameter, one unit of the logit for an interval, one unit of the value for a real parameter.
 """
 
 import math

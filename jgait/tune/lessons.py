@@ -280,11 +280,11 @@ def lessons(
     """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
     A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles) is
-    a failure too; such walks need a fit of their own.
+    a failure too; such walks need a separate fit.
 
     Args:
         estimator: from `jgait.estimators`.
-        walks: taken one by one.
+        walks: the walks, read one by one.
         own: walk → body measures of the person, which `Estimator.own` puts into the parameters in every use, whichever
             parameters are fitted; None for none.
         windows: (walk, prepared) → `Windows`; None: the whole walk, relative to the standing detected.
