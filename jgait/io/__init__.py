@@ -1,7 +1,7 @@
-"""From a user's files and arrays to a `Recording`, and from an `Estimate` to tables and files.
+"""Convert a user's files and arrays to a `Recording`, and an `Estimate` to tables and files.
 
-This is the only place where units are converted, NaN is turned into a mask, and a recording is judged: what its
-structure, its clock or its units make useless raises `RecordingError`; what is merely doubtful becomes a note.
+Only this package converts units, replaces NaN by a mask, and checks recordings: a structure, a clock or units that make
+a recording unusable raise `RecordingError`; doubtful properties become notes.
 """
 
 from jgait.io.arrays import recording_from_arrays

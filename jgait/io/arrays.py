@@ -1,4 +1,4 @@
-"""Arrays to a `Recording` in SI units, on one clock, what is missing masked."""
+"""Convert arrays to a `Recording` in SI units, on one clock, with missing samples masked."""
 
 import difflib
 from collections.abc import Mapping
@@ -18,10 +18,10 @@ RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RAN
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
-    """Factor to SI.
+    """Factor from a unit to SI.
 
     Raises:
-        ValueError: if the unit is not among those known; the message lists them.
+        ValueError: if the unit is unknown; the message lists the known units.
     """
     if unit not in units:
         raise RecordingError(
@@ -46,30 +46,30 @@ def recording_from_arrays(
 ) -> Recording:
     """A recording from arrays, all sensors on one clock.
 
-    Samples that are NaN or infinite are masked: there the gyroscope is set to 0, and the accelerometer is interpolated
-    where it is what is missing. Gaps in time are filled with masked samples.
+    Samples that are NaN or infinite are masked: the gyroscope is then set to 0, and missing samples of the
+    accelerometer are interpolated. Gaps in time are filled with masked samples.
 
     Args:
         sensors: placement (see `jgait.types.PLACEMENTS`) → {"gyr": (T, 3), "acc": (T, 3) or absent}.
         time: (T,) time stamps, or None.
-        feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where there is
-            no reading; None for no such sensor.
+        feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where it was not
+            measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
         time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
         acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        name: name of the recording in tables and figures.
+        subject: name of the person.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
-        The recording in SI units; its notes state what was deduced, filled or is doubtful.
+        The recording in SI units; its notes state deduced units, filled gaps and doubtful signals.
 
     Raises:
         ValueError: for an unknown unit.
-        RecordingError: if the arrays, the clock or the units make no usable recording; the message states what was
-            expected and what came.
+        RecordingError: if the arrays, the clock or the units make the recording unusable; the message states the
+            expected and the given values.
     """
     scales = {"gyr": unit_scale(gyr_unit, GYR_UNITS, "gyr_unit"), "acc": unit_scale(acc_unit, ACC_UNITS, "acc_unit")}
     metres = unit_scale(range_unit, RANGE_UNITS, "range_unit")
@@ -97,7 +97,7 @@ def recording_from_arrays(
 
 
 def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
-    """A range on the clock of the sensors, masked where nothing was measured."""
+    """A range on the clock of the sensors, masked where it was not measured."""
     distance = as_float(values)
     if distance.shape != (samples,):
         raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")
@@ -106,7 +106,7 @@ def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, na
 
 
 def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
-    """Number of samples of one sensor, after its names and shapes were found right."""
+    """Check the names and shapes of one sensor's signals; returns its number of samples."""
     if placement not in PLACEMENTS:
         near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
         hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(PLACEMENTS)}"
@@ -126,7 +126,7 @@ def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int
 
 
 def _imu(signals: Mapping[str, ArrayLike], scales: Mapping[str, float], clock: SampleTimes) -> Imu:
-    """One sensor in SI on the clock, what is missing masked."""
+    """One sensor in SI on the clock, with missing samples masked."""
     rate = as_float(signals["gyr"]) * scales["gyr"]
     force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]
     finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
@@ -134,14 +134,14 @@ def _imu(signals: Mapping[str, ArrayLike], scales: Mapping[str, float], clock: S
     gyr = np.where(mask[:, None], rate[clock.rows], 0.0)
     if force is None:
         return Imu(clock.time, gyr, None, mask)
-    # A gyroscope that sleeps takes nothing from the accelerometer beside it.
+    # While the gyroscope sleeps, the accelerometer's samples are kept.
     measured = (clock.rows >= 0) & np.isfinite(force).all(axis=1)[clock.rows]
     acc = _interpolated(clock.time, force[clock.rows], measured)
     return Imu(clock.time, gyr, acc, mask)
 
 
 def _interpolated(time: np.ndarray, values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Masked samples from their neighbours in time, the ends held; zeros where there is none at all."""
+    """Masked samples interpolated linearly in time, constant at the ends; zeros if all samples are masked."""
     if mask.all():
         return values
     if not mask.any():

@@ -1,4 +1,4 @@
-"""A file that is there whole or not at all."""
+"""Atomic writing of files: a file is written completely or not at all."""
 
 import contextlib
 import os
@@ -9,20 +9,20 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A hidden place beside a file, which becomes the file when the block ends well.
+    """A hidden temporary file that replaces the target file when the block ends without an exception.
 
-    A reader never sees half a file, and a full disk or an exception leaves what was there before and nothing else. The
-    new file has the permissions that the user's umask gives any new file.
+    A reader never reads half a file; after an exception or on a full disk, the old file is unchanged and the temporary
+    file is removed. The new file has the permissions of the user's umask.
 
     Args:
         path: of the file; its folder must exist.
 
     Yields:
-        Where to write: an empty file in the same folder, with the same ending.
+        Path of an empty file in the same folder, with the same ending.
 
     Raises:
         FileNotFoundError: if the folder does not exist.
-        OSError: if nothing can be written there.
+        OSError: if the folder cannot be written.
     """
     target = Path(path)
     if not target.parent.is_dir():
@@ -32,7 +32,7 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         yield part
         with part.open("rb+") as written:
-            os.fsync(written.fileno())  # else a crash after the renaming may leave an empty file
+            os.fsync(written.fileno())  # without it, a crash after the renaming may leave an empty file
         os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)

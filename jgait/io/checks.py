@@ -1,4 +1,4 @@
-"""What makes a recording unusable (an error) or doubtful (a note): units deduced from size, dead channels, clipping."""
+"""Checks of a recording: errors if it is unusable, notes if it is doubtful (units, dead channels, clipping)."""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,13 +9,13 @@ from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, Imu, Recording, RecordingError
 
 GRAVITY = 9.80665
-FASTEST = 35.0  # [rad/s] 2000 deg/s, the range of common gyroscopes; no part of a walking person turns faster
-SLOWEST_WALK = 0.3  # [rad/s] even the trunk of a slow walker turns faster than this
+FASTEST = 35.0  # [rad/s] largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes
+SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
 GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer, walking or not
-CLIP_RUN = 3  # samples in a row at the extreme value; noise does not repeat itself so exactly
-CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # quiet channels repeat values without being clipped
+CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel; noise does not repeat exactly
+CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
 LONG_GAP_S = 0.1
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
@@ -35,17 +35,17 @@ CHANNEL_CLIPPED = Kind(
 
 
 def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
-    """Refuse units that the signals' sizes contradict.
+    """Refuse units that contradict the sizes of the signals.
 
     Args:
         sensors: placement → `Imu`, already converted to SI.
         gyr_unit: the stated unit of the gyroscope, 'deg/s' or 'rad/s'.
         acc_unit: the stated unit of the accelerometer, 'm/s^2' or 'g'.
-        name: what messages call the recording.
+        name: name of the recording in messages.
 
     Raises:
-        RecordingError: if a limb would turn impossibly fast, all of a moving person impossibly slowly, or gravity
-            is not there.
+        RecordingError: if in these units a limb turns impossibly fast, a moving person impossibly slowly, or the
+            accelerometer does not measure gravity.
     """
     rates = {p: float(np.percentile(np.linalg.norm(imu.gyr[imu.mask], axis=1), 99.0)) for p, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
@@ -72,7 +72,7 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
 
 
 def _moves(sensors: dict[str, Imu]) -> bool:
-    """Whether the person moves by any accelerometer; without one, a recording is taken to be of walking."""
+    """Whether any accelerometer shows that the person moves; True without an accelerometer."""
     spread = [float(np.linalg.norm(imu.acc[imu.mask], axis=1).std()) for imu in sensors.values() if imu.acc is not None]
     return not spread or max(spread) > MOVING_ACC
 
@@ -105,15 +105,15 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:
-    """Refuse distances that feet cannot have.
+    """Refuse impossible distances between the feet.
 
     Args:
-        distance: (n,) [m] of the moments at which something was measured.
+        distance: (n,) [m] the measured distances.
         unit: the stated unit.
-        name: what messages call the recording.
+        name: name of the recording in messages.
 
     Raises:
-        RecordingError: if one is not positive, or their median is not that of feet that pass each other.
+        RecordingError: if a distance is not positive, or their median is outside `FEET_APART`.
     """
     if not distance.size:
         return
@@ -139,13 +139,13 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
 
 
 def quality_notes(recording: Recording) -> tuple[Note, ...]:
-    """What is doubtful about the signals: missing stretches, clipped channels, channels that never change.
+    """Notes about doubtful signals: missing samples, clipped channels, channels that never change.
 
     Args:
         recording: a structurally sound recording.
 
     Returns:
-        One note a fact; empty where nothing was noticed.
+        The notes; empty if no signal is doubtful.
     """
     notes: list[Note] = []
     for placement, imu in recording.sensors.items():
@@ -190,10 +190,10 @@ def _channel_notes(name: str, values: np.ndarray, mask: np.ndarray, floor: float
 
 
 def check_alive(imu: Imu, placement: str, name: str) -> None:
-    """Refuse a gyroscope that recorded nothing: no sample, or all axes constant.
+    """Refuse a gyroscope without data: no sample, or all axes constant.
 
     Raises:
-        RecordingError: naming the placement and what the gyroscope reads.
+        RecordingError: with the placement and the constant value.
     """
     there = np.asarray(imu.gyr)[np.asarray(imu.mask)]
     if not len(there):
@@ -208,16 +208,16 @@ def check_alive(imu: Imu, placement: str, name: str) -> None:
 def validate(
     recording: Recording, needs: Sequence[str] = (), *, caller: str = "this estimator", acc: Iterable[str] = ()
 ) -> None:
-    """Refuse a recording that lacks what is needed, or whose records are malformed.
+    """Refuse a recording that lacks a required sensor, or whose records are malformed.
 
     Args:
-        recording: what was worn.
-        needs: placements that must be there, all on one clock.
-        caller: who needs them, the subject of the message.
-        acc: placements among them that must have an accelerometer.
+        recording: the recording.
+        needs: required placements, all on one clock.
+        caller: name of the estimator, the subject of the message.
+        acc: placements among `needs` that must have an accelerometer.
 
     Raises:
-        TypeError: if it is no `Recording`.
+        TypeError: if `recording` is no `Recording`.
         RecordingError: for example "leg_ekf needs 'thigh_right'; the recording has ['waist']".
     """
     if not isinstance(recording, Recording):

@@ -9,8 +9,8 @@ from jgait.notes import DEDUCED, LOSSES, Kind, Note
 from jgait.types import RecordingError, as_float
 
 MIN_SAMPLES = 10
-LONGEST_STEP_S = 0.5  # a longer time between samples, or a shorter one in ms, means the other unit
-SHORTEST_STEP_S = 1e-4  # and a shorter one too
+LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact ms
+SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 
@@ -27,13 +27,13 @@ GAPS_FILLED = Kind(
 
 
 class SampleTimes(NamedTuple):
-    """When each sample was taken.
+    """The time of each sample.
 
     Attributes:
-        time: (T,) [s] from 0, strictly increasing; steps are one sample time, but for jitter.
-        rows: (T,) row of the input that each sample comes from, -1 where one was inserted into a gap.
+        time: (T,) [s] from 0, strictly increasing; steps are one sample time, except for jitter.
+        rows: (T,) row of each sample in the input, -1 where a sample was inserted into a gap.
         sampling_rate_hz: [Hz].
-        notes: what was deduced or inserted.
+        notes: notes about the deduced unit and inserted samples.
     """
 
     time: np.ndarray
@@ -47,21 +47,21 @@ def make_clock(
 ) -> SampleTimes:
     """The clock from a time column, a sampling rate, or both.
 
-    Missing samples are inserted where the time jumps by more than one and a half sample times; they have no row.
+    Missing samples are inserted where time increases by more than one and a half sample times; they have no row.
 
     Args:
         samples: number of rows.
         time: (samples,) time stamps, or None.
         sampling_rate_hz: nominal rate [Hz], or None to take it from the time stamps.
         time_unit: 's' or 'ms'; None: deduced from the size of the steps, and noted.
-        name: what messages call the recording.
+        name: name of the recording in messages.
 
     Returns:
         The clock.
 
     Raises:
-        RecordingError: if there are too few samples, no clock, or time that is missing, repeats, runs backwards,
-            is in neither unit, or contradicts the sampling rate.
+        RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat, decrease,
+            are in neither unit, or contradict the sampling rate.
     """
     if samples < MIN_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {MIN_SAMPLES} are needed")
@@ -83,7 +83,7 @@ def make_clock(
     scale, notes = _scale(stamps, time_unit, name)
     seconds = (stamps - stamps[0]) * scale
     step = float(np.median(np.diff(seconds)))
-    # The mean of the regular steps is finer than their median where time stamps are rounded to milliseconds.
+    # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
     steps = np.diff(seconds)
     rate = 1.0 / float(steps[steps < 1.5 * step].mean())
     if sampling_rate_hz is None:
@@ -99,10 +99,10 @@ def make_clock(
 
 
 def check_order(stamps: np.ndarray, name: str) -> None:
-    """Refuse time stamps that are missing, or not later than the one before.
+    """Refuse time stamps that are missing or do not increase.
 
     Raises:
-        RecordingError: naming the first such row.
+        RecordingError: with the number of the first such row.
     """
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):

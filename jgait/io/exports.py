@@ -21,14 +21,14 @@ GAITMAP_PARAMETERS = {
     "swing_time": "swing time [s]",
     "stance_time": "stance time [s]",
 }
-"""gaitmap's name of a parameter → its name with the unit."""
+"""Name of a parameter in gaitmap → gaitmap's name with the unit."""
 
 BREAK = 3.0
-"""[s] The longest break in a walking bout of mobgap's."""
+"""[s] Longest break between two strides of one walking bout, mobgap's default."""
 
 
 class MobgapTables(NamedTuple):
-    """What mobgap's pipelines state of a recording, in their names and units; times in samples.
+    """Tables of a recording with the names and units of mobgap's pipelines; times in samples.
 
     Attributes:
         ic_list: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
@@ -51,22 +51,22 @@ def to_gaitmap_parameters(
     sensors: tuple[str, str] = GAITMAP_SENSORS,
     with_units: bool = False,
 ) -> "dict[str, pd.DataFrame]":
-    """The parameters of each foot's strides under gaitmap's names, those of the stride lists of `to_gaitmap`.
+    """The parameters of each foot's strides under gaitmap's names, for the strides of `to_gaitmap`.
 
-    Columns, each where the estimate has it: `stride_length` [m]; `gait_velocity` [m/s], the length over the time from
-    contact to contact; `ic_angle`, `tc_angle` [deg] of the foot with the ground, toes up positive, against standing;
-    `turning_angle` [deg], left positive; `max_sensor_lift` [m] above where the sensor was at the stride's start;
+    Columns, each if the estimate has it: `stride_length` [m]; `gait_velocity` [m/s], the length over the time from
+    contact to contact; `ic_angle`, `tc_angle` [deg] between foot and ground, toes up positive, relative to standing;
+    `turning_angle` [deg], left positive; `max_sensor_lift` [m] above the sensor's height at the stride's start;
     `stride_time`, `swing_time`, `stance_time` [s], not rounded to samples. The index is `s_id`.
 
     Args:
         estimate: of one recording, with `strides` that have contacts and standing.
-        sampling_rate_hz: as `to_gaitmap`; which strides are in order hangs on it.
+        sampling_rate_hz: as `to_gaitmap`; the order of a stride's events is checked at this rate.
         first_sample: as `to_gaitmap`.
         sensors: as `to_gaitmap`.
         with_units: name the columns as gaitmap's `parameters_pretty_`, "stride length [m]", and the index "stride id".
 
     Returns:
-        Sensor → table; a foot that was not measured has an empty one.
+        Sensor → table; the table of a foot without a sensor is empty.
 
     Raises:
         ValueError: as `to_gaitmap`.
@@ -103,18 +103,18 @@ def to_mobgap(
 ) -> MobgapTables:
     """Initial contacts, strides and walking bouts under mobgap's names.
 
-    A stride of mobgap's begins and ends with an initial contact, so that a first stride from standing is left out. A
-    bout lasts as long as the next stride begins at most `max_break_s` after the last has ended; mobgap's own selection
-    of strides and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
+    In mobgap a stride begins and ends with an initial contact, so a first stride from standing is left out. A bout
+    continues if the next stride begins at most `max_break_s` after the end of the last; mobgap's selection of strides
+    and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
 
     Args:
         estimate: of one recording, with `strides` that have contacts.
         sampling_rate_hz: of mobgap's data [Hz].
-        first_sample: time of its first sample [s], on the clock of the estimate.
+        first_sample: time of the first sample of mobgap's data [s], on the clock of the estimate.
         max_break_s: longest break in a bout [s].
 
     Returns:
-        The tables; no rows where there was no walking.
+        The tables; without rows if there are no strides.
 
     Raises:
         ValueError: if the estimate has no strides or no contacts, or the rate is not positive.
@@ -143,7 +143,7 @@ def _sides(names: "np.ndarray | list[str]") -> "pd.Categorical":
 
 
 def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float, first: float) -> "pd.DataFrame":
-    """Contacts that the estimator lists, or else those at the ends of its strides."""
+    """Initial contacts in the estimate's diagnostics, or else those at the ends of its strides."""
     import pandas as pd
 
     diagnostics = estimate.diagnostics

@@ -1,4 +1,4 @@
-"""What every reader of a binary or text file needs: a file that is there and not empty, a library, plain strings."""
+"""Functions for all readers of files: check that a file exists and is not empty, import a library, convert strings."""
 
 import importlib
 from pathlib import Path
@@ -15,15 +15,15 @@ type Tree = dict[str, Any]
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Refuse what is no file, may not be read, or is empty.
+    """Refuse a path that is no file, a file without permission to read, and an empty file.
 
     Args:
         path: the file.
-        expected: what it should be, for messages: "an APDM Opal HDF5 file".
+        expected: description of the expected file, for messages: "an APDM Opal HDF5 file".
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
-        RecordingError: if it is a folder, or empty.
+        OSError: if the file does not exist, or may not be read.
+        RecordingError: if the path is a folder, or the file is empty.
     """
     if path.is_dir():
         raise RecordingError(f"{path.name} is a folder; expected {expected}")
@@ -33,10 +33,10 @@ def check_file(path: Path, expected: str) -> None:
 
 
 def library(name: str, expected: str) -> ModuleType:
-    """A library that comes with the extra `io`.
+    """A library of the extra `io`.
 
     Raises:
-        ImportError: if it is not installed; the message states how to install it.
+        ImportError: if the library is not installed; the message states how to install it.
     """
     try:
         return importlib.import_module(name)
@@ -45,7 +45,7 @@ def library(name: str, expected: str) -> ModuleType:
 
 
 def plain(value: object) -> str:
-    """Text of a file's string, which may be bytes, an array of one string, and padded with blanks or zeros."""
+    """Text of a string in a file, which may be bytes, an array of one string, and padded with blanks or zeros."""
     if isinstance(value, np.ndarray):
         value = value.ravel()[0] if value.size else ""
     if isinstance(value, bytes):
@@ -57,9 +57,9 @@ def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.n
     """(T, 3) finite-or-NaN numbers.
 
     Args:
-        values: what the file holds.
+        values: the file's values.
         what: file and signal, for messages.
-        rows: how many rows there must be.
+        rows: required number of rows.
 
     Raises:
         RecordingError: for anything else.

@@ -1,4 +1,4 @@
-"""What a lab calls its columns, told in jgait's names: "GyroThighR_x (deg/s)" is thigh_right_gyr_x."""
+"""Recognise a lab's names of columns: "GyroThighR_x (deg/s)" is thigh_right_gyr_x in jgait."""
 
 import re
 
@@ -8,7 +8,7 @@ KINDS = {
     "gyr": ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel"),
     "acc": ("accelerometer", "acceleration", "accel", "acc"),
 }
-"""Kind of signal → words for it."""
+"""Kind of signal → words for this kind."""
 
 TIMES = (
     "time",
@@ -24,14 +24,14 @@ TIMES = (
     "tempo",
     "tijd",
 )
-"""Words for the clock, units taken off."""
+"""Words for the clock, without units."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")
-"""Words for signals that gravity was taken off, or that are not what a sensor read."""
+"""Words for processed signals, for example acceleration without gravity."""
 
 
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
-"""Columns of one sensor."""
+"""The columns of one sensor."""
 
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
@@ -40,11 +40,11 @@ WORDS = {
     "shin": "shank", "ankle": "ankle", "foot": "foot", "feet": "foot", "shoe": "foot", "instep": "foot",
     "calcn": "foot",
 }  # fmt: skip
-"""What measuring systems call the places of sensors; the longest word that fits counts."""
+"""Words of measuring systems for placements; the longest matching word is used."""
 
 
 def placement_of(label: str) -> str | None:
-    """Where a sensor sat, from its name; None where the name does not state it.
+    """The placement of a sensor from its name; None where the name does not state it.
 
     Args:
         label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
@@ -72,13 +72,13 @@ def placement_of(label: str) -> str | None:
 
 
 def column_of(name: str) -> str | None:
-    """The name that jgait has for a column, or None where the lab's name is not understood.
+    """The name of a column in jgait, or None where the lab's name is not recognised.
 
     Args:
-        name: such as "Gyro Thigh R X [deg/s]", "shank_l_accel_z", "Time (ms)"; a unit in brackets is not looked at.
+        name: such as "Gyro Thigh R X [deg/s]", "shank_l_accel_z", "Time (ms)"; a unit in brackets is ignored.
 
     Returns:
-        `time`, or <placement>_<gyr or acc>_<x, y or z>, or of a single sensor <gyr or acc>_<x, y or z>.
+        `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
     """
     plain = re.sub(r"[(\[{].*?[)\]}]", " ", name)
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", plain)]
@@ -103,7 +103,7 @@ def column_of(name: str) -> str | None:
 
 
 def _without(words: list[str], taken: str) -> list[str] | None:
-    """The words that are left when those that make up `taken` are gone; None where no words make it up."""
+    """The words without those whose concatenation is `taken`; None if `taken` is no concatenation of the words."""
     for first in range(len(words)):
         for end in range(first + 1, len(words) + 1):
             if "".join(words[first:end]) == taken:
@@ -112,7 +112,7 @@ def _without(words: list[str], taken: str) -> list[str] | None:
 
 
 def recognised(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
-    """Column → its name here, of columns in a lab's own words; left out where two columns have the same name here."""
+    """Column → jgait's name, for columns with a lab's names; left out where two columns have the same jgait name."""
     expected = {f"{where}_{channel}" for where in PLACEMENTS for channel in CHANNELS} | {"time", "feet_range"}
     names: dict[int, str] = {}
     for index, name in enumerate(given):

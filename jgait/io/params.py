@@ -1,4 +1,4 @@
-"""Parameters in a file: their values with units, and how they were made."""
+"""Parameters in a file: their values with units, and how they were computed."""
 
 import json
 import math
@@ -29,9 +29,9 @@ def write_params(
     Args:
         path: of the file.
         params: NamedTuple of single numbers, natural units.
-        estimator: which they are of.
-        stderr: name of a parameter (see `units`) → its standard error, where it is known.
-        made: how they were made; anything that JSON holds.
+        estimator: name of the estimator.
+        stderr: name of a parameter (see `units`) → its standard error, where known.
+        made: how the parameters were computed; any JSON value.
 
     Returns:
         The path.
@@ -56,15 +56,15 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
 
     Args:
         path: of the file.
-        params: NamedTuple of single numbers; what the file does not name keeps its value.
-        estimator: which they are to be of.
+        params: NamedTuple of single numbers; a parameter that is not in the file keeps its value.
+        estimator: name of the expected estimator.
 
     Returns:
-        The parameters, and how they were made.
+        The parameters, and how they were computed.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no file of parameters, of another estimator, or names one that there is not.
+        ValueError: if the file has no parameters, is of another estimator, or has an unknown parameter.
     """
     file = Path(path)
     try:

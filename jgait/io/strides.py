@@ -1,4 +1,4 @@
-"""Strides as tables: jgait's own, in metres and degrees, and gaitmap's stride lists, in samples."""
+"""Strides as tables: in metres and degrees, and as gaitmap's stride lists in samples."""
 
 import itertools
 from typing import TYPE_CHECKING
@@ -24,8 +24,8 @@ MEASURES = (
     ("contact_angle", "contact_angle", "deg", DEGREES),
     ("push_off_angle", "push_off_angle", "deg", DEGREES),
 )
-"""Field of `Strides` (the duration is end − start), name and unit of its column, and what its SI unit is multiplied
-by."""
+"""Field of `Strides` (the duration is end − start), name and unit of its column, and the factor from SI to the
+column's unit."""
 
 GAITMAP_SENSORS = ("right_sensor", "left_sensor")
 GAITMAP_COLUMNS = ("start", "end", "min_vel", "pre_ic", "tc", "ic")
@@ -38,15 +38,15 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     Columns: `s_id` from 0; `side`; times [s] `start_s final_contact_s end_s standing_s standing_end_s`;
     `stride_length_m stride_width_m step_length_m stride_duration_s walking_speed_mps stride_height_m lift_m turn_deg
     contact_angle_deg push_off_angle_deg`, see `jgait.types.Strides`; after each of these its standard deviation with
-    `_std` before the unit (`stride_length_std_m`), where one is stated; `width_valid` where the estimator states for
-    each width whether to trust it. What the source does not give has no column; what it does not give of a stride is
-    empty.
+    `_std` before the unit (`stride_length_std_m`), where the estimate has one; `width_valid`, False for unreliable
+    widths, where the estimator computes it. A quantity that the estimate lacks has no column; a value that is missing
+    in a stride is an empty cell.
 
     Args:
         estimate: of one recording, with `strides`.
 
     Returns:
-        The table, in metres and degrees; no rows where there was no walking.
+        The table, in metres and degrees; without rows if there are no strides.
 
     Raises:
         ValueError: if the estimate has no strides.
@@ -107,19 +107,19 @@ def to_gaitmap(
 ) -> "dict[str, pd.DataFrame]":
     """The strides of each foot as gaitmap's stride list of type `min_vel`: from standing to standing, in samples.
 
-    Columns, all whole numbers: `start` and `min_vel`, when the foot stands; `end`, when it stands again, the first
-    sample that is no more in the stride; `pre_ic`, the initial contact before; `tc`, the final contact; `ic`, the
-    initial contact that ends the stride. The index is `s_id`, that of `strides_to_dataframe`. As with gaitmap, a
-    stride whose events are not in this order is left out: the first from standing, which has no contact before it.
+    Columns, all whole numbers: `start` and `min_vel`, when the foot stands; `end`, when the foot stands again, the
+    first sample after the stride; `pre_ic`, the initial contact before the stride; `tc`, the final contact; `ic`, the
+    initial contact that ends the swing. The index is the `s_id` of `strides_to_dataframe`. As in gaitmap, a stride
+    whose events are not in this order is left out, for example the first from standing, which has no contact before it.
 
     Args:
         estimate: of one recording, with `strides` that have contacts and standing.
         sampling_rate_hz: of gaitmap's data [Hz].
-        first_sample: time of its first sample [s], on the clock of the estimate.
-        sensors: what gaitmap's data calls the right and the left foot's sensor.
+        first_sample: time of the first sample of gaitmap's data [s], on the clock of the estimate.
+        sensors: names of the right and the left foot's sensor in gaitmap's data.
 
     Returns:
-        Sensor → stride list; a foot that was not measured has an empty one.
+        Sensor → stride list; the list of a foot without a sensor is empty.
 
     Raises:
         ValueError: if the estimate has no strides, no contacts or no standing, or the rate is not positive.

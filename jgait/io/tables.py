@@ -1,4 +1,4 @@
-"""A user's CSV file or table to a `Recording` in SI units."""
+"""Convert a user's CSV file or table to a `Recording` in SI units."""
 
 import difflib
 import itertools
@@ -27,15 +27,15 @@ CELLS_WITHOUT_NUMBER = Kind(
 
 
 class Columns(NamedTuple):
-    """What the columns of a table hold, in the table's units.
+    """The signals in the columns of a table, in the table's units.
 
     Attributes:
         sensors: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
         time: (T,) or None.
         feet_range: (T,) or None.
         others: names of columns that are not used.
-        matched: the table's own name and ours, of columns in a lab's words.
-        odd: about cells that hold something that is no number.
+        matched: the table's name and jgait's name of each column with a lab's name.
+        odd: notes about cells without a number.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
@@ -63,23 +63,23 @@ def recording_from_dataframe(
 ) -> Recording:
     """A recording from a table with columns `<placement>_gyr_x` … `<placement>_acc_z`, perhaps `time` and `feet_range`.
 
-    Names are compared without regard to case and surrounding blanks; a lab's own words (`GyroThighR_x`) are told, and
+    Names are compared without regard to case and surrounding blanks; a lab's names (`GyroThighR_x`) are recognised, and
     noted. Accelerometer columns are optional for each placement, all three or none. `feet_range` is the distance from
-    the inner side of the left ankle to the right leg, empty where nothing was measured. Other columns are left out and
+    the inner side of the left ankle to the right leg, empty where it was not measured. Other columns are left out and
     noted.
 
     Args:
         table: one row a sample.
-        columns: the table's own name → the name expected here, for example {"Gx R": "thigh_right_gyr_x"}.
-        placement: where the sensor sat, for a table of one sensor with columns `gyr_x` … `acc_z`.
-        needs: placements that must be there.
+        columns: the table's name → the expected name, for example {"Gx R": "thigh_right_gyr_x"}.
+        placement: placement of the sensor, for a table of one sensor with columns `gyr_x` … `acc_z`.
+        needs: required placements.
         sampling_rate_hz: as `recording_from_arrays`.
         time_unit: as `recording_from_arrays`.
         gyr_unit: as `recording_from_arrays`.
         acc_unit: as `recording_from_arrays`.
         range_unit: as `recording_from_arrays`.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        name: name of the recording in tables and figures.
+        subject: name of the person.
         check_sizes: as `recording_from_arrays`.
 
     Returns:
@@ -87,8 +87,8 @@ def recording_from_dataframe(
 
     Raises:
         ValueError: for an unknown unit.
-        RecordingError: if columns are missing (the message lists what was expected and found, and what was perhaps
-            meant), hold no numbers, or the data make no usable recording.
+        RecordingError: if columns are missing (the message lists the expected and the given columns, and similar
+            names) or contain no numbers, or if the recording is unusable.
     """
     content = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
     recording = recording_from_arrays(
@@ -115,20 +115,20 @@ def columns_of(
     needs: Iterable[str] = (),
     name: str = "recording",
 ) -> Columns:
-    """The signals in a table, found by the names of its columns.
+    """The signals in a table, identified by the names of its columns.
 
     Args:
         table: as `recording_from_dataframe`.
         columns: as `recording_from_dataframe`.
         placement: as `recording_from_dataframe`.
         needs: as `recording_from_dataframe`.
-        name: what messages call it.
+        name: name of the recording in messages.
 
     Returns:
         The signals, in the table's units.
 
     Raises:
-        RecordingError: if columns are missing or hold no numbers.
+        RecordingError: if columns are missing or contain no numbers.
     """
     given = [str(column) for column in table.columns]
     renamed = _renamed(given, columns or {}, placement, name)
@@ -166,7 +166,7 @@ def about(content: Columns) -> tuple[Note, ...]:
 
 
 def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None, name: str) -> list[str]:
-    """The table's names as they are expected here."""
+    """The names of the table's columns, converted to jgait's names."""
     absent = [column for column in columns if column not in given]
     if absent:
         near = difflib.get_close_matches(absent[0], given, 1, 0.5)
@@ -181,7 +181,7 @@ def _renamed(given: list[str], columns: Mapping[str, str], placement: str | None
 def _placements(
     position: Mapping[str, int], given: list[str], needs: tuple[str, ...], name: str
 ) -> dict[str, list[str]]:
-    """Placement → kinds of signal that are there in full."""
+    """Placement → kinds of signal for which all three axes are present."""
     placements: dict[str, list[str]] = {}
     for placement in PLACEMENTS:
         for kind in ("gyr", "acc"):
@@ -225,7 +225,7 @@ def _lacking(lacking: list[str], expected: list[str], given: list[str], name: st
 
 
 def _no_number(column: "pd.Series", label: str) -> Note | None:
-    """The note that a column holds cells that are no numbers; None where it holds numbers only."""
+    """The note about cells of a column that are no numbers; None if all cells are numbers."""
     import pandas as pd
 
     odd = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
@@ -236,7 +236,7 @@ def _no_number(column: "pd.Series", label: str) -> Note | None:
 
 
 def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
-    """A column as floats; what is no number becomes NaN."""
+    """A column as floats; cells without a number become NaN."""
     import pandas as pd
 
     values = pd.to_numeric(column, errors="coerce").to_numpy(np.float64, na_value=np.nan)
@@ -268,14 +268,14 @@ def read_csv(
         path: the file.
         columns: as `recording_from_dataframe`.
         placement: as `recording_from_dataframe`.
-        needs: placements that must be there.
-        sampling_rate_hz: rate [Hz]; not needed where there is a `time` column.
+        needs: required placements.
+        sampling_rate_hz: rate [Hz]; not needed with a `time` column.
         time_unit: 's' or 'ms'; None: deduced, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
         acc_unit: 'm/s^2' or 'g'.
         range_unit: 'm', 'cm' or 'mm'.
-        name: what tables and figures call it; None: the file's name without its ending.
-        subject: who walked.
+        name: name of the recording in tables and figures; None: the file's name without its ending.
+        subject: name of the person.
         check_sizes: as `recording_from_arrays`.
 
     Returns:
@@ -284,7 +284,7 @@ def read_csv(
     Raises:
         FileNotFoundError: if there is no such file.
         ValueError: for an unknown unit.
-        RecordingError: if the file is empty, no text, has no rows, lacks columns, or holds no usable recording.
+        RecordingError: if the file is empty, no text, has no rows, lacks columns, or its recording is unusable.
     """
     file = Path(path)
     table = read_table(file)
@@ -309,7 +309,7 @@ def read_table(file: Path) -> "pd.DataFrame":
 
     Raises:
         FileNotFoundError: if there is no such file.
-        RecordingError: if it is empty, no text, has no rows, or rows that are longer than the header.
+        RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.
     """
     import pandas as pd
 

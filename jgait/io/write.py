@@ -1,4 +1,4 @@
-"""Estimates and recordings as tables, in the units and names of the ecosystem: degrees, metres, one column each."""
+"""Estimates and recordings as tables, in degrees and metres, one column for each quantity."""
 
 import os
 from collections.abc import Mapping
@@ -27,10 +27,10 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
     Columns: `time_s`; for each measured leg `hip_angle_<side>_deg`, `knee_angle_<side>_deg`, `x_<side>_m`,
     `y_<side>_m`; for each measured foot `position_x_<side>_m` … `position_z`, `velocity_x_<side>_mps` …, and the unit
-    quaternion `orientation_w_<side>` … `orientation_z` that takes the sensor's vectors to the world; where standard
-    deviations are stated, the same with `_std` before the unit, of an orientation `orientation_x_<side>_std_deg` … of
-    the rotation about the world's axes; `distance_m`; `valid`. What is not measured has no column; where `valid` is
-    False the numbers are NaN. Strides are a table of their own, see `strides_to_dataframe`.
+    quaternion `orientation_w_<side>` … `orientation_z` that rotates the sensor's vectors to the world; standard
+    deviations, where the estimate has them, with `_std` before the unit, of an orientation
+    `orientation_x_<side>_std_deg` … of the rotation about the world's axes; `distance_m`; `valid`. A quantity that is
+    not estimated has no column; where `valid` is False the numbers are NaN. For strides see `strides_to_dataframe`.
 
     Args:
         estimate: of one recording, arrays of (T,).
@@ -64,7 +64,7 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
 
 
 def _foot_columns(estimate: Estimate, side: str) -> dict[str, np.ndarray]:
-    """Columns of one foot, and of its standard deviations; none if it was not measured."""
+    """Columns of one foot, and of its standard deviations; none if the foot has no estimate."""
     columns: dict[str, np.ndarray] = {}
     for feet, suffix in ((estimate.feet, ""), (estimate.feet_stddev, "_std")):
         foot = None if feet is None else getattr(feet, side)
@@ -80,7 +80,7 @@ def _foot_columns(estimate: Estimate, side: str) -> dict[str, np.ndarray]:
 
 
 def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc_unit: str = "m/s^2") -> "pd.DataFrame":
-    """A recording as a table that `recording_from_dataframe` reads back.
+    """A recording as a table that `recording_from_dataframe` can read.
 
     Columns: `time` [s], `<placement>_gyr_x` … `<placement>_acc_z`, and `feet_range` [m] if there is one; missing
     samples are NaN.
@@ -119,7 +119,7 @@ def recording_to_dataframe(recording: Recording, *, gyr_unit: str = "deg/s", acc
 
 
 def _ranges(read: RangeReadings, time: np.ndarray, name: str) -> np.ndarray:
-    """Ranges at the samples of the sensors [m], NaN where nothing was measured."""
+    """Ranges at the samples of the sensors [m], NaN where not measured."""
     measured = np.asarray(read.mask, bool)
     at = np.asarray(read.time)[measured]
     sample = np.clip(np.searchsorted(time, at), 1, time.size - 1)
@@ -135,14 +135,14 @@ def _ranges(read: RangeReadings, time: np.ndarray, name: str) -> np.ndarray:
 def write_csv(
     what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
 ) -> Path:
-    """Write an estimate, a recording that `read_csv` reads again, or a table as a CSV file, whole or not at all.
+    """Write an estimate, a recording (for `read_csv`), or a table as a CSV file, completely or not at all.
 
-    The table of `to_dataframe`, or of `recording_to_dataframe`, is written beside the target and then takes its place,
-    so that a reader never sees half a file and a failure leaves the old one.
+    The table of `to_dataframe`, or of `recording_to_dataframe`, is written to a temporary file that then replaces the
+    target: a reader never reads half a file, and after a failure the old file is unchanged.
 
     Args:
         what: an estimate of one recording; a recording; a table, as `strides_to_dataframe` makes it; or tables by
-            sensor, as `to_gaitmap` makes them, which are put into one with a first column `sensor`.
+            sensor, as `to_gaitmap` makes them, which are joined to one table with a first column `sensor`.
         path: the file; its folder must exist.
 
     Returns:
@@ -161,7 +161,7 @@ def write_csv(
 def write_table(
     what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
 ) -> Path:
-    """Write a table as Parquet or CSV, by the file's ending, whole or not at all.
+    """Write a table as Parquet or CSV, by the file's ending, completely or not at all.
 
     Args:
         what: as `write_csv`.
@@ -183,7 +183,7 @@ def write_table(
 
 
 def _put(table: "pd.DataFrame", target: Path, *, parquet: bool) -> None:
-    """Write beside the file, then take its place."""
+    """Write a table to a temporary file, which then replaces the target."""
     if parquet:
         library("pyarrow", "or writing Parquet files")
     with replaced(target) as part:
