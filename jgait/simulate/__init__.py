@@ -1,7 +1,7 @@
 """Simulated walks: the motion of the whole lower body, the readings of worn sensors, and the exact reference.
 
-A `Person` (lengths of the body, parameters of the gait, each with its unit) walks along a `Route`. `recording` gives
-the library's own records; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.
+A `Person` (lengths of the body, parameters of the gait, each with its unit) walks along a `Route`. `recording` returns
+records of the library; `walk` is the same in pure JAX, to be jitted, mapped over people and differentiated.
 """
 
 from jgait.geometry.segments import segment_of

@@ -37,17 +37,17 @@ def walks(
     keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
     rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None, batch: int = 16,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate a walk of each of several people, one after another out of batches that share one compilation.
+    """Simulate a walk of each of several people, in batches that share one compilation; walks are returned one by one.
 
     Args:
-        keys: one PRNG key for each; `fitted` must have had the same.
-        people: who walk; floats.
-        along: the route of each; all of as many pieces.
+        keys: one PRNG key for each person, the same as for `fitted`.
+        people: persons whose fields are floats.
+        along: the route of each person; all routes have the same number of pieces.
         errors: how the sensors err and how they are mounted.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
         names: of recording and subject; None for subject_0001 …
-        batch: how many walk at once; memory grows with it.
+        batch: number of people simulated at once; memory grows with it.
 
     Yields:
         The recording, and the truth at the same times, in NumPy arrays.
@@ -80,7 +80,7 @@ def _one_by_one(
     samples = [samples_in(last, rate) for last in lasts]
     time = jnp.asarray(np.arange(roomy(max(samples))) / rate)
     for start in range(0, len(people), batch):
-        # The last batch is filled up with its last person.
+        # The last batch is filled up with copies of its last person.
         chosen = [min(i, len(people) - 1) for i in range(start, start + batch)]
         members = ([items[i] for i in chosen] for items in (people, along))
         who, where = (jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *member) for member in members)
@@ -96,21 +96,21 @@ def cohort(
     key: PRNGKeyArray, n: int, along: Route | None = None, errors: ImuErrors = IDEAL, rate: float = 100.0,
     placements: Sequence[str] = SEVEN, *, batch: int = 16,
 ) -> list[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate one walk of each of `n` people drawn from `population`, each with their own steps along one route.
+    """Simulate one walk of each of `n` people drawn from `population`, with individual steps along the same route.
 
-    The truth of a minute at 100 Hz takes some 12 MB; of many people, take the walks one after another from `walks`.
+    The truth of a minute at 100 Hz takes some 12 MB; for many people, use `walks`, which returns walks one by one.
 
     Args:
         key: PRNG key of the people, their variability and the sensors' errors.
-        n: how many.
-        along: where they walk; None for 20 m straight ahead.
+        n: number of people.
+        along: the route; None for 20 m straight ahead.
         errors: how the sensors err and how they are mounted.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        batch: how many walk at once.
+        batch: number of people simulated at once.
 
     Returns:
-        Recording and truth of each, called subject_0001 and so on.
+        Recording and truth of each person, with the names subject_0001 and so on.
 
     Raises:
         ValueError: if `n` is not positive, or as `walks`.

@@ -24,19 +24,19 @@ _RANGES: dict[str, tuple[float, float]] = {
     "hip_ahead": (-0.3, 0.3), "length_asymmetry": _HALF, "time_asymmetry": _HALF, "steps": (1.0, 2000.0),
     "length_variability": (0.0, 0.15), "time_variability": (0.0, 0.15), "right_first": (0.0, 1.0),
 }  # fmt: skip
-"""Closed ranges of the fields; those not listed must not be negative."""
+"""Closed ranges of the fields, in their units; fields not listed must not be negative."""
 
 
 @jax.jit
 def _slack(person: Person) -> Slack:
-    """How far the legs are from their limits over four even steps."""
+    """Distance of the legs from their limits over four even steps."""
     gait = person.gait._replace(steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0)
     steady = Person(person.body, gait)
     return slack(steady, plan(jax.random.key(0), steady, straight(10.0), 4))
 
 
 def check_person(person: Person) -> None:
-    """Refuse a person who cannot walk as asked, on level ground and with even steps.
+    """Check that a person can walk with this gait, on level ground and with even steps.
 
     Raises:
         TypeError: if a field is not a number.
@@ -48,7 +48,7 @@ def check_person(person: Person) -> None:
 
 
 def check_values(person: Person) -> None:
-    """Refuse values that no walk can have; whether the legs suffice depends on the way, see `check_slack`.
+    """Check the values of a person; whether the legs are long enough depends on the route, see `check_slack`.
 
     Raises:
         TypeError: if a field is not a number.
@@ -75,7 +75,7 @@ def check_values(person: Person) -> None:
 
 
 def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:
-    """Refuse sensors that nobody can wear.
+    """Check the errors, the sampling rate and the placements of sensors.
 
     Raises:
         TypeError, ValueError: if the sensors cannot err like that, the rate [Hz] is not positive, or a placement is not
@@ -89,12 +89,12 @@ def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> 
 
 
 def check_slack(person: Person, left: Slack, where: str) -> None:
-    """Refuse a walk that asks more of the legs than they have.
+    """Check that no leg exceeds its limits in a walk.
 
     Args:
-        person: who walks.
-        left: how far the legs are from their limits.
-        where: in words, for the message.
+        person: the person.
+        left: distance of the legs from their limits.
+        where: description of the route, for the message.
 
     Raises:
         ValueError: if an ankle comes too far from below the hip, or a leg is overstretched.
@@ -114,4 +114,4 @@ def check_slack(person: Person, left: Slack, where: str) -> None:
 
 
 REACH = 0.75
-"""Farthest that an ankle may be from below the hip, over the length of the leg."""
+"""[1] Largest horizontal distance between ankle and hip, over the length of the leg."""

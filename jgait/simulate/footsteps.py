@@ -1,8 +1,8 @@
 """The plan of a walk: place and time of each foothold, and the path of the pelvis.
 
-Footholds are counted k = −1, 0, 1 … in the order in which they are taken. −1 and 0 are where the feet stand at the
-start; at the contact of foothold k the clock of the walk shows k, and the foot that takes it comes from foothold
-k − 2. The last step closes up. Everything is differentiable in body, gait and route, for a given number of steps.
+Footholds are counted k = −1, 0, 1 … in order of time. On footholds −1 and 0 the feet stand at the start; at the contact
+of foothold k the clock of the walk shows k, and the foot comes from foothold k − 2. The last step is a closing step.
+For a given number of steps the plan is differentiable in body, gait and route.
 """
 
 from typing import NamedTuple
@@ -23,34 +23,34 @@ FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
 
 START, CLOSE = 1.5, 1.2
-"""How much longer than the others the first step and the last take."""
+"""[1] Duration of the first and of the last step, over that of the other steps."""
 
 
 class Plan(NamedTuple):
     """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K − 1, CURVE).
 
     Attributes:
-        x: of the point under the ankle [m].
-        y: the same [m].
-        z: height of the ground there [m].
-        foot_yaw: of the foot [rad].
+        x: x of the point under the ankle [m].
+        y: y of the point under the ankle [m].
+        z: height of the ground at that point [m].
+        foot_yaw: yaw of the foot [rad].
         slope: pitch of the ground along the foot [rad].
-        side: 1 where the left foot stands there, −1 for the right.
-        toe_up: pitch of the foot when it lands there [rad].
-        heel_up: pitch of the foot when it leaves, heel up [rad].
+        side: 1 for a foothold of the left foot, −1 for one of the right.
+        toe_up: pitch of the foot at landing [rad].
+        heel_up: pitch of the foot at toe-off, heel up [rad].
         off: steps after landing at which the heel begins to rise [1].
         leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
-        lift: how high it is lifted on the way to the next but one foothold [m].
-        contact: when it lands [s].
+        lift: lift of the foot in the swing to the next but one foothold [m].
+        contact: time of landing [s].
         time_curve: time [s] over the clock.
-        x_curve: pelvis [m].
-        y_curve: pelvis [m].
-        z_curve: pelvis, but for what it rises and falls within a step [m].
-        dip: how far it falls below that within a step, where the legs ask for it [m].
-        heading_curve: pelvis [rad].
-        distance_curve: walked along the route by the hips [m].
+        x_curve: x of the pelvis [m].
+        y_curve: y of the pelvis [m].
+        z_curve: height of the pelvis, without its rise and fall within a step [m].
+        dip: additional fall of the pelvis within a step, where the legs are too short [m].
+        heading_curve: heading of the pelvis [rad].
+        distance_curve: distance along the route, walked by the hips [m].
         walking_curve: 1 while walking, 0 while standing.
-        end: the clock when all is over [1].
+        end: the clock at the end of the walk [1].
     """
 
     x: Values
@@ -90,7 +90,7 @@ def reach(body: Body, knee: Values) -> Values:
 def _lengths(
     key: PRNGKeyArray, gait: Gait, along: Route, k: Float[Array, "foothold"], side: Float[Array, "foothold"]
 ) -> tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]]:
-    """Distance along the route (K,), step times (K,), sideways errors (K,), and the speed there (K,)."""
+    """Of each foothold: distance along the route (K,), step time (K,), sideways error (K,), and speed (K,)."""
     walks = (k > 0.5) & (k < gait.steps + 0.5)
     draws = jnp.clip(jax.random.normal(key, (k.shape[0], 3), k.dtype), -2.5, 2.5)
     relative = 1.0 - gait.length_asymmetry * side + gait.length_variability * draws[:, 0]
@@ -109,13 +109,13 @@ def _lengths(
 
 
 def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
-    """Lay out a walk, but for the height of the pelvis (`z_curve` and `dip` are 0).
+    """Plan a walk without the height of the pelvis (`z_curve` and `dip` are 0).
 
     Args:
         key: PRNG key of the variability from step to step.
-        person: who walks; `steps` must not be more than `capacity`.
-        along: where the walk leads.
-        capacity: the most steps that the arrays hold.
+        person: the person; `steps` must not be more than `capacity`.
+        along: the route of the walk.
+        capacity: largest number of steps that the arrays hold.
 
     Returns:
         The plan, K = capacity + 4.
@@ -132,8 +132,8 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     takes = (k > 0.5) & (k < n + 0.5)
     riser = routes.value_at(along, along.riser, distance)
     ground = place.z + jnp.cumsum(jnp.where(takes, riser, 0.0))
-    whole_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs it lands flat
-    # At the start the feet have stood for long: the first heel rises once the walk's clock runs, and not as high.
+    whole_foot = 1.0 / (1.0 + (riser / 0.05) ** 2)  # on stairs the foot lands flat
+    # At the start both feet stand: the first heel rises when the walk's clock starts, and less than in other steps.
     starts = k < -0.5
     contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
     contact = jnp.where(starts, gait.quiet_before - 0.5 * gait.stride_time, contact)
@@ -166,7 +166,7 @@ def _pelvis(
     feet: tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]],
     pace: Float[Array, "foothold"],
 ) -> dict[str, Float[Array, "interval coefficient"]]:
-    """Curves of the pelvis over the ground: over the middle of both feet when one lands, and a little ahead."""
+    """Curves of the pelvis in the horizontal plane: at each contact a little ahead of the middle of both feet."""
     gait = person.gait
     x, y, heading, distance = (0.5 * (values + _before(values)) for values in feet)
     standing, walking = standing_ahead(person), gait.hip_ahead * pace
@@ -182,11 +182,11 @@ def _pelvis(
 
 
 def _before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
-    """Each foothold's predecessor; the first is its own."""
+    """The value of the previous foothold for each foothold; for the first foothold, its value."""
     return jnp.concatenate([values[:1], values[:-1]])
 
 
 def standing_ahead(person: Person) -> Values:
-    """How far the hips are ahead of the ankles when standing [m]."""
+    """Distance of the hips ahead of the ankles in standing [m]."""
     b, g = person.body, person.gait
     return -(b.thigh_length * jnp.sin(g.standing_hip) + b.shank_length * jnp.sin(g.standing_hip - g.standing_knee))

@@ -16,10 +16,10 @@ class Body(NamedTuple):
         hip_width: between the hip joint centres.
         ankle_height: ankle above the sole.
         heel_length: from below the ankle back to the edge of the heel.
-        ball_length: from below the ankle forward to the ball of the foot, about which it rolls off.
+        ball_length: from below the ankle forward to the ball of the foot, about which the foot rolls off.
         toe_length: from the ball to the tip of the toes.
         back_height: from the middle of the hips up to the fifth lumbar vertebra.
-        back_depth: from the middle of the hips back to the skin over it; half of the pelvis' depth.
+        back_depth: from the middle of the hips back to the skin over this vertebra; half of the pelvis' depth.
     """
 
     thigh_length: Values = 0.245 * 1.75
@@ -34,41 +34,41 @@ class Body(NamedTuple):
 
 
 class Gait(NamedTuple):
-    """How a person walks; fractions are of the stride from a foot's initial contact.
+    """The gait of a person; fractions are shares of the stride, from the initial contact of a foot.
 
     Attributes:
-        stride_length: from one foothold of a foot to its next [m].
-        stride_time: from one initial contact of a foot to its next [s].
-        stance_fraction: how much of the stride a foot is on the ground; the tip of its toes begins to lift 5 % of
-            a stride (`feet.LINGER`) before that is over, by a few millimetres [1].
-        step_width: between the lines on which the two feet walk [m].
-        toe_out: how far the feet point outwards [rad].
+        stride_length: distance from one foothold of a foot to the next foothold of the same foot [m].
+        stride_time: time from one initial contact of a foot to the next of the same foot [s].
+        stance_fraction: share of the stride in which a foot is on the ground; the tip of its toes begins to lift 5 % of
+            a stride (`feet.LINGER`) before the end of stance, by a few millimetres [1].
+        step_width: distance between the lines on which the two feet walk [m].
+        toe_out: angle by which the feet point outwards [rad].
         toe_up: pitch of the foot at initial contact [rad].
-        heel_up: pitch of the foot at its steepest, just after the toes have left [rad].
-        foot_flat: when the sole has come down [1].
-        heel_off: when the heel begins to rise [1].
-        swing_lift: how far the foot is lifted in mid swing, beside what its pitch does [m].
+        heel_up: largest pitch of the foot, just after toe-off [rad].
+        foot_flat: end of the foot's rotation about the heel, when the sole is on the ground [1].
+        heel_off: begin of the heel's rise [1].
+        swing_lift: lift of the foot in mid swing, in addition to the effect of its pitch [m].
         landing_speed: share of its speed that the foot keeps until the ground stops it [1].
-        knee_stance: least knee flexion [rad]; the pelvis is as high as that allows.
+        knee_stance: least knee flexion [rad]; it limits the height of the pelvis.
         pelvis_rise: from the lowest to the highest position of the pelvis [m].
-        pelvis_sway: how far the pelvis moves to the side of the foot that bears [m].
-        pelvis_surge: how far the pelvis runs ahead of constant speed and falls behind [m].
-        pelvis_rotation: how far the pelvis turns with the leading leg, to each side [rad].
-        pelvis_drop: how far it drops on the side of the swinging leg [rad].
-        pelvis_nod: how far it tilts forward and back, twice a stride [rad].
-        pelvis_shock: how far landing shakes the pelvis down [m].
-        hip_ahead: how far the hips are ahead of the middle of the feet when a foot lands [m].
-        standing_hip: hip flexion when standing [rad].
-        standing_knee: knee flexion when standing [rad].
+        pelvis_sway: amplitude of the pelvis' motion to the side of the stance leg [m].
+        pelvis_surge: amplitude of the pelvis' forward motion about constant speed [m].
+        pelvis_rotation: amplitude of the pelvis' yaw with the leading leg [rad].
+        pelvis_drop: amplitude of the pelvis' drop on the side of the swing leg [rad].
+        pelvis_nod: amplitude of the pelvis' forward and backward tilt, twice a stride [rad].
+        pelvis_shock: downward motion of the pelvis from the impact at landing [m].
+        hip_ahead: distance of the hips ahead of the middle of the feet at initial contact [m].
+        standing_hip: hip flexion in standing [rad].
+        standing_knee: knee flexion in standing [rad].
         length_asymmetry: (right − left) / (right + left) of the step lengths [1].
         time_asymmetry: (right − left) / (right + left) of the step times [1].
         length_variability: standard deviation of the step length over its mean [1].
         time_variability: standard deviation of the step time over its mean [1].
-        width_variability: standard deviation of where a foot lands sideways [m].
-        steps: how many step lengths are walked, after which the other foot closes up; a whole number.
+        width_variability: standard deviation of the sideways position of footholds [m].
+        steps: number of steps before the closing step of the other foot; a whole number.
         right_first: 1 if the right foot takes the first step, 0 if the left.
-        quiet_before: quiet standing before anything moves [s].
-        quiet_after: quiet standing at the end [s].
+        quiet_before: duration of quiet standing before the walk [s].
+        quiet_after: duration of quiet standing after the walk [s].
     """
 
     stride_length: Values = 1.32
@@ -105,11 +105,11 @@ class Gait(NamedTuple):
 
 
 class Person(NamedTuple):
-    """Who walks, and how.
+    """A person: body and gait.
 
     Attributes:
-        body: the lengths.
-        gait: the manner.
+        body: lengths of the lower body.
+        gait: parameters of the gait.
     """
 
     body: Body = Body()

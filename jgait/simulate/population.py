@@ -1,7 +1,7 @@
 """Many people: adults drawn from published norms, each fitted to a route.
 
-`population` draws them, `gait` makes one manner of walking from the figures that papers print, `fitted` stretches the
-steps so that a whole number covers a route.
+`population` draws people, `gait` computes the parameters of a gait from figures printed in papers, `fitted` scales the
+stride length so that a whole number of steps covers a route.
 """
 
 import math
@@ -33,18 +33,18 @@ _USUAL_STRIDE = _USUAL.stride_length / (Body().thigh_length + Body().shank_lengt
 _MANNER = {
     "toe_up": (1, 45.0 * DEGREE), "heel_up": (1, 92.0 * DEGREE), "pelvis_surge": (1, 0.05), "pelvis_rise": (2, 0.08),
 }  # fmt: skip
-"""What grows with the stride: power of the stride over the leg, and where it ends."""
+"""Gait parameters that grow with the stride: power of the stride over the leg, and upper limit."""
 
 _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock",
          "foot_flat")  # fmt: skip
-"""What varies from person to person whatever the stride."""
+"""Gait parameters that vary from person to person independently of the stride."""
 
 
 def manner(relative_stride: Values) -> dict[str, Values]:
     """Fields of a gait that grow with the stride: foot pitch, rise and surge of the pelvis.
 
-    In proportion to the stride, the rise to its square as that of an inverted pendulum; never below a third of the
-    usual stride's, never above what a foot can do.
+    They are proportional to the stride; the rise is proportional to its square, as in an inverted pendulum. The lower
+    limit is a third of the value at the usual stride, the upper limit is anatomical.
 
     Args:
         relative_stride: stride length over the length of the leg, hip to ankle [1].
@@ -66,7 +66,7 @@ def gait(
         stride_length: L [m].
         cadence: c [steps/min].
         stature: H [m], for the length of the legs; None for 1.75.
-        **others: other fields of `Gait`, in their units; they are taken as they are.
+        **others: other fields of `Gait`, in their units; they are not changed.
 
     Returns:
         The gait; foot pitch and motion of the pelvis fit the stride.
@@ -105,9 +105,9 @@ def gait(
 
 
 def paced(person: Person, factor: Values) -> Person:
-    """The same person with strides longer and quicker by a factor [1]; the speed grows with its square.
+    """The same person with strides longer and quicker by a factor [1]; the speed grows with the factor's square.
 
-    The walk ratio stays; the foot's pitch and the pelvis' motion follow.
+    The walk ratio stays the same; the foot's pitch and the pelvis' motion change with the stride.
     """
     body, own = person.body, person.gait
     leg = body.thigh_length + body.shank_length
@@ -131,11 +131,11 @@ def _adult(key: PRNGKeyArray) -> Person:
     stature = around(middle, width)
     lengths = {name: around(1.0, 0.02) * value * stature / 1.75 for name, value in Body()._asdict().items()}
     leg = lengths["thigh_length"] + lengths["shank_length"]
-    # Taller people walk faster; what speed does to stride and cadence is the walk ratio's.
+    # Taller people walk faster; the walk ratio gives stride and cadence for a speed.
     speed = jnp.asarray(SPEED)[woman, decade] * around(1.0, 0.10) * jnp.sqrt(stature / middle)
     cadence = jnp.sqrt(60.0 * speed / (around(1.0, 0.05) * WALK_RATIO * stature))
     stride = 120.0 * speed / cadence
-    # Most vary from person to person by a tenth; angles of the foot by less.
+    # Most parameters vary from person to person by a tenth; angles of the foot by less.
     spread = {name: around(1.0, 0.10) for name in _FREE}
     follows = {name: value * around(1.0, 0.04) for name, value in manner(stride / leg).items()}
     own = Gait(
@@ -162,12 +162,12 @@ def _adults(key: PRNGKeyArray, n: int) -> Person:
 def population(key: PRNGKeyArray, n: int) -> Person:
     """Draw `n` healthy adults of 20 to 79 years, half of them women; every field of the result is (n,).
 
-    Who comes first does not depend on how many are drawn. The lengths of the body follow stature H, as in `Body`, each
-    by itself within 2 %. Speed is the mean of sex and decade, more for tall people (its root), within 10 %; step length
-    over cadence is w H within 5 %, so that with H and speed the stride grows. Pitch of the feet, surge and rise of the
-    pelvis follow the stride over the leg (`manner`).
+    The first people are the same for any n. Lengths of the body are proportional to stature H, as in `Body`, each with
+    a spread of 2 %. Speed is the mean of sex and decade times the root of the relative stature, spread 10 %; step
+    length over cadence is w H, spread 5 %, so the stride grows with H and speed. Pitch of the feet, surge and rise of
+    the pelvis depend on the stride over the leg (`manner`).
 
-    All spreads are standard deviations of normal distributions cut off at two.
+    All spreads are standard deviations of normal distributions, truncated at two standard deviations.
 
     Raises:
         ValueError: if `n` is not positive.
@@ -187,22 +187,22 @@ def population(key: PRNGKeyArray, n: int) -> Person:
 
 
 def person_of(people: Person, i: int) -> Person:
-    """The person with number `i` of a population, in floats."""
+    """The person with number `i` of a population, with fields as floats."""
     return jax.tree.map(lambda leaf: float(leaf[i]), people)
 
 
 def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
-    """The person with a whole number of steps that covers the route exactly, by strides as near their own as can be.
+    """The person with a whole number of steps that covers the route exactly, with the least change of stride length.
 
     Args:
-        key: the key with which `recording` or `walk` will be called; the variability from step to step is part of it.
-        person: who walks; floats.
-        along: where.
+        key: the key for the later call of `recording` or `walk`; it determines the variability from step to step.
+        person: the person; floats.
+        along: the route.
 
     Returns:
-        The person with `steps` and `stride_length` set; foot pitch and pelvis follow. Where a leg would be
-        overstretched (some 2 in 100 of `population` on 20 m, by less than a millimetre), `knee_stance` is raised by as
-        much as that takes, up to 4°; who needs more keeps it, and is refused when they walk.
+        The person with `steps` and `stride_length` set, foot pitch and pelvis adapted. Where a leg would be
+        overstretched (some 2 in 100 of `population` on 20 m, by less than a millimetre), `knee_stance` is raised as
+        much as necessary, up to 4°; if more is needed, it stays unchanged and simulating the walk raises an error.
 
     Raises:
         ValueError: if the route is shorter than half a step.
@@ -215,13 +215,13 @@ def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     person = Person(person.body, person.gait._replace(steps=float(steps)))
     factor = float(_stretch(jax.random.split(key)[0], person, along, room(steps)))
     grown = paced(person, factor)
-    # The time of a step is the person's own.
+    # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
     return _able(key, jax.tree.map(float, Person(person.body, stretched)), along)
 
 
 def _able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
-    """The person with knees bent by just so much more as keeps every leg from being overstretched; see `fitted`."""
+    """The person with knees bent just enough that no leg is overstretched; see `fitted`."""
     knee, able = person.gait.knee_stance, person
     for _ in range(4):
         _, left = limits(key, able, along)
@@ -236,12 +236,12 @@ def _able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
 
 
 SPARE, YIELDS = 1e-4, 4.0 * DEGREE
-"""How much longer a leg should be than it has to [1]; by how much a knee is bent more, at most [rad]."""
+"""[1] Relative reserve of leg length that is kept; [rad] largest increase of the knee flexion."""
 
 
 @partial(jax.jit, static_argnames=("capacity",))
 def _stretch(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Values:
-    """By what the strides must be longer so that the last step ends where the route does."""
+    """Factor on the stride length with which the last step ends at the end of the route [1]."""
     total = routes.total_length(along)
 
     def covered(stride: Values) -> Values:
@@ -250,6 +250,6 @@ def _stretch(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> 
         # At the end of the last interval r = 1, where a polynomial is the sum of its coefficients.
         return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST])
 
-    # What is covered is nearly in proportion to the stride; where speed changes each round is ten times nearer.
+    # The distance is nearly proportional to the stride; where speed changes, each iteration divides the error by ten.
     own = jnp.asarray(person.gait.stride_length)
     return jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own

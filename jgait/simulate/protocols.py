@@ -1,7 +1,7 @@
 """The walking protocols of the papers, performed by simulated people: one call for each paper.
 
-Every function draws people from `simulate.population`, changes them as its paper asks, and stretches their strides so
-that a whole number of steps covers the route exactly. What a paper does not state is chosen here, and marked as chosen.
+Every function draws people from `simulate.population`, changes them as in its paper, and scales their strides so that a
+whole number of steps covers the route exactly. Values that a paper does not state are chosen here and marked as chosen.
 """
 
 import math
@@ -25,9 +25,9 @@ class Walked(NamedTuple):
     """One walk of a protocol.
 
     Attributes:
-        recording: what was worn.
-        truth: everything that is known of the walk; `truth.estimate` has the type of an estimate.
-        extra: name → what else was measured or asked for; see the protocol.
+        recording: readings of the worn sensors.
+        truth: the reference of the walk; `truth.estimate` has the type of an estimate.
+        extra: name → further measurements and settings; see the protocol.
     """
 
     recording: Recording
@@ -36,7 +36,7 @@ class Walked(NamedTuple):
 
 
 def _keys(key: PRNGKeyArray, people: int) -> tuple[list[Person], list[PRNGKeyArray], list[PRNGKeyArray]]:
-    """People, a key for the walk of each, and one for whatever else is drawn."""
+    """People, a key for the walk of each person, and a key of each person for other random values."""
     who, how, other = jax.random.split(key, 3)
     drawn = simulate.population(who, people)
     numbers = range(people)
@@ -48,7 +48,7 @@ def _walked(
     keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors, rate: float,
     placements: Sequence[str], name: str,
 ) -> list[Walked]:  # fmt: skip
-    """Fit everyone to their route, and simulate."""
+    """Fit each person to the route, and simulate the walks."""
     fit = [simulate.fitted(*one) for one in zip(keys, people, along, strict=True)]
     names = [f"{name}_{i + 1:04d}" for i in range(len(fit))]
     found = simulate.walks(keys, fit, along, errors, rate, placements, names=names)
@@ -67,11 +67,11 @@ def bennett(
 
     Args:
         key: PRNG key.
-        people: how many.
-        errors: of the sensors.
+        people: number of people.
+        errors: errors of the sensors.
         rate: sampling rate [Hz].
         shortest: least distance [m].
-        longest: greatest distance [m]; each person's is drawn between them, evenly.
+        longest: greatest distance [m]; the distance of each person is drawn uniformly between the two.
         placements: where sensors are worn.
 
     Returns:
@@ -94,13 +94,13 @@ def udaya_shankar(
     key: PRNGKeyArray, people: int = 1, duration: float = 14.0, *, errors: ImuErrors = MOTE, rate: float = 50.0,
     placements: Sequence[str] = ("thigh_right", "shank_right"),
 ) -> list[Walked]:  # fmt: skip
-    """A straight walk at even speed, at least as long as asked; thigh and shank of the right leg at 50 Hz.
+    """A straight walk at constant speed with a given least duration; thigh and shank of the right leg at 50 Hz.
 
     Args:
         key: PRNG key.
-        people: how many.
-        duration: of the walking, standing not counted [s].
-        errors: of the sensors.
+        people: number of people.
+        duration: least duration of walking, without standing [s].
+        errors: errors of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn.
 
@@ -130,8 +130,8 @@ BEND = 1.0
 def silva_route(name: str) -> Route:
     """The three routes of Silva, Afonso and Rocha: 127.6 m straight, 42.05 m round a hall, 136.1 m with stairs.
 
-    Only the total lengths are printed. Chosen: on A the walk there and the walk back follow each other straight on, as
-    nobody turned while walking; B is one lap round a hall with sides of 13 m and the rest; C has five corners, 5.6 m
+    Only the total lengths are printed. Chosen: on A the outward and the return walk form one straight line, because
+    nobody turned while walking; B is one lap round a hall, with sides of 13 m and the rest; C has five corners, 5.6 m
     of stairs up and as much down (a riser of 0.15 m at every step, half the speed: some 13 to 16 of them), and ramps of
     4 % for irregular pavement.
 
@@ -158,7 +158,7 @@ def silva_route(name: str) -> Route:
 
 
 FAST = 1.2
-"""How much longer, and how much quicker, the strides of Silva's fast pace are.
+"""[1] Factor by which the strides of Silva's fast pace are longer, and quicker, than those of the normal pace.
 
 From the paper's counts of strides, Table I: normal over fast is 1.26 and 1.31 on route 1, 1.14 and 1.22 on route 2,
 1.07 and 1.11 on route 3.
@@ -173,10 +173,10 @@ def silva(
 
     Args:
         key: PRNG key; the same people walk every route at both paces.
-        people: how many.
+        people: number of people.
         route: "A", "B" or "C", see `silva_route`; routes 1, 2 and 3 of the paper.
         speed: "normal" or "fast".
-        errors: of the sensors.
+        errors: errors of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn.
 
@@ -199,7 +199,7 @@ def silva(
 
 
 SKIN = 0.04
-"""From the axis of a shank to its inner side, above the ankle [m]; chosen."""
+"""Distance from the axis of a shank to its inner side, above the ankle [m]; chosen."""
 
 
 def potter(
@@ -209,24 +209,24 @@ def potter(
 ) -> list[Walked]:  # fmt: skip
     """50 m, a corner of 90°, 25 m, on marks 0.30 m apart sideways and 0.61 m forward; both feet, and a range.
 
-    The range sensor sits on the inner side of the left ankle and looks at the right leg.
+    The range sensor sits on the inner side of the left ankle and points at the right leg.
 
     Args:
         key: PRNG key.
-        people: how many.
-        errors: of the inertial sensors.
-        ranging: of the range sensor.
+        people: number of people.
+        errors: errors of the inertial sensors.
+        ranging: errors of the range sensor.
         rate: sampling rate [Hz].
         placements: where sensors are worn.
-        straight: before the corner [m].
-        after: after it [m].
-        turn: of the corner, left positive [rad].
+        straight: distance before the corner [m].
+        after: distance after the corner [m].
+        turn: angle of the corner, left positive [rad].
 
     Returns:
-        The walks, `feet_range` in their recordings; `extra` as `bennett`, and `range` (the same), the true distance
-        between the skin of both legs `range_distance` (T,) [m], the places `sender` and `receiver` (T, 3) [m],
-        `offset`, by which the axes of the shanks are farther apart [m], and `corner`, where on the route the corner
-        begins and ends (2,) [m].
+        The walks, with `feet_range` in their recordings; `extra` as in `bennett`, and `range` (equal to `feet_range`),
+        the true distance between the skin of both legs `range_distance` (T,) [m], the positions `sender` and `receiver`
+        (T, 3) [m], `offset`, the distance of the shanks' axes minus that of the skin [m], and `corner`, the distances
+        along the route at which the corner begins and ends (2,) [m].
 
     Source: Potter's filter for stride width: section III-A (Opal on each instep, 128 Hz; HC-SR04 at the left ankle,
     30 Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
@@ -253,7 +253,7 @@ def potter(
 
 
 def _ranged(key: PRNGKeyArray, truth: Truth, ranging: Ranging) -> dict[str, Any]:
-    """Distance from the inner side of the left ankle to the right leg, and what the sensor makes of it."""
+    """True distance from the inner side of the left ankle to the right leg, and the readings of the range sensor."""
     segments = truth.motion.pose
 
     def rows(vector: PyTree) -> Float[Array, "time 3"]:
@@ -275,21 +275,21 @@ _range = jax.jit(measure_range)
 
 SIDEWAYS = 2.0 * math.pi / 3.0 / math.sqrt(3.0)
 RIGHT_SIDE = FREESENSE._replace(mounting_x=SIDEWAYS, mounting_y=SIDEWAYS, mounting_z=-SIDEWAYS)
-"""A FreeSense as it is worn: its x axis down, y forward, z to the right."""
+"""A FreeSense in the orientation in which it is worn: x axis down, y forward, z to the right."""
 
 
 def kose(
     key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = RIGHT_SIDE, rate: float = 100.0,
     speeds: Sequence[float] = (1.0, 1.15, 1.3), piece: float = 25.0, placements: Sequence[str] = ("waist",),
 ) -> list[Walked]:  # fmt: skip
-    """75 m straight, faster after every 25 m; the waist, on its right side, at 100 Hz.
+    """75 m straight, faster after every 25 m; a sensor on the right side of the waist at 100 Hz.
 
     Args:
         key: PRNG key.
-        people: how many.
-        errors: of the sensors.
+        people: number of people.
+        errors: errors of the sensors.
         rate: sampling rate [Hz].
-        speeds: of the pieces, over the person's own speed [1].
+        speeds: speeds of the pieces, over the person's self-selected speed [1].
         piece: length of each piece [m].
         placements: where sensors are worn.
 

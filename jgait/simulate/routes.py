@@ -11,13 +11,13 @@ from jgait.types import AnyArray, Values
 
 
 class Route(NamedTuple):
-    """The line between the feet, piece after piece, from the origin along x.
+    """The line of the walk, midway between the feet, piece after piece, from the origin along x.
 
     Attributes:
-        length: (n,) of each piece [m].
-        turn: (n,) by how much the heading turns along it, counter-clockwise [rad].
+        length: (n,) length of each piece [m].
+        turn: (n,) change of the heading along the piece, counter-clockwise [rad].
         slope: (n,) metres up for each metre forward [1].
-        speed: (n,) walking speed on it, in that of the gait [1].
+        speed: (n,) walking speed on the piece, over the speed of the gait [1].
         riser: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
     """
 
@@ -29,7 +29,7 @@ class Route(NamedTuple):
 
 
 def route(*pieces: dict[str, float]) -> Route:
-    """A route from pieces; each is a dictionary with a `length` [m] and, where not 0 (1), the other fields.
+    """A route from pieces: dictionaries with `length` [m] and the other fields; defaults are 0, for `speed` 1.
 
     Raises:
         ValueError: if there is no piece, a length is not positive, a speed is not positive, or a name is not known.
@@ -54,12 +54,12 @@ def straight(length: float, speed: float = 1.0) -> Route:
 
 
 def corner(before: float, turn: float, after: float, radius: float = 0.8) -> Route:
-    """Straight, a bend of `turn` [rad] (left positive) with a radius [m], straight."""
+    """A straight piece, a bend by `turn` [rad] (left positive) with a radius [m], a straight piece."""
     return route({"length": before}, {"length": abs(turn) * radius, "turn": turn}, {"length": after})
 
 
 def u_turn(length: float, radius: float = 0.4, *, left: bool = True) -> Route:
-    """Straight out, half a circle, straight back; `length` [m] each way."""
+    """A straight piece, half a circle, a straight piece back; `length` [m] each way."""
     return corner(length, math.pi if left else -math.pi, length, radius)
 
 
@@ -73,12 +73,12 @@ def rectangle(a: float, b: float, laps: int = 1, radius: float = 0.8) -> Route:
 
 
 def circle(radius: float, laps: float = 1.0) -> Route:
-    """Round a circle of a radius [m], counter-clockwise."""
+    """Laps round a circle with a radius [m], counter-clockwise."""
     return route({"length": 2.0 * math.pi * radius * laps, "turn": 2.0 * math.pi * laps})
 
 
 def faster(length: float, *speeds: float) -> Route:
-    """Straight ahead, `length` [m] at each of the speeds (1: that of the gait)."""
+    """Straight ahead, `length` [m] at each of the speeds (1: the speed of the gait)."""
     return route(*({"length": length, "speed": speed} for speed in speeds))
 
 
@@ -88,7 +88,7 @@ def total_length(along: Route) -> Values:
 
 
 class Place(NamedTuple):
-    """A point on the route: where it is [m], and the heading there [rad]."""
+    """A point on the route: its position [m], and the heading at this point [rad]."""
 
     x: Values
     y: Values
@@ -120,7 +120,7 @@ def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
 def value_at(
     along: Route, field: Float[AnyArray, "piece"], distance: Float[AnyArray, "*shape"]
 ) -> Float[Array, "*shape"]:
-    """A field of the route at distances (K,) [m]; it changes over half a metre about each border."""
+    """A field of the route at distances (K,) [m]; at each border of pieces it changes over half a metre."""
     borders = jnp.cumsum(jnp.asarray(along.length))[:-1]
     values = jnp.asarray(field)
     total = jnp.full_like(distance, 1.0) * values[0]

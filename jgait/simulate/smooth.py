@@ -1,6 +1,6 @@
 """Smooth functions of the walking model: steps that start and end at rest, and curves through given points.
 
-Steps are constant outside [0, 1], so that a foot that stands, stands exactly, and six times continuously
+Steps are constant outside [0, 1], so that a foot in stance is exactly at rest, and six times continuously
 differentiable, so that sums over samples converge fast to integrals.
 """
 
@@ -34,7 +34,7 @@ def step(u: Values) -> Values:
 
 @step.defjvp
 def _step_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values, Values]:
-    # The polynomial's own derivative would cancel near the ends, where it has to be exactly 0.
+    # The derivative of the polynomial loses precision near the ends, where the derivative must be exactly 0.
     (u,), (du,) = primals, tangents
     return step(u), _SLOPE * bump(u) * du
 
@@ -47,7 +47,7 @@ def ramp(u: Values) -> Values:
     total = jnp.zeros_like(x)
     for k, coefficient in reversed(list(enumerate(_INTEGRAL))):
         total = total * square + coefficient / (2.0 * k + 2.0)
-    # The constant makes it 0 at x = −1.
+    # The constant makes the integral 0 at x = −1.
     least = sum(c / (2.0 * k + 2.0) for k, c in enumerate(_INTEGRAL))
     return 0.5 * (0.5 * (x + 1.0) + square * total - least) + jnp.maximum(u - 1.0, 0.0)
 
@@ -59,23 +59,23 @@ def _ramp_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values
 
 
 def glide(u: Values, gather: Values, lose: Values) -> Values:
-    """From 0 at u ≤ 0 to 1 at u ≥ 1, at constant speed but for the shares in which it gathers and loses it."""
+    """From 0 at u ≤ 0 to 1 at u ≥ 1: acceleration in the first share `gather`, deceleration in the last, `lose`."""
     way = gather * ramp(u / gather) - lose * ramp((u - 1.0 + lose) / lose)
     return way / (1.0 - 0.5 * (gather + lose))
 
 
 def bump(u: Values) -> Values:
-    """Up to 1 at u = 1/2 and back: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
+    """From 0 to 1 at u = 1/2 and back to 0: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
     return (1.0 - x * x) ** ORDER
 
 
 CURVE = 10
-"""Coefficients of one piece of a curve."""
+"""Number of coefficients of one piece of a curve."""
 
 
 def _hermite() -> np.ndarray:
-    """(CURVE, 6): coefficients of 1, r … from value, slope and curvature at r = 0 and r = 1; what follows is 0."""
+    """(CURVE, 6): coefficients of 1, r … from value, slope and curvature at r = 0 and 1; higher derivatives are 0."""
     half = CURVE // 2
     powers = np.arange(CURVE)
     rows = []
@@ -99,8 +99,8 @@ def pieces(
 
     Args:
         values: (K,) at r = 0, 1 … K − 1.
-        moving: (K,) 1 where the curve passes through, 0 where it rests.
-        monotone: keep the curve between its points: no curvature there, and no slope at highest and lowest ones.
+        moving: (K,) 1 where the curve moves through the point, 0 where it rests at the point.
+        monotone: keep the curve between its points: curvature 0 at all points, slope 0 at the extreme points.
 
     Returns:
         (K − 1, CURVE) coefficients of 1, r … in each interval.
@@ -114,16 +114,16 @@ def pieces(
     else:
         slope, curvature = moving * (back + on) / 2.0, moving * (on - back)
     ends = jnp.stack([values, slope, curvature], axis=1)
-    # Measured from the interval's first value, so that far from the start no digits are lost.
+    # Relative to the interval's first value, so that no precision is lost far from the start.
     both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)
     both = both.at[:, 3].add(-values[:-1]).at[:, 0].set(0.0)
-    # Sums, written out: a product of matrices would lose digits on some devices.
+    # Explicit sums: a matrix product would lose precision on some devices.
     inside = jnp.sum(both[:, None, :] * jnp.asarray(HERMITE, both.dtype)[None, :, :], axis=2)
     return inside.at[:, 0].add(values[:-1])
 
 
 def curve_at(table: Float[AnyArray, "interval coefficient"], entry: Int[Array, "..."], r: Values) -> Values:
-    """A curve (see `pieces`) in the intervals of some entries (T,), r (T,) of the way through them."""
+    """A curve (see `pieces`) in the intervals `entry` (T,), at the shares r (T,) of the intervals."""
     return polynomial([table[:, i][entry] for i in range(CURVE)], r)
 
 

@@ -1,8 +1,8 @@
 """The body at one time: feet on the planned footholds, the pelvis above them, and legs of constant lengths between.
 
 The feet and the pelvis are smooth functions of the walk's clock, which shows k when foothold k is taken. The pelvis is
-as high as both legs allow with their knees bent by at least `knee_stance`; what is left, knees, thighs and shanks,
-follows from the lengths of the legs. Nothing is integrated or differenced.
+as high as both legs allow with their knees bent by at least `knee_stance`; knees, thighs and shanks follow from the
+lengths of the legs. No signal is integrated or differenced.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from jgait.types import AnyArray, Values
 
 
 def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
-    """Which foothold was taken last, (T,) int, and how much of the step since has passed (T,) [1].
+    """The entry of the last foothold (T,) int, and the share of the current step that has passed (T,) [1].
 
     The curve of time over the clock is inverted by Newton's method; two steps that are differentiated make the first
     three derivatives exact.
@@ -47,7 +47,7 @@ def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*sha
 
 
 def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Values) -> Values:
-    """How high the middle of the hips is [m] when this leg bears; hip: relative to that middle, but in the plane."""
+    """Height of the middle of the hips [m] over this leg; `hip`: x and y in the world, z relative to that middle."""
     ahead, aside = hip.x - ankle.x, hip.y - ankle.y
     r = reach(body, knee)
     return ankle.z - hip.z + jnp.sqrt(jnp.maximum(r * r - ahead * ahead - aside * aside, 1e-4))
@@ -72,7 +72,7 @@ def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Fr
     left = cross(up, Vector(c, s, jnp.zeros_like(c)))
     up, left = kept((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
     ahead = kept(cross(left, up))
-    # Seen from the hip the knee is so far down the line, and so far ahead of it.
+    # Distance of the knee from the hip along the line from hip to ankle, and distance of the knee ahead of this line.
     along = (d2 + a * a - b * b) / (2.0 * d)
     out = jnp.sqrt(jnp.maximum(a * a - along * along, 1e-9))
     d, along, out = kept((d, along, out))
@@ -87,16 +87,16 @@ def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Fr
 
 
 class Carried(NamedTuple):
-    """What is known before the height of the pelvis is.
+    """Feet and pelvis, without the height of the pelvis.
 
     Attributes:
         new: the foot that landed last.
-        old: the other.
-        middle: of the hips; z is how far it is above its even path.
+        old: the other foot.
+        middle: middle of the hips; z is relative to the even path of the pelvis.
         axes: forward, left and up axis of the pelvis.
-        to_new: from the middle of the hips to the hip of the foot that landed last.
-        to_old: to the other hip.
-        turn: yaw of what the legs follow.
+        to_new: vector from the middle of the hips to the hip of the foot that landed last.
+        to_old: vector from the middle of the hips to the other hip.
+        turn: yaw of the plane of the legs.
     """
 
     new: Foot
@@ -109,7 +109,7 @@ class Carried(NamedTuple):
 
 
 def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> Carried:
-    """Feet and pelvis, r (T,) of a step after the foothold of an entry (T,) was taken."""
+    """Feet and pelvis at the share r (T,) of a step after the contact of foothold `entry` (T,)."""
     body, gait = person.body, person.gait
 
     def foothold(ahead: int) -> Foothold:
@@ -131,15 +131,15 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> 
 
 
 def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
-    """Lay out a walk, footholds and pelvis.
+    """Plan a walk: footholds and pelvis.
 
-    The pelvis is as high as both legs allow at every instant, with their knees bent by `knee_stance` at least.
+    The pelvis is as high as both legs allow at every instant, with their knees bent by at least `knee_stance`.
 
     Args:
         key: PRNG key of the variability from step to step.
-        person: who walks; `steps` must not be more than `capacity`.
-        along: where the walk leads.
-        capacity: the most steps that the arrays hold.
+        person: the person; `steps` must not be more than `capacity`.
+        along: the route of the walk.
+        capacity: largest number of steps that the arrays hold.
 
     Returns:
         The plan, K = capacity + 4.
@@ -162,12 +162,12 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     least = -SHARP * jax.nn.logsumexp(-at.reshape(at.shape[0], -1) / SHARP, axis=1)
     k = jnp.arange(-1, capacity + 3, dtype=laid.x.dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
-    # Between two steps the lower of both holds.
+    # At the border of two steps the pelvis has the lower of the two heights.
     steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])
     walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
     high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
     curve = pieces(high, walks.astype(high.dtype), monotone=True)
-    # Where the curve, on its way from one height to the next, is above what the legs allow, it dips.
+    # Where the curve between two heights is higher than the legs allow, the pelvis dips.
     weight = _dip(phases)
     inner = weight > 0.05
     over = jax.vmap(lambda c: polynomial(list(c), phases))(curve[FIRST:]) - jnp.min(at, axis=2)
@@ -178,7 +178,7 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
 
 
 def _standing_leg(person: Person) -> Values:
-    """How high the hips are over the ankles when standing [m]."""
+    """Height of the hips over the ankles in standing [m]."""
     body, gait = person
     ahead, aside = standing_ahead(person), 0.5 * (body.hip_width - gait.step_width)
     r = reach(body, gait.standing_knee)
@@ -186,11 +186,11 @@ def _standing_leg(person: Person) -> Values:
 
 
 SAMPLES, SHARP = 24, 0.0005
-"""Instants of a step at which the legs' reach is looked at; how far from the lowest [m] others still count."""
+"""[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants."""
 
 
 def _dip(r: Values) -> Values:
-    """Up to 1 in the middle of a step and back, four times continuously differentiable at its ends."""
+    """From 0 to 1 in the middle of a step and back to 0, four times continuously differentiable at the ends."""
     return (4.0 * r * (1.0 - r)) ** 5
 
 
@@ -211,7 +211,7 @@ def pose(person: Person, plan: Plan, time: Values) -> Segments[Frame]:
     left = plan.side[entry] > 0.0
 
     def pick(one: Frame, two: Frame) -> tuple[Frame, Frame]:
-        """Right and left of what belongs to the foot that landed last and to the other."""
+        """Right and left frame from the frames of the foot that landed last and of the other foot."""
         pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(_flat(one), _flat(two), strict=True)]
         return _frame([right for right, _ in pairs]), _frame([left for _, left in pairs])
 
@@ -230,10 +230,10 @@ def _frame(flat: list[Values]) -> Frame:
 def _pelvis_oscillation(
     gait: Gait, side: Values, walking: Values, r: Values
 ) -> tuple[tuple[Values, Values, Values], tuple[Values, Values, Values]]:
-    """How far the pelvis is ahead, to the left and above its even path [m], and its yaw, pitch and roll [rad].
+    """Displacement of the pelvis forward, left and up from its even path [m], and its yaw, pitch and roll [rad].
 
-    Once a stride it sways to the leg that bears, turns with the leg that leads and drops on the other side; twice a
-    stride it rises and falls, runs ahead and falls behind, and nods.
+    Once a stride the pelvis sways to the stance leg, turns with the leading leg and drops on the side of the swing leg;
+    twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back.
     """
     s, c = sincos(jnp.pi * r)
     late = s * 0.809 + c * 0.588  # a fifth of a half turn earlier
@@ -250,21 +250,21 @@ def _pelvis_oscillation(
 
 
 SHAKEN = 0.24
-"""Steps after a contact for which the pelvis is shaken."""
+"""[steps] Duration of the impact motion of the pelvis after a contact."""
 
 SURGE = (0.99, 0.135)
 """Shape of the surge: sine and cosine of one wave a step; its amplitude is 1."""
 
 RISE = (-0.475, -0.111, -0.056, -0.027)
-"""Shape of the rise: cosine and sine of one and of two waves a step; it spans 1."""
+"""Shape of the rise: cosine and sine of one and of two waves a step; its range is 1."""
 
 
 class Slack(NamedTuple):
-    """How far legs are from their limits, least over a walk.
+    """Distance of the legs from their limits, the least over a walk.
 
     Attributes:
-        aside: hip from above the ankle, over the length of the leg [1]; the largest.
-        stretched: length of the leg over hip to ankle, minus 1 [1]; the least, negative where the leg cannot close.
+        aside: largest horizontal distance between hip and ankle, over the length of the leg [1].
+        stretched: least ratio of leg length to the distance from hip to ankle, minus 1 [1]; negative: leg too short.
     """
 
     aside: Values
@@ -272,7 +272,7 @@ class Slack(NamedTuple):
 
 
 def slack(person: Person, plan: Plan) -> Slack:
-    """How far the legs are from their limits, looked at 32 times a step."""
+    """Distance of the legs from their limits, computed 32 times a step."""
     body = person.body
     entries = jnp.arange(FIRST, plan.x.shape[0] - 1)
     r = (jnp.arange(32, dtype=plan.x.dtype) + 0.5) / 32

@@ -1,7 +1,7 @@
 """One walk: the readings of worn sensors, and the reference in the types of an estimate.
 
-`walk` is pure JAX: it can be jitted, mapped over people and differentiated with respect to everything that is a
-number. `recording` wraps it in the library's own records.
+`walk` is pure JAX: it can be jitted, mapped over people and differentiated with respect to every number. `recording`
+returns the same as records of the library.
 """
 
 import math
@@ -29,13 +29,13 @@ SEVEN = Segments._fields
 """One sensor on each segment."""
 
 FOUR = ("thigh_right", "shank_right", "thigh_left", "shank_left")
-"""What `leg_ekf` needs."""
+"""Placements of the sensors that `leg_ekf` needs."""
 
 
 def mount(body: Body, placement: str) -> Vector:
-    """Where a sensor sits, in the axes of its segment [m] from the segment's proximal joint (see `Frame`).
+    """Position of a sensor, in the axes of its segment [m] from the segment's proximal joint (see `Frame`).
 
-    Thigh and shank: half way down, in front of the bone; ankle: a little above it, outside; foot: on the instep;
+    Thigh and shank: half way down, in front of the bone; ankle: outside, a little above the ankle; foot: on the instep;
     lower back and pelvis: behind the fifth lumbar vertebra; waist: on the right side.
     """
     if placement in ("pelvis", "lower_back"):
@@ -54,20 +54,20 @@ def mount(body: Body, placement: str) -> Vector:
 
 
 class Load(NamedTuple):
-    """What one foot bears, (T,) from 0 to 1 [1]: under the heel and under the ball and toes."""
+    """Share of the body weight on one foot, (T,) from 0 to 1 [1]: under the heel, and under the ball and toes."""
 
     heel: Values
     toe: Values
 
 
 class Truth(NamedTuple):
-    """Everything that is known of a simulated walk.
+    """The reference of a simulated walk.
 
     Attributes:
         estimate: joint angles, foot positions, distance and strides in the type of an estimate.
-        motion: of all segments, a `Motion` of `Segments` at the times of the estimate.
-        load_right: what the right foot bears.
-        load_left: what the left foot bears.
+        motion: motion of all segments, a `Motion` of `Segments` at the times of the estimate.
+        load_right: load of the right foot.
+        load_left: load of the left foot.
         plan: footholds and their times.
     """
 
@@ -84,7 +84,7 @@ class Truth(NamedTuple):
 
 
 def duration(plan: Plan, person: Person) -> Values:
-    """How long the walk lasts [s], quiet standing included."""
+    """Duration of the walk [s], quiet standing included."""
     last = plan.end.astype(jnp.int32) + FIRST
     return plan.contact[last] + person.gait.quiet_after
 
@@ -96,14 +96,14 @@ def signals(
     errors: ImuErrors,
     mounts: Mapping[str, Vector],
 ) -> dict[str, Imu]:
-    """What sensors on a moving body read.
+    """The readings of sensors on a moving body.
 
     Args:
         key: PRNG key of the sensors' errors.
         moving: the body at times (T,), a `Motion` of `Segments`.
         time: (T,) [s] nominal times of the samples.
         errors: how the sensors err and how they are mounted.
-        mounts: placement → place on its segment [m].
+        mounts: placement → position on the segment [m].
 
     Returns:
         placement → readings.
@@ -127,17 +127,17 @@ def walk(
 
     Args:
         key: PRNG key of the person's variability and of the sensors' errors.
-        person: who walks.
-        along: where.
+        person: the person.
+        along: the route.
         time: (T,) [s], evenly spaced, T ≥ 2.
         errors: how the sensors err and how they are mounted.
-        capacity: the most steps that there is room for; at least `person.gait.steps`. Static.
+        capacity: largest number of steps that the arrays hold; at least `person.gait.steps`. Static.
         placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
-        mounts: places on the segments that differ from `mount` [m].
-        clock_of: placement → a wrong clock; the sensor samples at times that differ from its time stamps.
+        mounts: positions on the segments that differ from `mount` [m].
+        clock_of: placement → a clock with errors; the sensor samples at times that differ from its time stamps.
 
     Returns:
-        What each sensor read, and the truth.
+        The readings of each sensor, and the truth.
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
@@ -182,7 +182,7 @@ def _leg(segments: Segments[Frame], side: str, ahead: Vector) -> LegTrajectory:
 
 
 def _displacement(foot: Frame, ahead: Vector) -> Values:
-    """How far the ankle has come since the start, along the first heading [m]."""
+    """Displacement of the ankle since the start, along the first heading [m]."""
     return (foot.origin.x - foot.origin.x[0]) * ahead.x[0] + (foot.origin.y - foot.origin.y[0]) * ahead.y[0]
 
 
@@ -221,7 +221,7 @@ def strides(laid: Plan) -> Strides:
 
 
 def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> tuple[Load, Load]:
-    """What both feet bear: the weight passes to the heel, along the sole, and off the toes."""
+    """Loads of both feet: the weight moves onto the heel, along the sole, and off the toes."""
     gait = person.gait
     flat = 2.0 * gait.foot_flat
 
@@ -250,19 +250,19 @@ def recording(
     rate: float = 100.0, *, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
     clock_of: Mapping[str, Clock] | None = None, name: str = "simulated", subject: str = "simulated",
 ) -> tuple[Recording, Truth]:  # fmt: skip
-    """Simulate one walk as the library's own records.
+    """Simulate one walk and return records of the library.
 
     Args:
         key: PRNG key of the person's variability and of the sensors' errors.
-        person: who walks; None for the default.
-        along: where; None for straight ahead.
+        person: the person; None for the default.
+        along: the route; None for straight ahead.
         errors: how the sensors err and how they are mounted.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        mounts: places on the segments that differ from `mount` [m].
-        clock_of: placement → a clock that is wrong.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        mounts: positions on the segments that differ from `mount` [m].
+        clock_of: placement → a clock with errors.
+        name: name of the recording in tables and figures.
+        subject: name of the subject.
 
     Returns:
         The recording, and the truth at the same times, in NumPy arrays.
@@ -297,24 +297,24 @@ def _ends(laid: Plan, person: Person) -> tuple[Values, Slack]:
 
 
 def limits(key: PRNGKeyArray, person: Person, along: Route) -> tuple[float, Slack]:
-    """How long a walk lasts [s], and how far the legs are from their limits; on the host, in floats."""
+    """Duration of a walk [s], and distance of the legs from their limits; on the host, in floats."""
     laid = _plan(jax.random.split(key)[0], person, along, room(round(float(person.gait.steps))))
     last, left = _ends(laid, person)
     return float(last), Slack(*map(float, left))
 
 
 def room(steps: int) -> int:
-    """Steps that arrays hold, some more than asked for, so that other walks find the functions compiled."""
+    """Number of steps that arrays hold, rounded up, so that other walks use the same compiled functions."""
     return 32 * math.ceil(steps / 32)
 
 
 def samples_in(seconds: float, rate: float) -> int:
-    """How many samples a walk has, the first and the last included."""
+    """Number of samples of a walk, the first and the last included."""
     return math.floor(seconds * rate + 1e-6) + 1
 
 
 def roomy(samples: int) -> int:
-    """Samples that arrays hold, some more than asked for, so that other walks find the functions compiled."""
+    """Number of samples that arrays hold, rounded up, so that other walks use the same compiled functions."""
     return 512 if samples <= 512 else 1024 * math.ceil(samples / 1024)
 
 
