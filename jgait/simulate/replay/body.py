@@ -1,4 +1,4 @@
-"""A body's segments from joint centres: frames built from points, and differentiated exactly with them."""
+"""Segments of a body from joint centres: frames built from points, with exact derivatives."""
 
 from collections.abc import Set
 from typing import NamedTuple
@@ -34,15 +34,15 @@ class PelvisMarkers(NamedTuple):
 
 
 class JointCentres(NamedTuple):
-    """What motion capture saw of the lower body.
+    """Points of the lower body measured by motion capture.
 
     Attributes:
         time: (T,) [s], strictly increasing.
-        right: one leg, or None.
-        left: the other, or None.
-        pelvis: markers, or None: then the pelvis is taken as level, and faces across the line through the hips.
-        heading: (T,) [rad] of the sagittal plane, counter-clockwise from x; None for the pelvis' own, low-passed at
-            1 Hz. Needed for one leg without pelvis markers.
+        right: right leg, or None.
+        left: left leg, or None.
+        pelvis: markers, or None: the pelvis is then assumed level, facing perpendicular to the line through the hips.
+        heading: (T,) heading of the sagittal plane [rad], counter-clockwise from x; None: the heading of the pelvis,
+            low-passed at 1 Hz. Needed for one leg without pelvis markers.
     """
 
     time: Float[AnyArray, "time"]
@@ -60,7 +60,7 @@ class Replay(NamedTuple):
         motion: pose, rate and acceleration of `Segments` of `Frame`; None for segments that were not measured.
         valid: `Segments` of (T,) bool; False in long gaps of any point that the segment's frame is built from.
         points: name, for example 'knee_right' → (T, 3) [m], smoothed.
-        yaw: (T,) [rad] where the pelvis faces from above, counter-clockwise from x.
+        yaw: (T,) [rad] yaw of the pelvis, counter-clockwise from x, seen from above.
         trajectories: name → spline of that point.
     """
 
@@ -77,7 +77,7 @@ def _unit(a: Vector) -> Vector:
 
 
 def _across(direction: Vector, axis: Vector) -> Vector:
-    """The part of a direction that is perpendicular to a unit axis, of length 1."""
+    """The part of a direction that is perpendicular to a unit axis, normalised to length 1."""
     return _unit(subtract(direction, scale(dot(direction, axis), axis)))
 
 
@@ -88,18 +88,18 @@ def _middle(a: Vector, b: Vector) -> Vector:
 def frames(points: dict[str, Vector], toe_out: dict[str, Values]) -> Segments[Maybe[Frame]]:
     """The segments' frames from points, as elementwise functions that can be differentiated.
 
-    Thigh: z along the bone, y the pelvis' horizontal lateral axis made perpendicular to it.
-    Shank: z along the bone, y across the foot, turned back about z by the toe-out so that on the whole the shank
-    faces as the pelvis does; without foot markers as the thigh.
-    Foot: x from heel to toe, y across the plane of heel, toe and ankle; origin at the ankle.
+    Thigh: z along the bone, y the pelvis' horizontal lateral axis made perpendicular to z.
+    Shank: z along the bone, y lateral to the foot, turned back about z by the toe-out, so that on average the shank
+    points in the direction of the pelvis; without foot markers y as for the thigh.
+    Foot: x from heel to toe, y perpendicular to the plane of heel, toe and ankle; origin at the ankle.
     Pelvis: y to the left, x forward: horizontal, or along the markers; origin between the hips.
 
     Args:
-        points: name → place [m]; `lateral` is any vector to the left whose horizontal part counts for the legs.
+        points: name → position [m]; `lateral` is any vector to the left; its horizontal part is used for the legs.
         toe_out: side → constant angle [rad] of the foot from the pelvis about the shank's axis, to the left.
 
     Returns:
-        Frames, None where points are lacking.
+        Frames, None where points are missing.
     """
     lateral = points["lateral"]
     pelvis = None
@@ -146,7 +146,7 @@ def _motion(points: Motion[dict[str, Vector]], toe_out: dict[str, Values]) -> Mo
 
 
 def _toe_out(points: dict[str, np.ndarray], side: str, valid: np.ndarray) -> float:
-    """Median angle [rad] about the shank from across the pelvis to across the foot."""
+    """Median angle [rad] about the shank from the pelvis' lateral axis to the foot's lateral axis."""
     z = points[f"knee_{side}"] - points[f"ankle_{side}"]
     z = z / np.linalg.norm(z, axis=1, keepdims=True)
     level = points["lateral"] * [1.0, 1.0, 0.0]
@@ -157,7 +157,7 @@ def _toe_out(points: dict[str, np.ndarray], side: str, valid: np.ndarray) -> flo
 
 
 def median(values: np.ndarray, valid: np.ndarray) -> float:
-    """Median of the valid values; 0 where there is none, for then nothing built on it is valid either."""
+    """Median of the valid values; 0 without a valid value, because then no dependent result is valid either."""
     return float(np.median(values[valid])) if valid.any() else 0.0
 
 
@@ -172,11 +172,11 @@ def body_motion(
     """Smooth the measured points and build the moving body from them.
 
     Args:
-        points: what motion capture saw.
-        time: (T,) [s] when to evaluate, within the times of `points`.
-        cutoff_hz: where the splines halve the amplitude [Hz].
-        noise: see `smooth`; chooses the cut-off of each point by itself.
-        max_gap: longest gap that is bridged [s].
+        points: points measured by motion capture.
+        time: (T,) [s] times of the result, within the times of `points`.
+        cutoff_hz: frequency at which the splines halve the amplitude [Hz].
+        noise: see `smooth`; chooses the cut-off of each point separately.
+        max_gap: longest gap that is interpolated [s].
 
     Returns:
         The body at those times.
@@ -240,7 +240,7 @@ def _named(points: JointCentres) -> dict[str, np.ndarray]:
 
 
 def _lateral(names: Set[str]) -> dict[str, float]:
-    """The vector to the left as a sum of points: from the pelvis' markers, else the hips, else the heading."""
+    """The vector to the left as a weighted sum of points: pelvis markers, else hips, else heading."""
     if "pelvis_front_right" in names:
         ends = ("pelvis_front", "pelvis_back")
         return {f"{end}_{side}": sign for end in ends for side, sign in zip(SIDES, (-1.0, 1.0), strict=True)}

@@ -1,4 +1,4 @@
-"""Smoothing splines through the path of a point: place, velocity and acceleration at any time, gaps known."""
+"""Smoothing splines through the path of a point: position, velocity and acceleration at any time, with gaps marked."""
 
 import math
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from jgait.geometry.segments import Motion
 from jgait.types import AnyArray, Values, as_float
 
 CUTOFF_HZ = 10.0
-"""Where the splines halve the amplitude [Hz]; for filtered points. For raw markers, give their `noise`."""
+"""Frequency at which the splines halve the amplitude [Hz]; for filtered points. For raw markers, give their `noise`."""
 
 MAX_GAP = 0.1
-"""Gaps up to this long are bridged by the spline [s]; longer ones are masked."""
+"""Longest gap that the spline interpolates [s]; longer gaps are masked."""
 
 _FILLED = 1e-4  # weight of a straight line laid through long gaps, only to keep the equations well-conditioned
 
@@ -25,9 +25,9 @@ class Trajectory(NamedTuple):
 
     Attributes:
         spline: of degree 5, time [s] → (3,) [m].
-        gaps: (n, 2) [s] open intervals in which it means nothing.
-        cutoff_hz: where it halves the amplitude [Hz].
-        residual: root mean square distance from the points per coordinate [m].
+        gaps: (n, 2) [s] open intervals in which the spline is invalid.
+        cutoff_hz: frequency at which the spline halves the amplitude [Hz].
+        residual: root mean square distance of the spline from the points, per coordinate [m].
     """
 
     spline: PyTree
@@ -52,9 +52,9 @@ def smooth(
     Args:
         time: (T,) [s], strictly increasing.
         values: (T, 3) [m]; NaN where not measured.
-        cutoff_hz: f, where the amplitude is halved [Hz].
+        cutoff_hz: f, the frequency at which the amplitude is halved [Hz].
         noise: standard deviation of the measurement's noise [m]; if given, the least f whose residual is no larger.
-        max_gap: longest gap that is bridged [s].
+        max_gap: longest gap that is interpolated [s].
 
     Returns:
         The spline with its gaps.
@@ -108,7 +108,7 @@ def checked_time(time: npt.ArrayLike) -> np.ndarray:
 
 
 def _gaps(time: np.ndarray, seen: np.ndarray, max_gap: float) -> np.ndarray:
-    """Open intervals without data longer than `max_gap`; what is missing at either end is one whatever its length."""
+    """Open intervals without data longer than `max_gap`; missing data at either end is a gap of any length."""
     at = time[seen]
     long = np.flatnonzero(np.diff(at) > max_gap * (1.0 + 1e-9))
     inner = [(at[i], at[i + 1]) for i in long]
@@ -156,17 +156,17 @@ def _fitter(time: np.ndarray, values: np.ndarray, weights: np.ndarray) -> Callab
 
 
 def covered(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
-    """(T,) bool: whether the point was measured at a time (T,) [s], or lies in a gap short enough to be bridged."""
+    """(T,) bool: True where, at times (T,) [s], the point was measured or lies in a gap short enough to interpolate."""
     return ~_inside(time, trajectory.gaps)
 
 
 def evaluate(trajectory: Trajectory, time: np.ndarray) -> Motion[np.ndarray]:
-    """Place [m], velocity [m/s] and acceleration [m/s²] of a smoothed point, each (T, 3), at times (T,) [s]."""
+    """Position [m], velocity [m/s] and acceleration [m/s²] of a smoothed point, each (T, 3), at times (T,) [s]."""
     return Motion(*(trajectory.spline(time, nu) for nu in range(3)))
 
 
 def acceleration_noise(noise: float, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> float:
-    """Standard deviation of a spline's second derivative that white noise of the points brings.
+    """Standard deviation of a spline's second derivative that is caused by white noise of the points.
 
     σ_a² = σ² / f_s · ∫ (2πν)⁴ / (1 + (ν/f)⁶)² dν = σ² / f_s · (2π)⁴ f⁵ π / 9,   away from the ends and f ≪ f_s / 2
 

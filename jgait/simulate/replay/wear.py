@@ -18,9 +18,9 @@ from jgait.simulate.sensors import ImuErrors, measure
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Maybe, Recording, as_float
 
 _PLACES = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "ankle", "foot") for side in SIDES))
-_BEHIND = 0.1  # [m] the pelvis' sensor, behind the middle of the hips
-_ABOVE = 0.05  # [m] the foot's sensor, above the middle of heel and toe
-_SHARE = {"thigh": 0.5, "shank": 0.5, "ankle": 0.9}  # along the bone, from its proximal end
+_BEHIND = 0.1  # [m] distance of the pelvis' sensor behind the middle of the hips
+_ABOVE = 0.05  # [m] height of the foot's sensor above the middle of heel and toe
+_SHARE = {"thigh": 0.5, "shank": 0.5, "ankle": 0.9}  # [1] position along the bone, from its proximal end
 
 _inertial = jax.jit(jax.vmap(inertial))
 _measure = jax.jit(jax.vmap(measure, in_axes=(0, None, 0, 0, None, 0)))
@@ -40,20 +40,20 @@ def replay(
     name: str = "replayed",
     subject: str = "replayed",
 ) -> tuple[Recording, Estimate]:
-    """What sensors on this body would have read, and the truth at the same times.
+    """The readings of virtual sensors on this body, and the truth at the same times.
 
     Args:
-        points: what motion capture saw.
+        points: points measured by motion capture.
         rate_hz: sampling rate of the sensors [Hz].
-        placements: where they sit; None for all measured segments among pelvis, thigh, shank, ankle and foot.
-        offsets: placement → (3,) [m] by which it sits away from `mount`, in the segment's axes.
-        errors: how the sensors err; None for perfect ones.
+        placements: placements of the sensors; None: pelvis, thigh, shank, ankle and foot, as far as measured.
+        offsets: placement → (3,) [m] offset of the sensor from `mount`, in the segment's axes.
+        errors: errors of the sensors; None for perfect sensors.
         key: PRNG key of these errors.
-        cutoff_hz: where the splines halve the amplitude [Hz].
-        noise: standard deviation of the points' noise [m]; if given, chooses the cut-off of each point by itself.
-        max_gap: longest gap that is bridged [s]; samples in longer ones are masked.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        cutoff_hz: frequency at which the splines halve the amplitude [Hz].
+        noise: standard deviation of the points' noise [m]; if given, chooses the cut-off of each point separately.
+        max_gap: longest gap that is interpolated [s]; samples in longer gaps are masked.
+        name: name of the recording in tables and figures.
+        subject: name of the subject.
 
     Returns:
         The recording, each sensor in the axes of its segment (x forward, y left, z up), and the truth: legs in the
@@ -82,9 +82,9 @@ def replay(
 
 
 def mount(body: Replay, placement: str) -> np.ndarray:
-    """Where a sensor sits by default, (3,) [m] in the segment's axes from its origin.
+    """Default position of a sensor, (3,) [m] in the segment's axes from its origin.
 
-    Thigh and shank: on the bone, half way; ankle: on the shank, at 0.9 of it; foot: 0.05 m above the middle of heel
+    Thigh and shank: on the bone, half way; ankle: at 0.9 of the shank's length; foot: 0.05 m above the middle of heel
     and toe; pelvis: 0.1 m behind the middle of the hips. Lengths are medians over the walk.
     """
     part, _, side = placement.partition("_")
@@ -154,7 +154,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
             legs[side] = leg_in_plane(at[f"hip_{side}"], at[f"knee_{side}"], at[f"ankle_{side}"], heading)
             diagnostics |= {f"{part}_length_{side}": _length(body, part, side) for part in ("thigh", "shank")}
     hips = [evaluate(body.trajectories[f"hip_{side}"], body.time).rate for side in SIDES if f"hip_{side}" in at]
-    # As the reference of neura_sparse, but smoothing the velocity: a walk that starts at full speed loses no way.
+    # As the reference of neura_sparse, but smoothing the velocity: a walk that starts at full speed loses no distance.
     velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], PATH_SMOOTHING_S * rate_hz, axis=0, mode="nearest")
     speed = np.linalg.norm(velocity, axis=1)
     path = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0)]) / rate_hz
@@ -164,7 +164,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
 
 
 def from_walk(walk: PyTree) -> JointCentres:
-    """The joint centres of a `Walk` of `neura_sparse`, or of any whose info holds them in the same way.
+    """The joint centres of a `Walk` of `neura_sparse`, or of any walk whose info holds them in the same way.
 
     Raises:
         ValueError: if the walk has no joint centres.

@@ -1,6 +1,6 @@
-"""Virtual sensors: what worn sensors make of an exact motion.
+"""Virtual sensors: the readings of worn sensors for an exact motion.
 
-`measure` reads an inertial sensor with the errors of an `ImuErrors` (`presets` has those of published ones),
+`measure` simulates an inertial sensor with the errors of an `ImuErrors` (`presets` has those of published sensors),
 `measure_range` the distance between the feet; a `Clock` gives the true time of each sample. All are pure JAX: they can
 be jitted, mapped over people and differentiated.
 """

@@ -1,4 +1,4 @@
-"""Sensors whose clock is wrong: when they really sampled."""
+"""Sensors with clock errors: the true times of their samples."""
 
 import math
 from typing import NamedTuple
@@ -11,8 +11,8 @@ class Clock(NamedTuple):
     """A clock that at the true time t shows (1 + drift) t + offset.
 
     Attributes:
-        offset: by how much it is ahead at time zero [s].
-        drift: by how much it runs fast [1]; 20e-6 is a common quartz.
+        offset: lead of the clock at time zero [s].
+        drift: relative error of the clock's rate, positive if fast [1]; 20e-6 is a common quartz.
     """
 
     offset: Values = 0.0
@@ -20,23 +20,23 @@ class Clock(NamedTuple):
 
 
 def true_times(clock: Clock, time: Values) -> Values:
-    """When a sensor really sampled, t = (shown − offset) / (1 + drift).
+    """The true times of a sensor's samples, t = (shown − offset) / (1 + drift).
 
-    The motion is evaluated at these times, while the reading keeps the time that the clock showed.
+    The motion is evaluated at these times; the reading keeps the time that the clock showed.
 
     Args:
-        clock: how it is wrong.
-        time: (T,) what the clock showed [s].
+        clock: errors of the clock.
+        time: (T,) times that the clock showed [s].
 
     Returns:
-        (T,) [s].
+        (T,) true times [s].
     """
-    # as a correction: in single precision the quotient would lose the microseconds that a drift is about
+    # computed as a correction: in single precision the quotient loses the microseconds of a drift
     return time - (clock.offset + clock.drift * time) / (1.0 + clock.drift)
 
 
 def check_clock(clock: Clock) -> None:
-    """Refuse a clock that stands still or runs backwards, by the name of the field.
+    """Check that a clock neither stands still nor runs backwards; an error names the field.
 
     Raises:
         TypeError: if a field is no number.

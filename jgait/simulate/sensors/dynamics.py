@@ -1,4 +1,4 @@
-"""What moves or filters a signal before it is read: the sensor on soft tissue, and the sensor's own low-pass."""
+"""Dynamics between motion and reading: the motion of a sensor on soft tissue, and the low-pass in the sensor."""
 
 import math
 from typing import NamedTuple
@@ -15,12 +15,12 @@ def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Value
 
     H(s) = 1 / (1 + √2 s/ω + (s/ω)²),  s = ω (1 − z⁻¹) / (K (1 + z⁻¹)),  K = tan(ω dt / 2)
 
-    It starts as if the first sample had been there for ever, so that standing still has no transient. From 0.45 of
-    the sampling rate on there is nothing left to remove, and the signal passes unchanged.
+    Before the recording the signal is assumed constant at its first sample, so that standing still has no transient. A
+    cut-off above 0.45 of the sampling rate leaves the signal unchanged.
 
     Args:
         values: (T, C) samples, any unit.
-        frequency: (C,) where the amplitude has fallen to 1/√2 [Hz]; inf switches a channel's filter off.
+        frequency: (C,) at which the amplitude has fallen to 1/√2 [Hz]; inf switches a channel's filter off.
         dt: sampling interval [s].
 
     Returns:
@@ -38,13 +38,13 @@ def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Value
         y = b * x + first
         return (2.0 * b * x - a1 * y + second, b * x - a2 * y), y
 
-    start = values[:1]  # what is filtered begins at zero: no transient, and no digits lost on gravity
+    start = values[:1]  # the filtered signal begins at zero: no transient, and no precision lost by gravity
     _, filtered = jax.lax.scan(step, (jnp.zeros_like(start[0]), jnp.zeros_like(start[0])), values - start)
     return jnp.where(on[None, :], filtered + start, values)
 
 
 class Wobble(NamedTuple):
-    """How a sensor on soft tissue moves against the bone, in the segment's axes.
+    """Motion of a sensor on soft tissue relative to the bone, in the segment's axes.
 
     Attributes:
         displacement: (T, 3) [m].
@@ -58,13 +58,13 @@ class Wobble(NamedTuple):
 
 
 def soft_tissue(force: Float[AnyArray, "time *rest"], frequency: Values, damping: Values, dt: Values) -> Wobble:
-    """Motion of a sensor that sits on a mass on a spring, driven by the specific force of the bone under it.
+    """Motion of a sensor on a mass on a spring, driven by the specific force of the bone under the sensor.
 
     d̈ + 2 ζ ω ḋ + ω² d = −(f − f₀),  ω = 2π frequency,  d = ḋ = 0 at the start
 
-    f₀ is the first sample, taken to be standing: what the tissue sags under gravity belongs to the mounting. The
-    force is linear between samples, and for that the solution is exact at any sampling rate. The segment's turning is
-    left out of the equation: for millimetres it adds less than the model is wrong by.
+    f₀ is the first sample, assumed to be standing: the sag of the tissue under gravity is part of the mounting. The
+    force is assumed linear between samples; the solution is then exact at any sampling rate. The segment's rotation is
+    neglected: for displacements of millimetres its effect is smaller than the error of the model.
 
     Args:
         force: (T, 3) specific force in the segment's axes [m/s²].
@@ -87,7 +87,7 @@ def soft_tissue(force: Float[AnyArray, "time *rest"], frequency: Values, damping
     ) -> tuple[tuple[Values, Values], tuple[Values, Values]]:
         now, then = pushes
         slope = (then - now) / dt
-        # a push that grows evenly is followed at a distance; what is left of the motion swings freely
+        # the displacement follows a linearly growing force with a constant lag; the remainder is a free oscillation
         lag = 2.0 * damping * slope / omega**3
         d, v = carry[0] - (now / omega**2 - lag), carry[1] - slope / omega**2
         after = (
@@ -107,7 +107,7 @@ def _oscillation(x: Values) -> tuple[Values, Values]:
     """The pair cos √x and sin √x / √x, smooth through zero to the hyperbolic functions at negative x."""
     near = jnp.abs(x) < 1e-3
     root = jnp.sqrt(jnp.where(near, jnp.ones_like(x), jnp.abs(x)))
-    # the branch that is not taken must not overflow, or its gradient is not a number
+    # the branch that is not selected must not overflow: its gradient would be NaN
     bounded = jnp.where(x < 0.0, root, jnp.ones_like(root))
     c = jnp.where(x < 0.0, jnp.cosh(bounded), jnp.cos(root))
     s = jnp.where(x < 0.0, jnp.sinh(bounded), jnp.sin(root)) / root

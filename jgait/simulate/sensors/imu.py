@@ -1,4 +1,4 @@
-"""What a worn inertial sensor makes of an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
+"""The readings of a worn inertial sensor for an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
 
 import math
 from typing import NamedTuple
@@ -16,35 +16,35 @@ DEGREE = math.pi / 180.0
 
 
 class ImuErrors(NamedTuple):
-    """How an inertial sensor errs and how it is put on; every field is a scalar, and the default switches it off.
+    """Errors and mounting of an inertial sensor; every field is a scalar, and the default switches the error off.
 
     Attributes:
         gyr_noise: density of the gyroscope's white noise [rad/s/√Hz].
-        gyr_bias: standard deviation over trials of its constant bias [rad/s].
-        gyr_drift: random walk of that bias [rad/s/√s].
+        gyr_bias: standard deviation over trials of the gyroscope's constant bias [rad/s].
+        gyr_drift: random walk of the gyroscope's bias [rad/s/√s].
         gyr_scale: standard deviation over trials of the scale error of each axis [1].
         gyr_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
-        gyr_range: where the gyroscope saturates [rad/s]; inf: nowhere.
-        gyr_resolution: one step of its converter [rad/s].
+        gyr_range: rate at which the gyroscope saturates [rad/s]; inf: no saturation.
+        gyr_resolution: one step of the gyroscope's converter [rad/s].
         acc_noise: density of the accelerometer's white noise [m/s²/√Hz].
-        acc_bias: standard deviation over trials of its constant bias [m/s²].
-        acc_drift: random walk of that bias [m/s²/√s].
+        acc_bias: standard deviation over trials of the accelerometer's constant bias [m/s²].
+        acc_drift: random walk of the accelerometer's bias [m/s²/√s].
         acc_scale: standard deviation over trials of the scale error of each axis [1].
         acc_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
-        acc_range: where the accelerometer saturates [m/s²]; inf: nowhere.
-        acc_resolution: one step of its converter [m/s²].
+        acc_range: specific force at which the accelerometer saturates [m/s²]; inf: no saturation.
+        acc_resolution: one step of the accelerometer's converter [m/s²].
         mounting: standard deviation of the angle by which the sensor is turned about a random axis [rad].
-        mounting_x: rotation vector from the segment's axes to the sensor's, the same in every trial [rad].
-        mounting_y: its second component [rad].
-        mounting_z: its third component [rad].
-        packet_loss: probability that a sample is lost on its own [1].
+        mounting_x: first component of the rotation vector from segment axes to sensor axes, constant over trials [rad].
+        mounting_y: second component of that rotation vector [rad].
+        mounting_z: third component of that rotation vector [rad].
+        packet_loss: probability that a single sample is lost [1].
         burst_loss: probability that at any one sample a burst of losses begins [1].
-        burst_length: how many samples a burst lasts on average [samples], at least 1.
-        soft_tissue_frequency: natural frequency of the sensor on the flesh [Hz]; inf: it is fixed to the bone.
+        burst_length: mean length of a burst [samples], at least 1.
+        soft_tissue_frequency: natural frequency of the sensor on soft tissue [Hz]; inf: it is fixed to the bone.
         soft_tissue_damping: damping ratio of that motion [1].
-        soft_tissue_tilt: how far the sensor leans per displacement [rad/m].
+        soft_tissue_tilt: tilt of the sensor per displacement [rad/m].
         left_flipped: 1 if sensors of the left leg are worn turned half round the segment (x and y change sign); for
-            who dresses a person: `measure` has its own argument.
+            functions that simulate a whole person: `measure` has the argument `flipped`.
     """
 
     gyr_noise: Values = 0.0
@@ -82,14 +82,14 @@ _RANGES = {
     "burst_length": (1.0, math.inf),
     "soft_tissue_damping": (0.0, 5.0),
 }
-"""Closed ranges of the fields; the others must not be negative. Those without a bound must not be zero either."""
+"""Closed ranges of the fields; other fields must not be negative. Fields without an upper bound must not be zero."""
 
 
 def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
-    """Refuse a record of numbers of which one lies outside its range.
+    """Check that every number of a record lies within its range.
 
     Args:
-        errors: a NamedTuple of numbers; arrays are taken as many of them, and every entry is checked.
+        errors: a NamedTuple of numbers or arrays of numbers; every entry is checked.
         ranges: field → closed range; the fields not named must not be negative.
         unbounded: the fields that may be infinite, and may not be zero.
 
@@ -103,7 +103,7 @@ def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbound
         if not (np.issubdtype(numbers.dtype, np.number) or numbers.dtype == np.bool_):
             raise TypeError(f"{kind}.{name} must be a number; got {value!r}")
         low, high = ranges.get(name, (0.0, math.inf))
-        good = (numbers >= low) & (numbers <= high)  # false for what is not a number
+        good = (numbers >= low) & (numbers <= high)  # False for NaN
         good &= (numbers > 0.0) if name in unbounded else np.isfinite(numbers)
         if not good.all():
             expected = "above 0" if name in unbounded else f"finite and in [{low:g}, {high:g}]"
@@ -111,10 +111,10 @@ def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbound
 
 
 def check_errors(errors: ImuErrors) -> None:
-    """Refuse errors that no sensor has; on the host, before anything is traced.
+    """Check the errors of a sensor; on the host, before JAX traces a function.
 
     Args:
-        errors: how the sensor errs; arrays in the fields are taken as many sensors.
+        errors: errors of the sensor; arrays in the fields stand for many sensors.
 
     Raises:
         TypeError: if a field is no number.
@@ -148,10 +148,10 @@ def _quantise(value: Values, resolution: Values) -> Values:
 
 
 def _kept(draws: Float[Array, "time 2"], errors: ImuErrors) -> Bool[Array, "time"]:
-    """Which samples arrive (T,), from two uniform draws each (T, 2).
+    """Mask of the samples that arrive (T,), from two uniform draws for each (T, 2).
 
-    A burst is a chain of two states. One draw decides it: below `burst_loss` the state is lost whatever it was before,
-    above 1 − 1/`burst_length` it is kept, between it stays. So the later of the two events gives the state.
+    A burst is a Markov chain of two states. One draw decides: below `burst_loss` the state becomes lost, above
+    1 − 1/`burst_length` it becomes kept, between these limits it does not change. So the last change gives the state.
     """
     index = jnp.arange(1, draws.shape[0] + 1)
     begins = draws[:, 1] < errors.burst_loss
@@ -168,22 +168,22 @@ def measure(
     errors: ImuErrors,
     flipped: Values = 0.0,
 ) -> Imu:
-    """Read an exact motion with one sensor.
+    """Simulate the readings of one sensor for an exact motion.
 
     read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue before Rᵀ.
 
     White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
-    holds behind the sensor's own filter, and sampling folds what lies above. Gradients flow to every field but the
+    holds after the sensor's filter, and sampling folds higher frequencies. Gradients flow to every field except the
     probabilities and `burst_length`, which act through decisions; rounding to a resolution stops the gradients of all
-    that comes before it.
+    preceding operations.
 
     Args:
         key: PRNG key of one sensor on one trial.
         time: (T,) [s], evenly spaced, T ≥ 2.
         gyr: (T, 3) exact angular rate in the segment's axes [rad/s].
-        acc: (T, 3) exact specific force in the segment's axes, where the sensor sits [m/s²].
-        errors: how the sensor errs.
-        flipped: 1 if it is worn turned half round the segment's long axis (x and y change sign).
+        acc: (T, 3) exact specific force in the segment's axes, at the position of the sensor [m/s²].
+        errors: errors of the sensor.
+        flipped: 1 if the sensor is worn turned half round the segment's long axis (x and y change sign).
 
     Returns:
         The readings in the sensor's axes; lost samples are 0 and masked.
@@ -201,7 +201,7 @@ def measure(
     fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
     across = jnp.where(jnp.asarray(flipped, dtype) > 0.5, -jnp.ones((), dtype), jnp.ones((), dtype))
     half_turn = jnp.stack([across, across, jnp.ones_like(across)])[None, :]
-    # columns are the sensor's axes in the segment's; the random error comes last, in the axes it was meant to have
+    # columns are the sensor's axes in the segment's axes; the random rotation comes last, in the intended sensor axes
     axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]
     read = jnp.concatenate([_turned_back(part * half_turn, axes) for part in (gyr, acc)], axis=1)
     read = read * (1.0 + scale * channels(e.gyr_scale, e.acc_scale))[None, :]

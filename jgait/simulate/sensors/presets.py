@@ -1,5 +1,5 @@
-"""Sensors that gait papers used. Each docstring says of every figure whether a paper prints it, a data sheet gives it,
-or it was chosen here; what no source states was chosen, and a study that depends on it should vary it.
+"""Sensors that gait papers used. Each docstring states for every figure whether it is from a paper, from a data sheet,
+or chosen here. Figures without a source were chosen; a study that depends on such a figure should vary it.
 """
 
 import math
@@ -52,7 +52,7 @@ MPU6000 = ImuErrors(
 Printed by them: ±1000 °/s, ±4 g, 100 Hz. Data sheet (PS-MPU-6000A-00, revision 3.4): 32.8 steps per °/s, 8192 steps per
 g, 0.005 °/s/√Hz at 10 Hz, 400 µg/√Hz. Chosen: a third of the data sheet's tolerance of scale (±3 %) as one standard
 deviation; biases as a calibration at rest leaves them (before it the data sheet allows ±20 °/s and ±50 mg, ±80 mg along
-z); drift, mounting, loss; no low-pass (it can be set between 5 and 256 Hz, and the paper does not say).
+z); drift, mounting, loss; no low-pass (it can be set between 5 and 256 Hz, and the paper does not state it).
 """
 
 OPAL = ImuErrors(
@@ -74,7 +74,7 @@ OPAL = ImuErrors(
 """An APDM Opal on the instep, with the accelerometer of wide range, sampled at 128 Hz.
 
 Printed in Potter's paper on stride width: ±200 g, ±2000 °/s, 128 Hz. Chosen: everything else. The steps are those of
-12 and 16 bits, the accelerometer's noise that of a part made for 200 g; no source for them was at hand.
+12 and 16 bits, the accelerometer's noise that of a part made for 200 g; no source for them was available.
 """
 
 FREESENSE = ImuErrors(

@@ -12,19 +12,19 @@ from jgait.types import AnyArray, RangeReadings, Scalar, Values
 
 
 class Ranging(NamedTuple):
-    """How an ultrasonic range between the legs is taken; every field is a scalar.
+    """Settings and errors of an ultrasonic range sensor between the legs; every field is a scalar.
 
     Attributes:
         rate_hz: pings a second [Hz].
-        phase: when the first ping comes after the start, in intervals between pings [1].
+        phase: time from the start to the first ping, in intervals between pings [1].
         noise: standard deviation of the distance [m].
-        bias: what every distance is too long by, such as what lies between sensor and skin [m].
+        bias: constant error of every distance, such as the distance between sensor and skin [m].
         half_angle: greatest angle from the sender's axis at which the echo is detected [rad].
-        facing_half_angle: how far from the receiver's axis the sender may be [rad]; π: anywhere.
-        min_distance: nearer than this there is no reading [m].
-        max_distance: farther than this there is none [m].
+        facing_half_angle: greatest angle from the receiver's axis to the sender [rad]; π: any direction.
+        min_distance: least distance with a reading [m].
+        max_distance: greatest distance with a reading [m].
         outlier: probability that a reading is a late echo [1].
-        outlier_size: how much longer a late echo is on average, exponentially distributed [m].
+        outlier_size: mean additional distance of a late echo, exponentially distributed [m].
         dropout: probability that a detectable ping is lost [1].
     """
 
@@ -50,20 +50,20 @@ def measure_range(
     receiver_axis: Float[AnyArray, "time 3"],
     ranging: Ranging,
 ) -> RangeReadings:
-    """Read the distance between two feet wherever the one hears the other.
+    """Simulate readings of the distance between two feet, where the echo is detected.
 
-    A ping is taken at the first sample at or after it. It is detected if the receiver lies within `half_angle` of the
-    sender's axis and the sender within `facing_half_angle` of the receiver's. For an echo off a leg, let the receiver
-    be the nearest point of that leg (`nearest_point`) and leave its angle at π.
+    A ping is evaluated at the first sample at or after it. It is detected if the receiver lies within `half_angle` of
+    the sender's axis and the sender within `facing_half_angle` of the receiver's axis. For an echo off a leg, the
+    receiver is the nearest point of that leg (`nearest_point`), and `facing_half_angle` stays π.
 
     Args:
         key: PRNG key.
         time: (T,) [s], evenly spaced.
-        sender: (T, 3) where the sender is in the world [m].
-        receiver: (T, 3) where the receiver, or what throws the echo, is [m].
-        sender_axis: (T, 3) where the sender looks, of any length above 0.
-        receiver_axis: (T, 3) where the receiver looks, of any length above 0.
-        ranging: how the sensor errs.
+        sender: (T, 3) position of the sender in the world [m].
+        receiver: (T, 3) position of the receiver, or of the point that reflects the echo [m].
+        sender_axis: (T, 3) direction of the sender's axis, of any length above 0.
+        receiver_axis: (T, 3) direction of the receiver's axis, of any length above 0.
+        ranging: settings and errors of the sensor.
 
     Returns:
         The readings. Gradients flow to positions, noise, bias and size of outliers; not to the decisions on detection.
@@ -80,9 +80,9 @@ def measure_range(
     def seen(
         direction: Float[AnyArray, "time 3"], axis: Float[AnyArray, "time 3"], half_angle: Scalar
     ) -> Bool[Array, "time"]:
-        return _cosine(direction, axis) >= jnp.cos(jnp.asarray(half_angle, dtype)) - 1e-6  # π is everywhere
+        return _cosine(direction, axis) >= jnp.cos(jnp.asarray(half_angle, dtype)) - 1e-6  # π: any direction
 
-    # a ping has come since the sample before if their count goes up; the small number keeps t = k / rate in its sample
+    # the sample has a ping if the count of pings has increased; the small number keeps t = k / rate in its sample
     since = jnp.concatenate([-dt[None], time - time[0]])
     pings = jnp.floor(since * r.rate_hz - r.phase + 1e-3)
     in_view = seen(way, sender_axis, r.half_angle) & seen(-way, receiver_axis, r.facing_half_angle)
@@ -91,7 +91,7 @@ def measure_range(
     draws = jax.random.normal(key, (time.shape[0], 4), dtype)
     late, size, lost = jnp.moveaxis(jax.scipy.special.ndtr(draws[:, 1:]), 1, 0)
     mask = (pings[1:] > pings[:-1]) & in_view & in_reach & (lost >= r.dropout)
-    # minus the logarithm of a uniform number is exponential; the floor is the smallest that the draw can give
+    # minus the logarithm of a uniform number is exponential; the floor avoids log 0
     delay = -r.outlier_size * jnp.log(jnp.maximum(size, jnp.finfo(dtype).tiny))
     read = distance + r.bias + r.noise * draws[:, 0] + jnp.where(late < r.outlier, delay, jnp.zeros_like(delay))
     return RangeReadings(time, jnp.where(mask, read, jnp.zeros_like(read)), mask)
@@ -107,12 +107,12 @@ def _cosine(a: Float[AnyArray, "time 3"], b: Float[AnyArray, "time 3"]) -> Float
 def nearest_point(
     point: Float[AnyArray, "time 3"], start: Float[AnyArray, "time 3"], end: Float[AnyArray, "time 3"]
 ) -> Float[AnyArray, "time 3"]:
-    """The point of a limb, a straight line from start to end, that is nearest to another point: what throws an echo.
+    """The point of a limb, a straight line from start to end, nearest to another point: it reflects the echo.
 
     Args:
         point: (T, 3) [m].
         start: (T, 3) one end of the limb [m].
-        end: (T, 3) the other, not the same [m].
+        end: (T, 3) the other end, different from `start` [m].
 
     Returns:
         (T, 3) [m].
@@ -123,7 +123,7 @@ def nearest_point(
 
 
 def check_ranging(ranging: Ranging) -> None:
-    """Refuse a range sensor that cannot be.
+    """Check the settings and errors of a range sensor.
 
     Raises:
         TypeError: if a field is no number.
