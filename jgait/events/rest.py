@@ -97,7 +97,7 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
         gyr: (T, 3) [rad/s], finite.
         acc: (T, 3) [m/s²], finite.
         mask: (T,) bool, False where a sample was lost.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
     """
     size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
     if len(gyr) <= size:
@@ -133,7 +133,7 @@ def still_mask(
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         mask: (T,) bool, False where a sample is ignored; None: every sample counts.
         threshold: on the root mean square rate [rad/s].
         window_s: window [s], rounded up to an odd number of samples.
@@ -162,7 +162,7 @@ def longest_still(
 
     Args:
         gyr: (T, 3) angular rate [rad/s].
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         mask: (T,) bool, False where a sample is ignored; None: every sample counts.
         threshold: as in `still_mask` [rad/s].
         window_s: as in `still_mask` [s].
@@ -188,7 +188,7 @@ def standing_of_legs(
 
     Args:
         gyrs: (T, 3) angular rate of each sensor [rad/s].
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         estimator: its name, for the error.
 
     Returns:

@@ -228,7 +228,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, star
 
     Args:
         rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         d: settings.
         start_s: time of the first sample [s].
 
@@ -260,7 +260,7 @@ def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_
 
     Args:
         rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         d: settings.
         start_s: time of the first sample [s].
 

@@ -56,7 +56,7 @@ def stances(
         speed: (T,) norm of the rate, its axes low-passed in the same way [rad/s].
         start: samples at which swings begin, whole or fractional, increasing.
         end: samples at which the swings end, each before the next start.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
 
     Returns:
         Instants for each swing.

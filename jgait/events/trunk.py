@@ -144,7 +144,7 @@ def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, 
     Args:
         accelerations: (T, n) of the trunk [m/s²], finite.
         mask: (T,) bool, False where a sample was lost.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         p: settings of the rule; its thresholds are shares of the details' magnitudes.
 
     Returns:
@@ -186,7 +186,7 @@ def sides(
 
     Args:
         yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         time: (n,) of contacts in order, from the first sample on [s].
         frequency: (n,) of steps [Hz].
         valid: (n,) bool, False for rows without a contact.
@@ -239,7 +239,7 @@ def initial_contacts(
         forward: (T,) acceleration along the walking direction [m/s²], finite.
         upward: (T,) acceleration, without gravity [m/s²], finite.
         yaw_rate: (T,) about the vertical, a turn to the left positive [rad/s], finite.
-        sampling_rate_hz: of the samples [Hz], 25 to 400; static.
+        sampling_rate_hz: sampling rate [Hz], 25 to 400; static.
         settings: settings of a detector, which also choose the detector.
         coarse: settings of the coarse instants.
         mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.

@@ -93,7 +93,7 @@ def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
 
     Args:
         bank: (number of cut-offs, T, 2) from `low_passed`: forward and upward acceleration [m/s²].
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
 
     Returns:
         (T,) [Hz]; where nobody walks, the step frequency of the walking near by.
@@ -128,7 +128,7 @@ def low_passed(x: ArrayLike, sampling_rate_hz: float) -> Array:
 
     Args:
         x: (T, ...) any unit.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
 
     Returns:
         (number of cut-offs, T, ...) the same unit.
@@ -210,7 +210,7 @@ def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: flo
     Args:
         forward: (T,) acceleration [m/s²], finite.
         upward: (T,) acceleration without gravity [m/s²], finite.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         c: settings.
         capacity: number of rows; static. Further maxima are left out.
 

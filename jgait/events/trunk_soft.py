@@ -70,7 +70,7 @@ def rates_of_change(
     Args:
         forward: (T,) acceleration [m/s²], finite.
         upward: (T,) acceleration without gravity [m/s²], finite.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         cutoff_hz: cut-off of the low-pass filter [Hz].
         mask: (T,) bool, False where a sample does not count for the root mean squares; None: all count.
 
@@ -99,7 +99,7 @@ def instants(
     Args:
         forward: (T,) acceleration, without gravity [m/s²], finite.
         upward: (T,) acceleration, without gravity [m/s²], finite.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         coarse: (n,) instants, from the first sample on [s].
         settings: weights, window and offset.
         mask: (T,) bool, False where a sample does not count; None: all count.

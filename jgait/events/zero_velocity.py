@@ -90,7 +90,7 @@ def magnitude(
         sampling_rate_hz: as in `ared`.
         window_s: as in `ared`.
         mask: as in `ared`.
-        gravity: what the accelerometer reads at rest [m/s²]; its scale may be wrong.
+        gravity: reading of the accelerometer at rest [m/s²]; not gravity if its scale has an error.
 
     Returns:
         (T,) [m/s²]; infinite where a window has no sample that counts.
@@ -121,7 +121,7 @@ def shoe(
         sampling_rate_hz: as in `ared`.
         window_s: as in `ared`.
         mask: as in `ared`.
-        gravity: what the accelerometer reads at rest [m/s²]; its scale may be wrong.
+        gravity: reading of the accelerometer at rest [m/s²]; not gravity if its scale has an error.
         gyr_scale: σ_ω, the rate that weighs as much as a force of σ_a [rad/s].
         acc_scale: σ_a [m/s²].
 
@@ -179,7 +179,7 @@ def zero_velocity(
         threshold: in the detector's unit, see `DETECTORS`; None: its default.
         window_s: window [s], rounded up to an odd number of samples; static under jit.
         mask: (T,) bool, False where a sample does not count; None: all count.
-        gravity: what the accelerometer reads at rest [m/s²].
+        gravity: reading of the accelerometer at rest [m/s²].
 
     Returns:
         (T,) bool; False where a window has no sample that counts.

@@ -68,7 +68,7 @@ def sagittal_axis(
         gyr: (T, 3) angular rate without bias [rad/s].
         up: (3,) unit vector up at standing, or None without an accelerometer.
         still: (T,) bool.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         perpendicular: project onto the horizontal plane.
 
     Returns:
@@ -128,7 +128,7 @@ def leg_mounting(
         side: "right" or "left".
         standing: samples of quiet standing.
         still: (T,) bool, where the person stands.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         perpendicular: make the sagittal axes perpendicular to gravity.
         estimator: its name, for the error.
 

@@ -87,7 +87,7 @@ def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
 
     Args:
         imu: the sensor.
-        sampling_rate_hz: of its samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
     """
     run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
     if run is None:

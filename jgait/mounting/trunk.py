@@ -57,7 +57,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
 
     Args:
         imu: sensor on the trunk [m/s²], without lost samples (see `mounting.shank.filled`).
-        sampling_rate_hz: of its samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
 
     Returns:
         The axes; None if nobody walks.

@@ -43,7 +43,7 @@ def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tup
 
     Args:
         cutoff_hz: frequency at which the gain is 1/√2 [Hz], between 0 and half the sampling rate.
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         order: 2, 4, 6 …; static.
 
     Returns:
@@ -133,7 +133,7 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: in
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
         cutoff_hz: frequency at which the gain is 1/√2 [Hz].
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         order: 2, 4, 6 …; static.
 
     Returns:
@@ -155,7 +155,7 @@ def low_pass_both_ways(
     Args:
         x: (T, ...) samples, floating point, any unit, finite; T > 3 (order + 1).
         cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         order: of one way: 2, 4, 6 …; static.
 
     Returns:
@@ -183,7 +183,7 @@ def low_pass_until(
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
         cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
-        sampling_rate_hz: of the samples [Hz].
+        sampling_rate_hz: sampling rate [Hz].
         last: index of the last sample before the padding.
         order: of one way: 2, 4, 6 …; static.
 

@@ -43,7 +43,7 @@ def walks(
         keys: one PRNG key for each person, the same as for `fitted`.
         people: persons whose fields are floats.
         along: the route of each person; all routes have the same number of pieces.
-        errors: how the sensors err and how they are mounted.
+        errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
         names: of recording and subject; None for subject_0001 …
@@ -104,7 +104,7 @@ def cohort(
         key: PRNG key of the people, their variability and the sensors' errors.
         n: number of people.
         along: the route; None for 20 m straight ahead.
-        errors: how the sensors err and how they are mounted.
+        errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
         batch: number of people simulated at once.

@@ -102,7 +102,7 @@ def signals(
         key: PRNG key of the sensors' errors.
         moving: the body at times (T,), a `Motion` of `Segments`.
         time: (T,) [s] nominal times of the samples.
-        errors: how the sensors err and how they are mounted.
+        errors: errors and mounting of the sensors.
         mounts: placement → position on the segment [m].
 
     Returns:
@@ -130,7 +130,7 @@ def walk(
         person: the person.
         along: the route.
         time: (T,) [s], evenly spaced, T ≥ 2.
-        errors: how the sensors err and how they are mounted.
+        errors: errors and mounting of the sensors.
         capacity: largest number of steps that the arrays hold; at least `person.gait.steps`. Static.
         placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
         mounts: positions on the segments that differ from `mount` [m].
@@ -256,7 +256,7 @@ def recording(
         key: PRNG key of the person's variability and of the sensors' errors.
         person: the person; None for the default.
         along: the route; None for straight ahead.
-        errors: how the sensors err and how they are mounted.
+        errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
         mounts: positions on the segments that differ from `mount` [m].

@@ -83,7 +83,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
 
     Args:
         s: from `check_signals`.
-        sampling_rate_hz: of the samples [Hz]; static.
+        sampling_rate_hz: sampling rate [Hz]; static.
         memory_s: time constant of forgetting [s]; static.
     """
     dt, dtype = 1.0 / sampling_rate_hz, s.rate.dtype

@@ -110,5 +110,5 @@ HC_SR04 = Ranging(
 
 Printed in Potter's paper on stride width: 30 Hz, 0.2 cm, 2 to 400 cm; distances above 0.5 m were thrown away as errors
 or other objects, hence late echoes. Vendors' sheets: a measuring angle of 15°, by some of 30°; taken as 15° to each
-side. Chosen: how often an echo is late, and by how much.
+side. Chosen: probability and size of late echoes.
 """
