@@ -51,7 +51,7 @@ REACH = 0.25
 """[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
 
 EROSION = (0.06, 0.02)
-"""[s] Time removed from the start and the end of a stance: the foot still sinks after contact, by 5 mm."""
+"""[s] Time removed from start and end of a stance. Without it footholds are 5 mm too high: the foot still sinks."""
 
 
 class Stances(NamedTuple):

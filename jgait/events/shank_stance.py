@@ -33,8 +33,8 @@ class ShankStances(NamedTuple):
 
     Attributes:
         begin: (n,) sample at which the stride of each swing begins.
-        end: (n,) sample at which the stride ends; except at pauses, the begin of the next stride.
-        standing: (n, 2) bool, True where the begin or the end lies in standing, False where it is a valley.
+        end: (n,) sample at which the stride ends; except at pauses, the start of the next stride.
+        standing: (n, 2) bool, True where the start or the end lies in standing, False where it is a valley.
     """
 
     begin: np.ndarray

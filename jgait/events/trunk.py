@@ -40,7 +40,7 @@ from jgait.signal.windows import vertex
 from jgait.types import AnyArray, Flags, Values
 
 LATER = 0.4
-"""[steps] Time from a contact to the begin of the step over which the turn of the pelvis is computed."""
+"""[steps] Time from a contact to the start of the step over which the turn of the pelvis is computed."""
 
 SLIP, SAY = 0.02, 0.5
 """[1] Probability that a step was missed or counted twice; log odds of a side from a usual turn of the pelvis."""

@@ -9,7 +9,7 @@ from jgait.types import AnyArray, Flags
 
 
 class Marks(NamedTuple):
-    """Flags of the begin and the end of strides at each sample, (T,) or, online, a scalar.
+    """Flags of the start and the end of strides at each sample, (T,) or, online, a scalar.
 
     Attributes:
         begin: bool, a stride begins at this sample.
@@ -30,7 +30,7 @@ def marks(
 
     Args:
         begin: sample at which each stride begins.
-        end: sample at which each stride ends: after its begin, not after the next begin.
+        end: sample at which each stride ends: after its start, not after the next start.
         samples: T; static.
         valid: False for rows without a stride; None: all rows are strides.
     """

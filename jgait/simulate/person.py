@@ -46,7 +46,7 @@ class Gait(NamedTuple):
         toe_up: pitch of the foot at initial contact [rad].
         heel_up: largest pitch of the foot, just after toe-off [rad].
         foot_flat: end of the foot's rotation about the heel, when the sole is on the ground [1].
-        heel_off: begin of the heel's rise [1].
+        heel_off: start of the heel's rise [1].
         swing_lift: lift of the foot in mid swing, in addition to the effect of its pitch [m].
         landing_speed: share of its speed that the foot keeps until the ground stops it [1].
         knee_stance: least knee flexion [rad]; it limits the height of the pelvis.

@@ -16,7 +16,7 @@ def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Value
     H(s) = 1 / (1 + √2 s/ω + (s/ω)²),  s = ω (1 − z⁻¹) / (K (1 + z⁻¹)),  K = tan(ω dt / 2)
 
     Before the recording the signal is assumed constant at its first sample, so that standing still has no transient. A
-    cut-off above 0.45 of the sampling rate leaves the signal unchanged.
+    cut-off of 0.45 of the sampling rate or more leaves the signal unchanged.
 
     Args:
         values: (T, C) samples, any unit.
