@@ -1,7 +1,7 @@
-"""Figures of estimates beside their reference, readable in grey, with units.
+"""Figures of estimates and their reference, readable in grey, with units.
 
-Every function draws on axes or figures of its own and returns the matplotlib figure; `save` writes it. All of the
-library's figures are called from here. Counterparts of the papers' figures that show data:
+Every function makes a new matplotlib figure and returns it; `save` writes it to a file. This package contains all
+figures of the library. Functions for the papers' figures of data:
 
 | paper | figure | call |
 |---|---|---|
@@ -13,7 +13,7 @@ library's figures are called from here. Counterparts of the papers' figures that
 | | 7: error over power savings | `error_over_saving`, `error_over_duty` |
 | Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
 | | 4: acceleration, velocity, displacement | `forward_speed` |
-| Potter | 6: each foot in a world of its own | `foot_paths` of `foot_ins` |
+| Potter | 6: each foot in a separate world frame | `foot_paths` of `foot_ins` |
 | | 7, 8, 9: both feet, in sections, width over time | `two_feet`; z₁ and z₂ of table I: `feet_apart` |
 | Silva | 3: states of the stride detection | `swing_states`; equations 3 to 6: `stride_integration` |
 """

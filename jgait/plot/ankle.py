@@ -45,30 +45,30 @@ FILTERED: Style = {"color": "black", "linewidth": 1.9}
 LIMIT: Style = {"color": RED, "linewidth": 1.2, "linestyle": DASHED}
 STATES = ((FLAT, "foot flat", "1.0"), (TOE_OFF, "toe-off", "0.8"), (SWING, "swing", "0.91"),
           (HEEL_STRIKE, "heel strike", "0.7"))  # fmt: skip
-"""State, its name, and its ground."""
+"""State, its name, and the grey level of its background."""
 
 EVENTS: tuple[tuple[str, str, Style], ...] = (
     ("push_off", "push-off", {"marker": "^", "color": "white"}),
     ("start", "swing begins", {"marker": "D", "color": BLUE}),
     ("end", "swing ends: a stride", {"marker": "v", "color": RED}),
 )
-"""Field of `events.shank.ShankEvents`, what it is, and its mark."""
+"""Field of `events.shank.ShankEvents`, its label, and its mark."""
 
 SHOWN_S = 4.0
-"""[s] About the middle stride, if no window is given."""
+"""[s] Length of the default window, about the middle stride."""
 
 ROWS = ("acceleration [m/s²]", "velocity [m/s]", "displacement [m]")
 UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
 
 
 class Machine(NamedTuple):
-    """The state machine over a recording; (T,) each, the filter's delay taken off the times.
+    """The state machine over a recording; (T,) each, the times corrected for the filter's delay.
 
     Attributes:
         time: of the filtered samples [s].
         rate: filtered sagittal rate [rad/s].
-        state: from the sample on, see `events.shank`.
-        found: what was found, `events.shank.ShankEvents`.
+        state: state from each sample on, see `events.shank`.
+        found: the detected events, `events.shank.ShankEvents`.
     """
 
     time: np.ndarray
@@ -88,14 +88,14 @@ def swing_states(
     """The sagittal rate at an ankle or on a shank with the state machine's states, events and thresholds.
 
     Args:
-        recording: with a sensor there.
-        side: 'right' or 'left'; None: the first that is worn.
-        detector: settings; None: `events.shank.MACHINE`. `events.shank.PAPER` is the paper's.
+        recording: with a sensor at an ankle or on a shank.
+        side: 'right' or 'left'; None: the first side with a sensor.
+        detector: settings; None: `events.shank.MACHINE`. `events.shank.PAPER` has the paper's settings.
         seconds: from and to [s]; None: four seconds about the middle stride.
         title: above the figure.
 
     Returns:
-        A matplotlib figure: the rate, its ground shaded by state, over the state.
+        A matplotlib figure: the rate, with the background shaded by state, above the state.
 
     Raises:
         ValueError: if that side was not measured, or no sample lies in the window.
@@ -147,15 +147,15 @@ def stride_integration(
 ) -> Figure:
     """One stride integrated in three dimensions: the ankle's acceleration, velocity and displacement.
 
-    Strapdown from one stance to the next, turned to where the stride leads. Thin dotted lines take the first sample's
-    reading for gravity and are as integrated; the others are corrected by the velocity known at both ends.
+    Strapdown integration from one stance to the next, rotated to the direction of the stride. Thin dotted lines are
+    uncorrected, with the first specific force as gravity; the others are corrected by the velocity at both ends.
 
     Args:
         recording: with a sensor at an ankle or on a shank.
-        p: parameters of `ankle_stride`, its lever and cut-off above all; None: the default's.
-        options: of `ankle_stride`; None: the default's.
-        side: 'right' or 'left'; None: the first that is worn.
-        stride: which of the leg's strides, from 0; None: the middle one.
+        p: parameters of `ankle_stride`, mainly its lever and cut-off; None: the default parameters.
+        options: of `ankle_stride`; None: the default options.
+        side: 'right' or 'left'; None: the first side with a sensor.
+        stride: number of the leg's stride, from 0; None: the middle stride.
         title: above the stride's number, length, rise and time.
 
     Returns:
@@ -198,7 +198,7 @@ def stride_integration(
 
 
 def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tuple[str, np.ndarray, "AnkleSignals"]:
-    """A side that is worn, the time [s] and the leg's signals and decisions."""
+    """A side with a sensor, the time [s], and the leg's signals and detected stances."""
     if side not in (None, *SIDES):
         raise ValueError(f"side must be 'right' or 'left'; got {side!r}")
     inputs = ankle_stride.prepared(recording, options).inputs
@@ -213,7 +213,7 @@ def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tup
 def _phases(
     d: Detector, values: Array, time: Array, rate_hz: Scalar
 ) -> tuple[Array, Scalar, tuple[Array, ShankEvents]]:
-    """The machine as `events.shank.phases`: filtered rate, delay of the filter, and state and events at each sample."""
+    """The result of `events.shank.phases`: filtered rate, delay of the filter, and state and events at each sample."""
     filtered = butterworth.low_pass(values, d.cutoff_hz, rate_hz)
 
     def one(state: ShankState, sample: tuple[Array, Array]) -> tuple[ShankState, tuple[Array, ShankEvents]]:
@@ -225,7 +225,7 @@ def _phases(
 
 
 def _machine(rate: np.ndarray, time: np.ndarray, rate_hz: float, d: Detector) -> Machine:
-    """The machine over the whole recording; the states so late as the filter makes them, which is taken off."""
+    """The state machine over the whole recording; the filter's delay is subtracted from the times."""
     filtered, late, (state, events) = _phases(d, rate, time, float(rate_hz))
     late = float(late)
     moved = {field: as_float(getattr(events, field)) - late for field in ("push_off", "start", "end")}
@@ -234,7 +234,7 @@ def _machine(rate: np.ndarray, time: np.ndarray, rate_hz: float, d: Detector) ->
 
 
 def _grounds(axis: Axes, machine: Machine, span: tuple[float, float]) -> None:
-    """Ground in the grey of each state; foot flat is white."""
+    """Shade the background in the grey of each state; foot flat is white."""
     edges = np.flatnonzero(np.diff(machine.state)) + 1
     for start, stop in zip([0, *edges], [*edges, len(machine.state) - 1], strict=True):
         state = int(machine.state[start])
@@ -250,7 +250,7 @@ Integrals = tuple[steps.StrideState, Vector, Vector]
 
 @jax.jit
 def _strapdown(p: StrideLengthParams, gyr: Array, acc: Array, dt: Scalar) -> Integrals:
-    """The integrals of `stride_length` from sample to sample behind the first; compiled once for each length."""
+    """The integrals of `stride_length` at each sample after the first; compiled once for each length."""
     nowhere = Marks(np.False_, np.False_)
 
     def one(state: steps.StrideState, sample: tuple[Array, Array]) -> tuple[steps.StrideState, Integrals]:
@@ -263,10 +263,10 @@ def _strapdown(p: StrideLengthParams, gyr: Array, acc: Array, dt: Scalar) -> Int
 def _integrated(
     leg: "AnkleSignals", p: "AnkleParams", first: int, last: int, lever: Vector
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """Acceleration, velocity and way (n, 3) of the ankle, forward, left and up; and both integrals uncorrected.
+    """Acceleration, velocity and displacement (n, 3) of the ankle, forward, left, up; and the uncorrected integrals.
 
-    With V and W the single and double integral of the specific force, v the velocity ω × r of the
-    sensor about the ankle and g the mean that makes it right at the end, the ankle has W − g t²/2 + v(0) t − (R r − r).
+    With V and W the single and double integral of the specific force, v the velocity ω × r of the sensor about the
+    ankle, and g a constant that gives the right velocity at the end, the ankle has W − g t²/2 + v(0) t − (R r − r).
     """
     rate_hz = float(leg.rate_hz)
     gyr, acc = (

@@ -1,4 +1,4 @@
-"""Figures of a cohort: agreement with the reference, errors of each subject, and what a change did to each.
+"""Figures of a cohort: agreement with the reference, errors of each subject, and changes of errors.
 
 Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
 """
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEW = 8
-"""Up to so many subjects each has a mark of its own."""
+"""Largest number of subjects with different marks."""
 
 MARKS = (
     ("o", "#1b1b1b"), ("s", "#c0392b"), ("^", "#6fb1e0"), ("D", "#8a6d00"),
     ("v", "#707070"), ("P", "#8e2f86"), ("X", "#1d6f42"), ("<", "#d98a2b"),
 )  # fmt: skip
-"""Shape and colour of each of few subjects: they differ in shape."""
+"""Shape and colour of the marks of up to `FEW` subjects; all shapes differ."""
 
 HALF: Style = {"color": "0.45", "solid_capstyle": "butt"}
 MEDIAN: Style = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
@@ -46,10 +46,10 @@ def _rows(table: "pd.DataFrame", quantity: str, by: str) -> "pd.DataFrame":
 
 
 APART = 0.11
-"""Of the height of the axis: two labels of two lines nearer than this would lie over each other."""
+"""Smallest distance of two labels of two lines that do not overlap [share of the axis' height]."""
 
 SMALLEST = 1e-6
-"""Half of the height of an agreement figure is at least this share of the largest mean."""
+"""Smallest half-height of an agreement figure [share of the largest mean]."""
 
 
 def bland_altman(
@@ -67,11 +67,11 @@ def bland_altman(
     Args:
         table: long, with columns `quantity`, `estimate`, `reference` and `by`, as `jgait.evaluate.agreement` takes it;
             rows that are not finite are left out.
-        quantity: which.
+        quantity: name of the quantity.
         unit: of estimate and reference, for the axes.
-        subjects: mark up to `FEW` subjects each in its own shape and colour.
-        by: column that names the subject; rows of one count as repeated measurements.
-        level: share of differences between the limits, and probability that each interval is to cover [1].
+        subjects: mark up to `FEW` subjects in different shapes and colours.
+        by: column that names the subject; rows of one subject are repeated measurements.
+        level: share of differences between the limits, and coverage probability of each interval [1].
         title: above the figure.
 
     Returns:
@@ -88,7 +88,7 @@ def bland_altman(
     figure, axes = blank(1, 1, 7.0, 4.2)
     axis = axes[0, 0]
     ends = np.array([difference.min(), limits.lower_low, difference.max(), limits.upper_high])
-    # differences that are rounding errors are drawn over axes that still have a height
+    # if all differences are rounding errors, the axes still have a height above 0
     room = max(0.04 * np.ptp(ends), SMALLEST * np.abs(mean).max(), np.finfo(float).tiny)
     axis.set_ylim(ends[:2].min() - room, ends[2:].max() + room)
     _limits(axis, limits, level, unit)
@@ -117,7 +117,7 @@ def bland_altman(
 
 
 def _limits(axis: Axes, limits: Limits, level: float, unit: str) -> None:
-    """Bias and limits as lines; beside the axes, clear of the points, their values and intervals."""
+    """Draw bias and limits as lines, and write their values and intervals beside the axes."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
     beside = axis.get_yaxis_transform()
     lines = (
@@ -143,11 +143,11 @@ def _number(value: float) -> str:
 def per_subject(
     table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = ""
 ) -> Figure:
-    """Sizes of each subject's errors: all of them, the middle half, the median and the worst, sorted by median.
+    """Absolute errors of each subject: all errors, the middle half, the median and the worst, sorted by median.
 
     Args:
         table: long, with columns `quantity`, `estimate`, `reference` and `by`; rows that are not finite are left out.
-        quantity: which.
+        quantity: name of the quantity.
         unit: of estimate and reference, for the axis.
         by: column that names the subject.
         title: above the figure.
@@ -182,7 +182,7 @@ def per_subject(
 
 
 def _height(rows: int) -> float:
-    """Of a figure with a row a subject [inch]."""
+    """Height of a figure with one row a subject [inch]."""
     return float(np.clip(1.6 + 0.22 * rows, 2.6, 14.0))
 
 
@@ -201,18 +201,18 @@ def before_after(
     seed: int = 0,
     title: str = "",
 ) -> Figure:
-    """What a change did to each subject's error, sorted by the error before.
+    """Each subject's error before and after a change, sorted by the error before.
 
     Args:
         table: columns `by`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
         unit: of the errors, for the axis.
-        name: what the errors are of, for the axis.
+        name: name of the quantity, for the axis.
         by: column that names the subject.
-        seed: of the interval in the title; see `jgait.evaluate.paired_difference`.
+        seed: seed of the interval in the title; see `jgait.evaluate.paired_difference`.
         title: above the figure, before the numbers.
 
     Returns:
-        A matplotlib figure; the largest error before on top, dashed where the change made it worse.
+        A matplotlib figure; the largest error before on top, dashed where the error increased.
 
     Raises:
         ValueError: if a column is missing, a value is not finite or there are fewer than two subjects.

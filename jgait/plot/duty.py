@@ -1,4 +1,4 @@
-"""Figures of a gyroscope that sleeps: its measured and filled rate, the angles, and what sleep does to the rate."""
+"""Figures of a gyroscope that sleeps: measured and filled rates, angles, and errors of the rate caused by sleep."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ RATES: tuple[tuple[int, str, Style], ...] = (
     (FILLED, "filled", {"color": "#d35400", "linewidth": 1.7}),
     (HELD, "held, not used", {"color": "#2e86c1", "linewidth": 1.3, "linestyle": (0, (1, 1.5))}),
 )
-"""Origin of a sample, its name and its line; they differ in width and dashes as well as colour."""
+"""Origin of a sample, its name and its line; the lines differ in width, dashes and colour."""
 
 ANGLES: tuple[tuple[str, Style], ...] = (
     ("hip", {"color": BLUE, "linewidth": 1.6}),
@@ -42,7 +42,7 @@ ERROR: Style = {"color": RED, "linewidth": 1.0}
 
 
 def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
-    """Angles and gyroscope rates of every leg over time; where a gyroscope slept the ground is grey.
+    """Angles and gyroscope rates of every leg over time; the background is grey while a gyroscope sleeps.
 
     Args:
         estimate: of `duty_cycled_gyro`.
@@ -50,11 +50,11 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
         title: above the figure.
 
     Returns:
-        A matplotlib figure: a column for each leg; hip and knee, or the segment's angle where one is worn alone, over
+        A matplotlib figure: a column for each leg; hip and knee, or the segment's angle with one sensor alone, above
         the rate of each sensor.
 
     Raises:
-        ValueError: if the estimate has no gyroscope whose gaps were filled.
+        ValueError: if the estimate has no gyroscope with filled gaps.
     """
     names = [f"{segment}_{side}" for side in SIDES for segment in ("thigh", "shank")]
     names = [name for name in names if f"how_{name}" in estimate.diagnostics]
@@ -81,13 +81,13 @@ def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: s
 
 
 def _shade(axis: Axes, time: np.ndarray, asleep: np.ndarray) -> None:
-    """Grey ground from the first sample of each sleep to the first after it."""
+    """Shade the background from the first sample of each sleep to the first sample after it."""
     for start, end in true_runs(asleep):
         axis.axvspan(time[start], time[min(end, time.size - 1)], **ASLEEP)
 
 
 def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
-    """One gyroscope: each piece reaches back to the sample before it, so that the line has no holes."""
+    """Draw one gyroscope's rate; each piece begins at the last sample of the piece before, so the line has no gaps."""
     time, rate = as_float(estimate.time)[part], as_float(estimate.diagnostics[f"gyro_{name}"])[part]
     how = np.asarray(estimate.diagnostics[f"how_{name}"])[part]
     _shade(axis, time, how != MEASURED)
@@ -100,7 +100,7 @@ def _rates(axis: Axes, estimate: Estimate, name: str, part: np.ndarray) -> None:
 
 
 def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np.ndarray) -> None:
-    """Hip and knee with bands of two standard deviations, or the angle of the one segment."""
+    """Draw hip and knee with bands of two standard deviations, or the angle of a single segment."""
     time, diagnostics = as_float(estimate.time)[part], estimate.diagnostics
     asleep = np.any([np.asarray(diagnostics[f"how_{name}"])[part] != MEASURED for name in worn], axis=0)
     _shade(axis, time, asleep)
@@ -134,19 +134,19 @@ def filtered_rates(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """The Kalman filter's rate of each segment over the gyroscope's reading; or with sleep over without, and the error.
+    """The Kalman filter's rate of each segment and the gyroscope's; or the rates with and without sleep, and the error.
 
     Args:
         estimate: of `duty_cycled_gyro`.
-        awake: of the same recording with its gyroscopes always on; then the estimate is drawn over it, and their
-            difference beneath. None: the gyroscope's own rate, measured or filled, is drawn beneath the estimate.
-        placement: one sensor alone, such as "shank_right"; None: all.
+        awake: estimate of the same recording with the gyroscopes always on, drawn behind `estimate`, with their
+            difference below. None: the gyroscope's rate, measured or filled, is drawn behind `estimate`.
+        placement: a single sensor, such as "shank_right"; None: all.
         seconds: from and to [s]; None: everything.
         title: above the figure.
 
     Returns:
-        A matplotlib figure. Errors are over the root mean square of the rate without sleep, as in the paper, within the
-        time shown.
+        A matplotlib figure. Errors are divided by the root mean square of the rate without sleep, as in the paper,
+        within the time shown.
 
     Raises:
         ValueError: if an estimate has no such gyroscope, or both have different times, or no sample lies in the
@@ -191,7 +191,7 @@ def _told(estimate: Estimate, name: str) -> bool:
 
 
 def _same(awake: Estimate, names: list[str], time: np.ndarray) -> None:
-    """Refuse an estimate of other gyroscopes or times."""
+    """Refuse a second estimate with other gyroscopes or other times."""
     missing = [name for name in names if not _told(awake, name)]
     if missing or not np.array_equal(as_float(awake.time), time):
         what = f"does not have {missing[0]}" if missing else "has other times"

@@ -1,6 +1,6 @@
-"""Figures of where feet went: from above, from the side, stride by stride, and how far apart.
+"""Figures of feet: trajectories from above and from the side, and strides over time.
 
-The right foot is black with dots, the left one light blue with squares: also in grey they differ.
+The right foot is black with dots, the left foot light blue with squares: they also differ in grey.
 Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
@@ -19,10 +19,10 @@ SERIES = (("length", "length [m]", 1.0), ("width", "width [cm]", 100.0), ("heigh
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
-    """Side → trajectory of each foot that was measured.
+    """Side → trajectory of each foot in the estimate.
 
     Raises:
-        ValueError: if none was.
+        ValueError: if the estimate has no foot.
     """
     feet = {} if estimate.feet is None else {side: getattr(estimate.feet, side) for side in SIDES}
     feet = {side: foot for side, foot in feet.items() if foot is not None}
@@ -42,24 +42,24 @@ def rows_of(estimate: Estimate) -> np.ndarray:
 
 
 def footholds(estimate: Estimate, side: str, seconds: Seconds = None) -> np.ndarray:
-    """Times at which a foot stands on its footholds [s], within a window; none if nothing is known of them."""
+    """Times at which a foot stands on its footholds [s], within a window; empty if they are unknown."""
     if estimate.strides is None or estimate.strides.standing is None:
         return np.zeros(0)
     rows = [k for k in rows_of(estimate) if np.asarray(estimate.strides.side)[k] == SIDES.index(side)]
-    # A foot that stands for long is seen to arrive and to leave: it is where it is seen to leave from.
+    # A long stance has a time of arrival and a time of leaving: the foothold is the position at leaving.
     first, last = as_float(estimate.strides.standing)[rows], as_float(estimate.strides.standing_end)[rows]
     times = np.concatenate([first, last[-1:]])
     return times[windowed(times, seconds)]
 
 
 def places_at(estimate: Estimate, foot: FootTrajectory, times: np.ndarray) -> np.ndarray:
-    """Places (n, 3) [m] of a foot at some times [s]."""
+    """Positions (n, 3) [m] of a foot at given times [s]."""
     time = as_float(estimate.time)
     return np.stack([np.interp(times, time, axis) for axis in as_float(foot.position).T], axis=1)
 
 
 def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndarray:
-    """Places (T, 3) with gaps where nothing is known, or outside the window."""
+    """Positions (T, 3) [m], NaN outside the window and where the estimate is not valid."""
     visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     return np.where(visible[:, None], as_float(foot.position), np.nan)
 
@@ -76,8 +76,8 @@ def foot_paths(
     """Both feet from above, footholds marked; axes equal.
 
     Args:
-        estimate: with `feet`; of `foot_ins` each foot is in a world of its own, which begins where the foot does and
-            has x along its first stride.
+        estimate: with `feet`; of `foot_ins` each foot has a separate world frame, with the origin at the foot's start
+            and x along its first stride.
         reference: with `feet`, right dashed, left dotted; each foot is turned about the vertical and shifted to
             fit the estimate.
         seconds: from and to [s].
@@ -109,14 +109,14 @@ def foot_paths(
 
 
 def height_of(ways: dict[str, np.ndarray], width: float) -> float:
-    """How high a plan of some width is with equal axes [inch], within reason."""
+    """Height of a plan of a given width with equal axes [inch], limited."""
     everything = np.concatenate(list(ways.values()))
     extent = np.nanmax(everything, axis=0) - np.nanmin(everything, axis=0) + 0.3
     return float(np.clip(width * extent[1] / extent[0], 1.5, 6.0))
 
 
 def _fitted(reference: Estimate, estimate: Estimate, side: str) -> np.ndarray | None:
-    """The reference's places of one foot turned about the vertical and shifted onto the estimate's; None if none."""
+    """The reference's trajectory of one foot, turned about the vertical and shifted onto the estimate's; or None."""
     foot = None if reference.feet is None else getattr(reference.feet, side)
     if foot is None or estimate.feet is None:
         return None
@@ -129,7 +129,7 @@ def _fitted(reference: Estimate, estimate: Estimate, side: str) -> np.ndarray | 
 
 
 def plan_of(axis: Axes) -> None:
-    """Make axes those of a view from above."""
+    """Label the axes for a view from above."""
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
@@ -197,7 +197,7 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:
-    """(strides,) a field of `Strides`, or their duration; NaN where the estimate does not state it."""
+    """(strides,) a field of `Strides`, or the duration; NaN where the estimate lacks the value."""
     strides = estimate.strides
     values = strides.end - strides.start if field == "duration" else getattr(strides, field)
     return np.full(np.shape(strides.side), np.nan) if values is None else as_float(values)
@@ -240,7 +240,7 @@ PANELS = (
     ("height", "rise [cm]", 100.0),
     ("turn", "turn [°]", DEGREES),
 )
-"""Field of `Strides` (the duration is end − start), the label of the axis, and what its SI unit is multiplied by."""
+"""Field of `Strides` (the duration is end − start), label of the axis, and factor from SI to the unit of the axis."""
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
@@ -249,14 +249,14 @@ SPECIAL: dict[str, Style] = {
     "clipped": {"marker": "x", "markersize": 9, "markeredgewidth": 1.4, "label": stride_flags.CLIPPED.label},
     "half": {"marker": "s", "markersize": 8, "markeredgewidth": 1.0, "label": stride_flags.HALF.label},
 }
-"""Flag in the diagnostics → the mark around a stride that has it; they differ in form, not in colour."""
+"""Flag in the diagnostics → the mark around a stride with this flag; marks differ in shape, not in colour."""
 
 
 def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
 
     Args:
-        estimate: of `ankle_stride`, or any with `strides` whose `diagnostics` has the flags of `SPECIAL` or none.
+        estimate: of `ankle_stride`, or any estimate with `strides`, with or without the flags of `SPECIAL`.
         title: above the figure.
 
     Returns:
@@ -284,7 +284,7 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
 
 
 def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
-    """A thin line through the strides of each leg."""
+    """Draw a thin line through the strides of each leg."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for number, side in enumerate(SIDES):
         of_side = rows[np.asarray(estimate.strides.side)[rows] == number]
@@ -292,7 +292,7 @@ def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale:
 
 
 def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
-    """A mark around every stride that is special, in the legend only if there is one."""
+    """Draw a mark around every flagged stride; the legend lists only flags that occur."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for name, style in SPECIAL.items():
         flags = estimate.diagnostics.get(name)

@@ -1,4 +1,4 @@
-"""Figures of legs: joint angles, the foot relative to the hip, and distance, beside their reference."""
+"""Figures of legs with their reference: joint angles, the foot relative to the hip, and distance."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | 
 
 
 def _shown(estimate: Estimate) -> Estimate:
-    """The same estimate with gaps where it is not valid: padding, no data yet."""
+    """The estimate with NaN where it is not valid, for example before the first result."""
     valid = np.asarray(estimate.valid, bool)
 
     def gapped(values: AnyArray) -> np.ndarray:
@@ -69,7 +69,7 @@ def foot_displacement(
     label: str = "jgait",
     reference_label: str = "reference",
 ) -> Figure:
-    """Where each ankle is relative to its hip over time, with a band of two standard deviations, over the reference.
+    """Position of each ankle relative to the hip over time, with a band of two standard deviations, over the reference.
 
     Args:
         estimate: what to draw.
@@ -93,7 +93,7 @@ def _over_time(
     title: str,
     labels: tuple[str, str],
 ) -> Figure:
-    """A row for each field of the legs' trajectories, a column for each leg."""
+    """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6)
@@ -137,7 +137,7 @@ def foot_path(
     label: str = "jgait",
     reference_label: str = "reference",
 ) -> Figure:
-    """Where the ankle goes relative to the hip, in the sagittal plane.
+    """Path of the ankle relative to the hip, in the sagittal plane.
 
     Args:
         estimate: what to draw.

@@ -24,8 +24,8 @@ class Series(NamedTuple):
     """One line of a figure.
 
     Attributes:
-        x: (n,) duty cycle, or part of the energy saved [1].
-        error: (n,) root mean square error over that of the signal [1].
+        x: (n,) duty cycle, or share of the energy saved [1].
+        error: (n,) root mean square error over the root mean square of the signal [1].
         role: "filler", "paper", "found" (schedules found by gradient) or "policy" (single points).
     """
 
@@ -45,7 +45,7 @@ def _style(series: Series, number: int) -> Style:
 
 
 def _drawn(axis: Axes, lines: Mapping[str, Series]) -> None:
-    """Every series over 100 x, on an error axis of plain numbers; those of the paper and of the descent lie on top."""
+    """Draw every series over 100 x; series of the paper and those found by gradient are drawn on top."""
     number = 0
     for name, series in lines.items():
         x, error = (np.asarray(v, np.float64) for v in (series.x, series.error))
@@ -66,7 +66,7 @@ def _drawn(axis: Axes, lines: Mapping[str, Series]) -> None:
 
 
 def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = "") -> Figure:
-    """What each way of filling the gaps errs as the gyroscope is on for less of the time.
+    """Error of each filler of gaps over the duty cycle of the gyroscope.
 
     Args:
         panels: title of the panel → name → series over the duty cycle [1].
@@ -76,7 +76,7 @@ def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = 
         A matplotlib figure.
 
     Raises:
-        ValueError: if there is no panel, or a series does not fit together.
+        ValueError: if there is no panel, or the arrays of a series have different lengths.
     """
     return _panels(panels, "time that the gyroscope measures [%]", None, title)
 
@@ -84,11 +84,11 @@ def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = 
 def error_over_saving(
     panels: Mapping[str, Mapping[str, Series]], *, power: float | None = None, title: str = ""
 ) -> Figure:
-    """Error against energy saved: the further down and to the right, the better.
+    """Error over the energy saved; points below and to the right are better.
 
     Args:
-        panels: title of the panel → name → series over the part of the gyroscope's energy that is saved [1].
-        power: of the gyroscope while it is on [W]; draws its mean power as a second axis.
+        panels: title of the panel → name → series over the share of the gyroscope's energy that is saved [1].
+        power: power of the gyroscope while it is on [W]; adds its mean power as a second axis.
         title: above the figure.
 
     Returns:
@@ -118,7 +118,7 @@ def _panels(panels: Mapping[str, Mapping[str, Series]], label: str, power: float
 
 
 def _second(axis: Axes, power: float) -> None:
-    """Mean power in milliwatts above the saving."""
+    """Add an axis of the mean power [mW] above the axes."""
 
     def both_ways(value: ArrayLike) -> ArrayLike:
         return value

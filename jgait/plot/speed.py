@@ -1,4 +1,4 @@
-"""A figure of a trunk's speed within a walk, by each way of integrating its forward acceleration.
+"""A figure of the trunk's speed in a walk, by each method of integrating its forward acceleration.
 
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
@@ -24,15 +24,15 @@ WAYS: dict[str, tuple[str, Style]] = {
     "frozen": ("direct and reverse, no update", {"color": BLUE, "linewidth": 1.9}),
     "updated": ("direct and reverse, velocity update", {"color": "black", "linewidth": 0.9}),
 }
-"""Function of `velocity_update` → what the legend calls it, and its line."""
+"""Function of `velocity_update` → its name in the legend, and its line."""
 
 OURS: Style = {"color": RED, "linewidth": 2.2}
 TRUE: Style = {"color": "black", "linewidth": 1.3, "linestyle": DASHED}
 EVERY = 5
-"""[cycles] From one upright line to the next."""
+"""[cycles] Distance between two vertical lines."""
 
 PAUSE_S = 1.5
-"""[s] Contacts that are further apart are separated by a pause."""
+"""[s] Longest time between two contacts of one bout; a longer time is a pause."""
 
 
 def forward_speed(
@@ -45,20 +45,20 @@ def forward_speed(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """Forward acceleration, speed and way of the trunk: integrated, direct and reverse, updated, and as estimated.
+    """Forward acceleration, speed and distance of the trunk: by each method of integration, and as estimated.
 
     Args:
-        recording: of which the estimate is.
-        estimate: of `waist`: its distance, and from contact to contact its speed.
+        recording: the recording of the estimate.
+        estimate: of `waist`: its distance, and its speed from contact to contact.
         reference: with a distance, dashed.
-        p: parameters of the estimate; None: the default's.
-        options: of the estimate; None: the default's.
-        seconds: from and to [s]; None: everything. Ways are counted from there.
+        p: parameters of the estimate; None: the default parameters.
+        options: options of the estimate; None: the default options.
+        seconds: from and to [s]; None: everything. Distances begin with 0 at the start of the window.
         title: above the figure.
 
     Returns:
-        A matplotlib figure. Upright lines lie every five of the integrated cycles. A way of integrating that runs away
-        leaves the picture.
+        A matplotlib figure. Vertical lines mark every fifth integrated cycle. An integral that diverges leaves the
+        axes.
 
     Raises:
         ValueError: if the estimate has no distance or no contacts, or no sample lies in the window.
@@ -103,14 +103,14 @@ def forward_speed(
 def _integrate(
     p: VelocityUpdateParams, forward: Array, cycles: Cycles, dt: Array, start: Array, mask: Array, known: Array
 ) -> dict[str, tuple[Array, Array]]:
-    """Velocity and way by each way of integrating."""
+    """Velocity and distance by each method of integration."""
     results = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
             for name in WAYS}  # fmt: skip
     return {name: (result.velocity, result.displacement) for name, result in results.items()}
 
 
 def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Way of integrating → velocity [m/s] and way [m] (T,)."""
+    """Method of integration → velocity [m/s] and distance [m] (T,)."""
     inputs, count = trunk.inputs, len(trunk.time)
     forward = np.zeros(np.size(inputs.time))
     forward[:count] = trunk.forward
@@ -121,7 +121,7 @@ def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.n
 
 
 def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speed from each contact to the next [m/s] as a line of steps, with gaps where the walk pauses."""
+    """Speed from each contact to the next [m/s] as a step function, with gaps at pauses."""
     time, way = as_float(estimate.time), as_float(estimate.distance)
     there = np.asarray(estimate.valid, bool) & np.isfinite(way)
     at = np.interp(contacts, time[there], way[there], left=np.nan, right=np.nan)
@@ -131,7 +131,7 @@ def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Time and way from the start of the span on [s], [m]."""
+    """Time [s], and distance since the start of the span [m]."""
     time, way = as_float(estimate.time), as_float(estimate.distance)
     visible = np.asarray(estimate.valid, bool) & np.isfinite(way) & windowed(time, span)
     return time[visible], way[visible] - (way[visible][0] if visible.any() else 0.0)
@@ -148,7 +148,7 @@ def _known(speed: Axes, way: Axes, reference: Estimate, contacts: np.ndarray, sp
 
 
 def _framed(axis: Axes) -> None:
-    """Limits by all that is drawn but the plain integral, which runs away; a little of it is seen."""
+    """Set the limits of the axis by all lines except the plain integral, which diverges."""
     values = np.concatenate([as_float(line.get_ydata()) for line in axis.lines[1:]])
     values = values[np.isfinite(values)]
     low, high = min(0.0, float(values.min(initial=0.0))), float(values.max(initial=0.1))

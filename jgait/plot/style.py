@@ -1,6 +1,6 @@
-"""What all figures share: colours and lines that differ also in grey, empty figures, bands, windows, legends, files.
+"""Shared by all figures: colours and lines that also differ in grey, empty figures, bands, windows, legends, files.
 
-Estimates are red, references black and dashed; right is black, left light blue. Matplotlib is imported only when a
+Estimates are red, references black and dashed; right is black, left is light blue. Matplotlib is imported only when a
 figure is drawn, and needs no display.
 """
 
@@ -36,7 +36,7 @@ AXES: tuple[Style, ...] = (
     {"color": RED, "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
     {"color": BLUE, "linewidth": 1.7, "linestyle": "-"},
 )
-"""Of x, y and z: they differ in lightness and dashes, also in grey."""
+"""Lines of x, y and z; they differ in lightness and dashes, also in grey."""
 
 FOOT: dict[str, Style] = {"right": {"color": "black", "linewidth": 1.1}, "left": {"color": BLUE, "linewidth": 1.6}}
 """Side → line of its foot."""
@@ -45,14 +45,14 @@ FOOTHOLD: dict[str, Style] = {
     "right": {"marker": "o", "color": "black", "markersize": 4.0, "linestyle": "none"},
     "left": {"marker": "s", "color": BLUE, "markersize": 4.5, "markeredgecolor": "#2b6a99", "linestyle": "none"},
 }
-"""Side → mark of an event of its foot: they differ in lightness and shape, also in grey."""
+"""Side → mark of an event of this foot; the marks differ in lightness and shape, also in grey."""
 
 GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
-"""A part of the time that is shaded behind the lines."""
+"""Style of a time interval that is shaded behind the lines."""
 
 
 def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """A figure [inch] drawn without a display, so that servers and tests need none, and its axes (rows, columns)."""
+    """A figure of width and height [inch] that needs no display, and its axes (rows, columns)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -73,7 +73,7 @@ def check_overlap(time: AnyArray, seconds: tuple[float, float]) -> None:
     """Refuse a window in which no sample lies.
 
     Raises:
-        ValueError: naming the times of the recording, and those of the window.
+        ValueError: with the times of the recording and of the window.
     """
     time = as_float(time)
     if not windowed(time, seconds).any():
@@ -83,13 +83,13 @@ def check_overlap(time: AnyArray, seconds: tuple[float, float]) -> None:
 def band(
     axis: Axes, x: AnyArray, values: AnyArray, deviation: AnyArray, *, label: str | None = "±2σ", **style: Any
 ) -> None:
-    """Two standard deviations about values, filled."""
+    """Draw a filled band of two standard deviations about the values."""
     spread = 2.0 * as_float(deviation)
     axis.fill_between(x, as_float(values) - spread, as_float(values) + spread, linewidth=0.0, label=label, **style)
 
 
 def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
-    """One legend below all axes, with each label once, and the title above; the labels of the y axes are aligned."""
+    """Add one legend below all axes, with each label once, and the title above; align the labels of the y axes."""
     entries: dict[str, Any] = {}
     for axis in figure.axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
@@ -101,14 +101,14 @@ def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
 
 
 def over_time(axes: Iterable[Axes]) -> None:
-    """A grid on all axes, and the time below the last."""
+    """Add a grid to all axes, and the label of the time below the last."""
     for axis in axes:
         axis.grid(alpha=0.3)
     axis.set_xlabel("time [s]")
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
-    """Write a figure to a file, whole or not at all.
+    """Write a figure to a file, completely or not at all.
 
     Args:
         figure: a matplotlib figure.

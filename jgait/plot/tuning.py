@@ -1,4 +1,4 @@
-"""Figures of a tuning: how the fit went, what its data determine, and how sharply.
+"""Figures of a tuning: the loss of each step, and how precisely the data determine the parameters.
 
 Readable in grey, units on the axes. Each function returns the matplotlib figure; `jgait.plot.save` writes it.
 """
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
 MANY = 14
-"""From so many parameters on the numbers are left out of the squares."""
+"""Smallest number of parameters for which the squares have no numbers."""
 
 
 def _plain(axis: "Axis") -> None:
-    """Numbers instead of powers of ten on a logarithmic axis."""
+    """Label a logarithmic axis with numbers instead of powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -34,9 +34,9 @@ def _plain(axis: "Axis") -> None:
 
 
 def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
-    """How the errors of the parameters go together: the darker the closer, with the sign in the number.
+    """Correlation of the errors of the parameters: dark squares are close to ±1, the numbers have the sign.
 
-    What is not determined by the data is marked with a star.
+    A parameter that the data do not determine is marked with a star.
 
     Args:
         identifiability: of `jgait.tune.identifiability`.
@@ -75,11 +75,11 @@ def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
 
 
 def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
-    """How the loss rises as one parameter is held away from its best value, and where the interval ends.
+    """Increase of the loss when one parameter is fixed at other values than the best, and the ends of the interval.
 
     Args:
         profile: of `jgait.tune.profile`.
-        level: of the line and the interval.
+        level: coverage probability of the line and the interval [1].
         unit: of the parameter, for the axis.
         title: above the figure.
 
@@ -117,7 +117,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
 
 
 def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
-    """Loss and gradient step by step; crosses are steps that led nowhere and were taken back.
+    """Loss and gradient of each step; crosses are steps to a non-finite loss, which were undone.
 
     Args:
         fit: of `jgait.tune.fit`.
@@ -132,14 +132,14 @@ def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
     rejected = ~np.asarray(fit.accepted, bool)
     validation = np.asarray(fit.validation, float)
     norms = np.asarray(fit.gradient_norms, float)
-    norms = np.where(norms > 0.0, norms, np.nan)  # a logarithm follows
+    norms = np.where(norms > 0.0, norms, np.nan)  # zeros cannot be drawn on a logarithmic axis
     for axis, values, name in ((axes[0, 0], fit.losses, "loss"), (axes[1, 0], norms, "gradient norm")):
         axis.plot(steps, values, label=name, **ESTIMATE)
         if rejected.any():
             axis.plot(steps[rejected], np.asarray(values)[rejected], label=f"taken back ({rejected.sum()})", **REJECTED)
         axis.grid(alpha=0.3)
     looked = np.isfinite(validation)
-    # Seen after a step, which is where the next one starts. Without validation items it is the loss itself.
+    # The validation loss is computed after each step. Without validation items it equals the loss and is not drawn.
     if looked.any() and not np.array_equal(validation[:-1], np.asarray(fit.losses, float)[1:]):
         axes[0, 0].plot(steps[looked] + 1, validation[looked], label="validation", **VALIDATION)
     axes[0, 0].set_ylabel(f"loss [{unit}]" if unit else "loss")

@@ -1,6 +1,6 @@
-"""A figure of a trunk that walks: its accelerations, and the initial contacts of both feet over them.
+"""A figure of the trunk in walking: its accelerations with the initial contacts of both feet.
 
-Right contacts are black with dots, left ones light blue with squares: they differ in lightness and shape, also in grey.
+Right contacts are black dots, left contacts light blue squares: they differ in lightness and shape, also in grey.
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
 
@@ -45,23 +45,23 @@ CONTACT: dict[str, Style] = {
 }
 KNOWN: Style = {"color": RED, "linewidth": 1.6, "linestyle": DOTTED, "zorder": 1.6}
 SHOWN_S = 4.0
-"""[s] About the middle contact, if no window is given."""
+"""[s] Length of the default window, about the middle contact."""
 
 TICK_S = 0.2
-"""[s] What the axis is divided in, while it is short."""
+"""[s] Distance of the ticks of a short time axis."""
 
 ROWS = (("forward", "forward [m/s²]"), ("upward", "upward [m/s²]"), ("left", "to the left [m/s²]"))
 
 
 class Trunk(NamedTuple):
-    """How the trunk of a recording moves, on the host; (T,) each, without padding.
+    """Accelerations of the trunk in a recording, on the host; (T,) each, without padding.
 
     Attributes:
         time: [s].
         forward: acceleration along the walking direction [m/s²].
-        left: to its left [m/s²].
-        upward: without gravity [m/s²].
-        inputs: what the estimator takes, padded.
+        left: acceleration to the left [m/s²].
+        upward: upward acceleration without gravity [m/s²].
+        inputs: the estimator's inputs, padded.
     """
 
     time: np.ndarray
@@ -75,13 +75,13 @@ _motion = jax.jit(motion, static_argnames=("smooth", "execution"))
 
 
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
-    """How the trunk of a recording moves, as the estimator `waist` uses it.
+    """Accelerations of the trunk in a recording, as the estimator `waist` computes them.
 
     Args:
         recording: with a sensor at the trunk.
         p: parameters of the estimator.
         options: of the estimator.
-        smooth: whether later samples judge earlier ones: so for distances, not so for contacts.
+        smooth: whether the orientation is smoothed, with later samples: True for distances, False for contacts.
 
     Raises:
         RecordingError: as `waist.estimate`.
@@ -105,17 +105,17 @@ def trunk_contacts(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """The trunk's accelerations, what the wavelet leaves of them, and the initial contacts of both feet.
+    """The trunk's accelerations, their reconstruction from wavelet details, and the initial contacts of both feet.
 
-    Grey ground is the interval of interest, in which the paper looks for the greatest forward acceleration.
+    Grey background marks the interval of interest, in which the paper searches the largest forward acceleration.
 
     Args:
-        recording: of which the estimate is.
+        recording: the recording of the estimate.
         estimate: of `waist`.
         reference: with strides, whose contacts are drawn dotted.
-        p: parameters of the estimate; None: the default's.
-        options: of the estimate; None: the default's.
-        rule: settings of the wavelet and of the interval; None: the paper's.
+        p: parameters of the estimate; None: the default parameters.
+        options: options of the estimate; None: the default options.
+        rule: settings of the wavelet and of the interval; None: the paper's settings.
         seconds: from and to [s]; None: four seconds about the middle contact.
         title: above the figure.
 
@@ -157,7 +157,7 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     """Side → times of its initial contacts [s].
 
     Raises:
-        ValueError: if the estimate does not have them, or there is none.
+        ValueError: if the estimate has no contacts.
     """
     diagnostics = estimate.diagnostics
     if "initial_contact" not in diagnostics or "initial_contact_side" not in diagnostics:
@@ -178,7 +178,7 @@ def _window(time: np.ndarray, contacts: np.ndarray, seconds: Seconds) -> tuple[f
 
 
 def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times at the rate at which the paper's wavelet has its scales [s], and each acceleration's details there."""
+    """Times [s] at the paper's sampling rate of the wavelet, and the wavelet details of each acceleration."""
     count = len(trunk.time)
     measured = np.asarray(trunk.inputs.measured, bool)[:count]
     signals = np.stack([getattr(trunk, field) for field, _ in ROWS], axis=1)
@@ -189,14 +189,14 @@ def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, di
 
 @partial(jax.jit, static_argnums=2)
 def _times(forward: Array, upward: Array, rate: float, measured: Array) -> tuple[Array, Array]:
-    """Where the low-passed forward acceleration peaks before each contact, and which of the entries are one."""
-    # sides are not needed, so neither is a yaw rate
+    """Peak of the low-passed forward acceleration before each contact, and which of the entries are valid."""
+    # sides are not needed here, so no yaw rate is needed
     contacts = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
     return contacts.time, contacts.valid
 
 
 def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
-    """Peaks of the low-passed forward acceleration, about which the intervals of interest lie [s]."""
+    """Times [s] of the peaks of the low-passed forward acceleration, the centres of the intervals of interest."""
     measured = np.asarray(trunk.inputs.measured, bool)
     forward, upward = (np.pad(v, (0, measured.size - v.size)) for v in (trunk.forward, trunk.upward))
     time, valid = _times(forward, upward, float(rate), measured)
@@ -207,7 +207,7 @@ def _drawn(
     axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], reference: Estimate | None,
     span: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Contacts of both feet, as upright lines and as marks on the acceleration; known ones dotted."""
+    """Draw contacts of both feet as vertical lines and as marks on the acceleration; reference contacts are dotted."""
     for number, (side, times) in enumerate(contacts.items()):
         of_side = times[windowed(times, span)]
         for when in of_side:

@@ -1,6 +1,6 @@
-"""Figures of a walk: the body as a moving stick figure, and one stride of everything that sensors read.
+"""Figures of a simulated walk: an animated stick figure of the body, and all sensor signals of one stride.
 
-For simulated walks, whose truth is known. `jgait.plot` has both functions.
+`jgait.plot` has both functions.
 """
 
 from pathlib import Path
@@ -36,24 +36,24 @@ def stick_figure(
     slower: float = 1.0,
     title: str = "",
 ) -> "FuncAnimation":
-    """The walking body from the side and from the front, moving; the view follows the pelvis.
+    """Animation of the walking body from the side and from the front; the view follows the pelvis.
 
-    The right leg is black, the left one grey. The toes bend where the sole would sink into the ground.
+    The right leg is black, the left leg grey. The toes are bent where the sole would be below the ground.
 
     Args:
         truth: of a simulated walk.
-        path: write an animated GIF here; None writes nothing.
-        body: whose feet to draw; None for the default's.
+        path: file for an animated GIF; None writes no file.
+        body: body with the dimensions of the feet; None for the default body.
         seconds: from and to [s]; None shows everything.
-        frames_per_second: of the picture [Hz].
-        slower: how much slower than life it moves [1].
+        frames_per_second: of the animation [Hz].
+        slower: factor by which the animation is slower than the walk [1].
         title: above the figure.
 
     Returns:
         A `matplotlib.animation.FuncAnimation`; in a notebook, `HTML(animation.to_jshtml())` shows it.
 
     Raises:
-        ValueError: if there is nothing to show between those times.
+        ValueError: if no sample lies between the given times.
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
@@ -90,12 +90,12 @@ def stick_figure(
 def _stage(
     axes: np.ndarray, lines: dict[str, np.ndarray], ground: np.ndarray, title: str
 ) -> tuple[dict[tuple[int, str], PyTree], PyTree]:
-    """Both views with a line for each part of the body, to be filled in; and where the time stands."""
+    """Both views with an empty line for each part of the body; and the text for the time."""
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12
     drawn = {}
     for axis, view, name in ((axes[0], 0, "forward of the pelvis [m]"), (axes[1], 1, "left of the pelvis [m]")):
-        # What is nearer to the eye is drawn last: from the side that is the right leg.
+        # The part nearest to the viewer is drawn last: in the side view the right leg.
         for part in ("ground", "left", "pelvis", "right"):
             style = {"left": LEG["left"], "right": LEG["right"], "pelvis": PELVIS}.get(part)
             style = {"color": "0.45", "linewidth": 1.0} if style is None else style
@@ -145,7 +145,7 @@ def _lines(truth: Truth, body: Body, chosen: np.ndarray) -> tuple[dict[str, np.n
 
 
 def _footholds(truth: Truth, body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Where the feet land (K, 3) [m], and their soles as lines on the ground (3 K, 3), a gap after each."""
+    """Footholds (K, 3) [m], and the soles as lines on the ground (3 K, 3) [m], with a gap after each sole."""
     plan = truth.plan
     taken = np.arange(-1, np.size(plan.x) - 1) < float(plan.end)
     x, y, z, yaw, slope = (
@@ -168,19 +168,19 @@ def _points(vector: Vector, chosen: np.ndarray) -> np.ndarray:
 
 
 def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Points (n, p, 3) forward and left of the pelvis; heights stay as they are."""
+    """Points (n, p, 3) relative to the pelvis, forward and left; heights are unchanged."""
     away = points - middle[:, None, :] * np.array([1.0, 1.0, 0.0])
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
 
 
 def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Figure:
-    """Everything that the sensors read over one stride, with the contacts of both feet.
+    """All sensor signals of one stride, with the contacts of both feet.
 
     Args:
-        recording: what was read.
+        recording: the simulated recording.
         truth: of the same walk.
-        stride: which row of `truth.strides`; None: the middle one.
+        stride: row of `truth.strides`; None: the middle row.
         title: above the figure.
 
     Returns:
@@ -230,7 +230,7 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
 
 
 def _contacts(axis: Axes, strides: Strides, stride: int, *, labelled: bool) -> None:
-    """Upright lines where feet land and leave: dark for the foot whose stride it is, light for the other."""
+    """Draw vertical lines at initial and final contacts: dark for the foot of the stride, light for the other foot."""
     start, end, leg = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
     rows = np.flatnonzero(np.asarray(strides.valid))
     for side in (1 - leg, leg):

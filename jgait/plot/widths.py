@@ -1,4 +1,4 @@
-"""Figures of two feet in one world: stride widths from above and over time, and the distances between the feet."""
+"""Figures of two feet in one world frame: stride widths from above and over time, and distances between the feet."""
 
 import itertools
 from collections.abc import Sequence
@@ -56,24 +56,24 @@ TRUE: Style = {
     "zorder": 2.0,
 }
 STRAIGHT = np.deg2rad(15.0)
-"""A stride that turns more is part of a turn."""
+"""[rad] Largest turn of a straight stride."""
 
 FEWEST = 4
-"""Strides of both feet that make a section."""
+"""Smallest number of strides of both feet in a section."""
 
 MOVING = 10
-"""Strides over which the standard deviation of the width is taken."""
+"""Number of strides in the moving standard deviation of the width."""
 
 
 def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | None = None, title: str = "") -> Figure:
-    """Both feet in one world with the widths of their strides: from above, in sections, and over time.
+    """Both feet in one world frame with the widths of their strides: from above, in sections, and over time.
 
-    A width is the line from where a foot stands to the line between the other's two footholds. In the sections the
-    way is turned to the right, and distances across are drawn larger than those along.
+    A width is the line from a foothold to the line between the two footholds of the other foot. In the sections the
+    walking direction points to the right, and lateral distances are drawn at a larger scale.
 
     Args:
         estimate: of `stride_width_ekf`: with `feet` on both sides, and `strides` with widths.
-        sections: from and to [s] of each; None: the up to three longest straight stretches.
+        sections: from and to [s] of each section; None: up to three of the longest straight parts.
         title: above the figure.
 
     Returns:
@@ -118,7 +118,7 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
 
 
 def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]:
-    """From and to [s] of the longest stretches in which no stride turns, in order; of all, if none is known to turn."""
+    """From and to [s] of the longest parts without a turning stride, in order of time; the whole walk if none."""
     strides = estimate.strides
     first, last = as_float(strides.standing)[rows], as_float(strides.standing_end)[rows]
     turn = np.zeros(rows.size) if strides.turn is None else np.nan_to_num(as_float(strides.turn)[rows])
@@ -130,7 +130,7 @@ def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]
 
 
 def _width_lines(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """For each stride with a width its middle [s], and the line (2, 2) [m] that is as long as the width."""
+    """For each stride with a width its middle [s], and the line (2, 2) [m] that shows the width."""
     feet, strides = feet_of(estimate), estimate.strides
     lines = []
     for k in rows:
@@ -148,7 +148,7 @@ def _width_lines(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, np.n
 
 
 def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]], part: Seconds) -> None:
-    """Feet, footholds and widths from above; of a section turned so that it leads to the right from 0."""
+    """Draw feet, footholds and widths from above; a section is rotated so that it leads to the right from 0."""
     feet = feet_of(estimate)
     ways = {side: shown(estimate, foot, part)[:, :2] for side, foot in feet.items()}
     origin, turn = np.zeros(2), np.eye(2)
@@ -172,7 +172,7 @@ def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]]
 
 
 def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
-    """Standard deviation of the width over the last strides."""
+    """Draw the standard deviation of the width over the last strides."""
     width = 100.0 * as_float(estimate.strides.width)[rows]
     there = np.isfinite(width)
     when, width = as_float(estimate.strides.end)[rows][there], width[there]
@@ -193,22 +193,22 @@ def feet_apart(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """The distances z₁ and z₂ between the feet, across and along the left foot's heading, and where feet are, ±2σ.
+    """The distances z₁ and z₂ between the feet, across and along the left foot's heading, and the feet's σ.
 
-    Dots with bars are double support, at which the paper judges both; the line goes through every moment at which a
-    foot stood or a range was read.
+    Dots with bars are at double support, where the paper evaluates both; the line contains every instant at which a
+    foot stands or a range is measured.
 
     Args:
         estimate: of `stride_width_ekf`: its diagnostics have `z1`, `z2` and their deviations.
-        recording: draws the ranges that were read, with their offset.
+        recording: with the measured ranges, drawn with their offset.
         reference: whose diagnostics have `z1` and `z2`, drawn at the estimate's double supports.
-        range_offset: from what the range sensor reads to z₁ [m].
+        range_offset: added to a measured range to give z₁ [m].
         seconds: from and to [s]; None: everything.
         title: above the figure.
 
     Returns:
-        A matplotlib figure: z₁, z₂, and where the estimate states it the standard deviation of each foot's place: of
-        `stride_width_ekf.estimate` since the foot last stood, of `estimate_from_feet` in the one world.
+        A matplotlib figure: z₁, z₂, and, where the estimate has it, the standard deviation of each foot's position:
+        with `stride_width_ekf.estimate` since the last stance, with `estimate_from_feet` in the common world frame.
 
     Raises:
         ValueError: if the estimate lacks a foot, or has no distances between the feet.
@@ -243,7 +243,7 @@ def feet_apart(
 
 
 def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, PyTree]]:
-    """Times at which z₁ and z₂ are told [s], which of them are to be seen, and what is told."""
+    """Times [s] of z₁ and z₂, which of these lie in the window, and the diagnostics."""
     diagnostics = estimate.diagnostics
     at_samples = "moment_time" not in diagnostics
     time = as_float(estimate.time if at_samples else diagnostics["moment_time"])
@@ -257,7 +257,7 @@ def _flags(diagnostics: dict[str, Any], name: str, like: np.ndarray) -> np.ndarr
 
 
 def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, visible: np.ndarray) -> None:
-    """One of both distances: a line through every moment with a band, dots at double support, turns shaded."""
+    """Draw z₁ or z₂: a line through every instant with a band, dots at double support, turns shaded."""
     diagnostics = estimate.diagnostics
     values, spread = 100.0 * as_float(diagnostics[name]), 100.0 * as_float(diagnostics[f"{name}_stddev"])
     band(axis, time[visible], values[visible], spread[visible], color="0.87", zorder=0.5)
@@ -272,7 +272,7 @@ def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, visib
 
 
 def _places(axis: Axes, estimate: Estimate, seconds: Seconds) -> None:
-    """The standard deviation of each foot's horizontal place."""
+    """Draw the standard deviation of each foot's horizontal position."""
     time, visible = as_float(estimate.time), np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
     for side in SIDES:
         deviation = as_float(getattr(estimate.feet_stddev, side).position)[:, :2]
