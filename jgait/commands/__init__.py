@@ -1,1 +1,1 @@
-"""The commands of `jgait`, one a file; `jgait.cli` puts them together. They need the extra `cli`."""
+"""The commands of `jgait`, one in each file; `jgait.cli` combines them. They need the extra `cli`."""

@@ -21,7 +21,7 @@ from jgait.types import Estimate, Legs, Recording, RecordingError, Walk, reason_
 
 
 def _measures() -> dict[str, BodyMeasure]:
-    """Column → the person's measure in it, of all estimators; those that are parameters of the estimator."""
+    """Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
     measures: dict[str, BodyMeasure] = {}
     for name in estimators.names():
         estimator = estimators.get(name)
@@ -33,13 +33,13 @@ def _measures() -> dict[str, BodyMeasure]:
 
 MEASURES = _measures()
 OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
-"""Column → what its positive numbers are."""
+"""Column of positive numbers → their meaning."""
 
 COLUMNS = ("file", "subject", *MEASURES, *OTHERS)
 ASKED_FOR = {
     measure for name in estimators.names() for group in estimators.about_of(name).missing for measure in group.measures
 }
-"""Measures whose default is worth a note: the result is in proportion to them, or off by their error."""
+"""Measures with a note if the default is used: the result is proportional to the measure, or shifted by its error."""
 
 File = Annotated[
     Path | None,
@@ -79,15 +79,15 @@ MEASURE_OF_SOME = Kind(
 
 
 class Source(NamedTuple):
-    """A cohort, not yet read.
+    """A cohort before its recordings are read.
 
     Attributes:
-        title: of the cohort.
+        title: name of the cohort.
         items: walks, or names for `read`.
         read: name → walk; raises for a walk that cannot be read. None where the items are walks.
         marks: name → the inputs of its result, so that a run that continues detects changed inputs.
-        failures: (name, reason) of rows that are no items.
-        notes: for the user.
+        failures: (name, reason) of rows that cannot be items.
+        notes: notes for the user.
     """
 
     title: str
@@ -98,7 +98,7 @@ class Source(NamedTuple):
     notes: list[Note]
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
-        """Walk by walk; walks that cannot be read are added to the failures."""
+        """Yields the walks one by one; walks that cannot be read are added to the failures."""
         for number, item in enumerate(self.items):
             report(number)
             try:
@@ -112,7 +112,7 @@ class Source(NamedTuple):
 
 
 def body(walk: Walk, measures: Sequence[str]) -> dict[str, Any]:
-    """The measures of a person that are known and that the estimator takes."""
+    """The known measures of a person that are parameters of the estimator."""
     from jgait import datasets
 
     known = dict(walk.info["body"]) if "body" in walk.info else datasets.body(walk)
@@ -123,16 +123,16 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str],
 ) -> Source:  # fmt: skip
-    """The cohort that the options name; leaves with 2 where there is none.
+    """The cohort of the command's options; exits with code 2 if there is none.
 
     Args:
         table: of files, or None.
         dataset: name of a public set, or None.
         simulated: number of people to simulate, or None.
-        seed: of simulated people.
-        gyr_unit: of the files.
-        acc_unit: of the files.
-        measures: of a person, that the estimator takes; missing ones are noted.
+        seed: seed of the simulated people.
+        gyr_unit: unit of the gyroscope in the files.
+        acc_unit: unit of the accelerometer in the files.
+        measures: measures of a person that the estimator uses; missing measures are noted.
     """
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
@@ -157,7 +157,7 @@ def _simulated(people: int, seed: int) -> Source:
 
 
 class _Set:
-    """Reads the recordings of a public set; its text is the same in every run."""
+    """Reads the recordings of a public set; its `repr` is the same in every run."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -182,7 +182,7 @@ def _of_dataset(name: str) -> Source:
 
 
 class _Files:
-    """Reads the rows of a table; its text states the units alone, because the rows are stored with the results."""
+    """Reads the rows of a table; its `repr` has the units only, because the rows are stored with the results."""
 
     def __init__(
         self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str | None, acc_unit: str | None
@@ -227,7 +227,7 @@ def _number(row: dict[str, str], name: str) -> float | None:
 
 
 def _walked(recording: Recording, way: float) -> Estimate:
-    """A reference that has only the whole distance: 0 m at the start of the recording, all of it at the end."""
+    """A reference with the whole distance only: 0 m at the start of the recording, the whole distance at the end."""
     time = np.asarray(next(iter(recording.sensors.values())).time, float)
     start, end = time <= time[0] + AT_ENDS, time >= time[-1] - AT_ENDS
     distance = np.where(start, 0.0, way)

@@ -1,4 +1,4 @@
-"""Where the commands write, how they stop, and how they show that they are at work."""
+"""Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
 import json
 from pathlib import Path
@@ -14,13 +14,13 @@ errors = Console(stderr=True)
 
 
 def stop(message: str) -> NoReturn:
-    """Say why nothing could be done, and leave with 2."""
+    """Print the reason of a failure, and exit with code 2."""
     errors.print(f"[bold red]jgait:[/] {escape(message)}", highlight=False, soft_wrap=True)
     raise typer.Exit(2)
 
 
 def write_json(file: Path | None, content: object) -> None:
-    """The numbers as JSON where a file is named; leaves with 2 where they cannot be written."""
+    """Write the numbers as JSON if a file is given; exits with code 2 if it cannot be written."""
     if file is None:
         return
     from jgait.io.atomic import write_text
@@ -33,31 +33,31 @@ def write_json(file: Path | None, content: object) -> None:
 
 
 def _plain(value: object) -> object:
-    """A NumPy scalar or an array as JSON has it."""
+    """A NumPy scalar or array converted to JSON values."""
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 class Bar:
-    """One progress bar that follows whatever is being done."""
+    """One progress bar, updated for each task."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
         self.task = progress.add_task("starting", total=None)
 
     def __call__(self, what: str, done: int, total: int | None) -> None:
-        """Say what is being done, and how much of how much."""
+        """Show the name of the task, and the finished part of the total."""
         self.progress.update(self.task, description=escape(what), completed=done, total=total)
 
 
 def progress() -> Progress:
-    """A place for bars, gone when it is left."""
+    """Progress bars that disappear at the end of the `with` block."""
     return Progress(
         TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), console=errors, transient=True
     )
 
 
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
-    """Every recording that could not be used, with its reason."""
+    """Print the recordings that could not be used, with their reasons."""
     for name, reason in failures[:most]:
         errors.print(f"[bold red]{escape(name)}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
     if len(failures) > most:
@@ -65,10 +65,10 @@ def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
 
 
 def note(message: object) -> None:
-    """Something worth knowing that is no error."""
+    """Print a note that is no error."""
     errors.print(escape(str(message)), highlight=False, style="yellow", soft_wrap=True)
 
 
 def count(number: int, one: str, many: str) -> str:
-    """So many things, in words."""
+    """A number with a noun in the singular or plural."""
     return f"{number} {one if number == 1 else many}"

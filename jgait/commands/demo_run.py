@@ -32,8 +32,8 @@ class Line(NamedTuple):
     """One line of the demonstration's table.
 
     Attributes:
-        walk: what was judged.
-        tuned_on: whether the tuning used it.
+        walk: the walk whose errors are shown.
+        tuned_on: whether the tuning used this walk.
         leg: "right" or "left"; "both" for the distance.
         what: the quantity, with its unit.
         paper: error of the paper's pipeline; None where it was not run.
@@ -54,11 +54,11 @@ class Demo(NamedTuple):
     """The results of a demonstration.
 
     Attributes:
-        title: what was walked, by whom.
-        lines: the table.
+        title: the walk and the person.
+        lines: lines of the table.
         tuned: name of a parameter → default and tuned value.
-        figures: files written.
-        losses: of the fit, step by step.
+        figures: files of the figures.
+        losses: loss of the fit at each step.
     """
 
     title: str
@@ -110,11 +110,11 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     """A simulated cohort: tune distance scale and standing pose on half of the people, judge on the other half.
 
     Args:
-        out: folder for figures; made if it is not there.
+        out: folder for figures; made if it does not exist.
         report: called with the progress.
-        subjects: people, half of them to tune on.
-        steps: of the optimiser.
-        seed: of the cohort.
+        subjects: number of people; the tuning uses half of them.
+        steps: number of steps of the optimiser.
+        seed: seed of the cohort.
 
     Returns:
         Table lines of the people left out of the tuning (medians over them), and figures of one person.
@@ -128,7 +128,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
     half = subjects // 2
     data = jax.tree.map(lambda leaf: leaf[:half], made.data)
     fit = tune.fit(
-        # The start is within a few percent already: longer steps would go past the least loss and find nothing.
+        # The start is within a few percent of the optimum: larger steps would go past the minimum of the loss.
         _loss, start, params.freed(leg_ekf.TRANSFORMS, *names), data, optax.adam(0.01), steps=steps,
         progress=lambda p: report(f"tuning on {half} simulated people, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
@@ -152,7 +152,7 @@ _loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, OPTIONS, (("trajectory", 
 
 
 def _walking(walk: Walk, prepared: Prepared[PyTree]) -> tune.Windows:
-    """From the first movement to the last."""
+    """The window from the first movement to the last."""
     del walk
     moving = np.flatnonzero(~prepared.inputs.still)
     return tune.Windows((int(moving[0]), int(moving[-1]) + 1), prepared.standing)
@@ -178,12 +178,12 @@ def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tup
 
 
 def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
-    """One person, motion capture: tune on the walk out, judge on the walk back.
+    """One person with motion capture: tune on the walk out, compute errors on the walk back.
 
     Args:
-        out: folder for figures; made if it is not there.
+        out: folder for figures; made if it does not exist.
         report: called with the progress.
-        steps: of the optimiser.
+        steps: number of steps of the optimiser.
 
     Returns:
         Table lines for both walks, and figures of the walk back.

@@ -88,7 +88,7 @@ def evaluate(
 
 
 def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
-    """Make the folder, or check that the results in it have the same inputs; leaves with 2 if they have not."""
+    """Make the folder, or check that the results in it have the same inputs; exits with code 2 if they differ."""
     from jgait.io.atomic import write_text
 
     kept = out / "run" / ".inputs.json"
@@ -116,7 +116,7 @@ def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
 
 
 def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:
-    """Tables and figures."""
+    """Write tables and figures; returns their files."""
     import pandas as pd
 
     from jgait import plot
@@ -164,7 +164,7 @@ def _write_json(
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number as tables show it."""
+    """A number as text for tables."""
     return "–" if not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 

@@ -1,4 +1,4 @@
-"""Options of the command line that only some estimators have, gathered from what the estimators state."""
+"""Options of the command line that only some estimators have, collected from the estimators' `about`."""
 
 import functools
 import inspect
@@ -26,7 +26,7 @@ class OwnOption(NamedTuple):
 
 
 def options_of(about: About) -> dict[str, CommandOption]:
-    """The options of an estimator by name: those that it states, and those of the measures that it takes."""
+    """The options of an estimator by name: the options of its `about`, and one for each of its body measures."""
     stated = {option.name: option for option in about.options}
     measured = {m.option: _of_measure(m) for m in about.measures if m.option and m.option not in stated}
     return measured | stated
@@ -88,10 +88,10 @@ def _line(name: str) -> str:
 
 
 def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
-    """The options that were given → their values, parsed; leaves with 2 for those that the estimator does not have.
+    """Given options → parsed values; exits with code 2 for an option that the estimator does not have.
 
     Args:
-        name: of the estimator.
+        name: name of the estimator.
         values: argument → value, or None where the option was not given.
     """
     given: dict[str, Any] = {}
@@ -111,12 +111,12 @@ def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
 
 
 def refuse(option: str, known: tuple[str, ...], name: str) -> None:
-    """Leave with 2: the option belongs to other estimators."""
+    """Exit with code 2: the option belongs to other estimators."""
     stop(f"{option} is an option of {' and '.join(known)}; got --estimator {name}")
 
 
 def remarks(name: str, values: Mapping[str, Any]) -> list[str]:
-    """What the estimator's options have to note before anything is computed."""
+    """Notes about the estimator's options, before the computation."""
     notes = []
     for option in options_of(estimators.about_of(name)).values():
         if option.remark is not None:

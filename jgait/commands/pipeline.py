@@ -1,4 +1,4 @@
-"""Which estimator, with which settings and parameters: the result of the options of several commands."""
+"""The estimator, settings and parameters that the options of several commands select."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,13 +19,13 @@ MEASURES_ABSENT = Kind("measures_absent", "check", "{options}: {consequence}", D
 
 
 class Choice(NamedTuple):
-    """An estimator as the command line asks for it.
+    """The estimator that the options of the command line select.
 
     Attributes:
-        estimator: with its settings.
-        settings: arguments that made it, see `jgait.estimators.about.Settings`.
+        estimator: the estimator with its settings.
+        settings: arguments of the estimator, see `jgait.estimators.about.Settings`.
         params: parameters to start from.
-        given: option → value of the estimator's own options.
+        given: option → value, of the options that only some estimators have.
         paper: whether this is the paper's pipeline.
     """
 
@@ -36,7 +36,7 @@ class Choice(NamedTuple):
     paper: bool = False
 
     def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
-        """The parameters of one person, and notes about measures for which the default stands in.
+        """The parameters of one person, and notes about measures for which the default is used.
 
         Args:
             known: measures of the person that do not come from options.
@@ -61,12 +61,12 @@ class Choice(NamedTuple):
 
 
 def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTree) -> list[Note]:
-    """Notes about measures that are not known, neither of the person nor from parameters.
+    """Notes about measures that are known neither from the person nor from parameters.
 
     Args:
-        about: what the estimator states about itself.
-        body: measures that are known.
-        params: parameters that are used.
+        about: description of the estimator.
+        body: known measures.
+        params: parameters in use.
         default: default parameters.
     """
     measures = {measure.name: measure for measure in about.measures}
@@ -86,13 +86,13 @@ def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTr
 
 
 def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any]) -> Choice:
-    """What the options ask for; leaves with 2 where there is no such thing.
+    """The choice that the options select; exits with code 2 if it does not exist.
 
     Args:
-        name: of the estimator.
-        paper: the paper's pipeline.
-        file: of parameters, or None.
-        values: the estimator's own options as arguments, see `with_own_options`.
+        name: name of the estimator.
+        paper: whether to use the paper's pipeline.
+        file: file of parameters, or None.
+        values: the options that only some estimators have, as arguments, see `with_own_options`.
     """
     pipeline_of(name, paper)
     given = given_of(name, values)
@@ -112,7 +112,7 @@ def settings_of(about: About, paper: bool) -> Settings:
 
 
 def pipeline_of(name: str, paper: bool) -> Estimator[PyTree, PyTree]:
-    """The estimator of this name; leaves with 2 where there is none, or no pipeline of a paper."""
+    """The estimator of this name; exits with code 2 if there is none, or no pipeline of a paper."""
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
     try:
@@ -122,13 +122,13 @@ def pipeline_of(name: str, paper: bool) -> Estimator[PyTree, PyTree]:
 
 
 def measures_of(estimator: Estimator[PyTree, PyTree]) -> tuple[str, ...]:
-    """Those of a person's measures that are parameters of the estimator."""
+    """The body measures that are parameters of the estimator."""
     fields = getattr(estimator.params, "_fields", ())
     return tuple(measure.name for measure in estimator.about.measures if measure.name in fields)
 
 
 def start_of(estimator: Estimator[PyTree, PyTree], file: Path | None, paper: bool) -> PyTree:
-    """The estimator's own parameters, or those of a file; leaves with 2 where the file cannot be used."""
+    """The estimator's default parameters, or those of a file; exits with code 2 if the file cannot be used."""
     from jgait import io
     from jgait.params import check_params
 

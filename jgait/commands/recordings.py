@@ -1,4 +1,4 @@
-"""Reading a user's file for a command: its format, its units, and where its sensors sat."""
+"""Reading a user's file for a command: its format, its units, and the placements of its sensors."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -50,7 +50,7 @@ OPTIONS = {
 
 
 def in_options(error: RecordingError) -> RecordingError:
-    """The error with an option of the command in the place of the reader's argument."""
+    """The error, with the name of the command's option instead of the reader's argument."""
     option = OPTIONS.get(error.argument, error.argument)
     if isinstance(error.value, dict):
         option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
@@ -62,7 +62,7 @@ def in_options(error: RecordingError) -> RecordingError:
 
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
-    """The placement for files of one sensor, and sensor → placement; leaves with 2 for any other text."""
+    """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
     from jgait.types import PLACEMENTS
 
     alone: str | None = None
@@ -98,19 +98,19 @@ def recording_of(
     """A recording from a user's file or folder of any format.
 
     Args:
-        file: what to read.
-        rate: samples a second [Hz], for files that do not state it.
-        gyr_unit: as the user states it; None for what the file states, or deg/s for tables of jgait's own columns.
+        file: the file or folder.
+        rate: sampling rate [Hz], for files that do not state it.
+        gyr_unit: unit by the user; None for the unit in the file, or deg/s for tables with jgait's columns.
         acc_unit: as gyr_unit; m/s^2 for tables.
-        range_unit: of the column feet_range.
+        range_unit: unit of the column feet_range.
         format: one of `jgait.io.FORMATS`; None: detected from the file.
-        placement: of the sensor, for files of one sensor.
-        placements: the file's name of a sensor → where it sat.
+        placement: placement of the sensor, for files of one sensor.
+        placements: the file's name of a sensor → its placement.
         trial: name of the trial in a Mobilise-D file with several.
         called: `name` and `subject`.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         ValueError: for unknown units or formats; `RecordingError` for a recording that cannot be used.
     """
     try:

@@ -86,10 +86,10 @@ def report(
 
 
 def command_of(words: list[str]) -> str:
-    """A command line without folders: files by their names alone.
+    """A command line with file names without folders.
 
     Args:
-        words: of the command line, beginning with the program.
+        words: words of the command line, beginning with the program.
     """
     shown = ["jgait", *(_by_name(word) for word in words[1:] if word != "--open")]
     return shlex.join(shown)
@@ -115,7 +115,7 @@ def is_cohort(path: Path) -> bool:
 def _of_one(
     file: Path | None, dataset: str | None, name: str | None, choice: Choice, files: dict[str, Any], command: str
 ) -> "Report":
-    """The page of one recording, of a file or of a data set; leaves with 2 where it cannot be used."""
+    """The page of one recording, of a file or of a data set; exits with code 2 if it cannot be used."""
     from jgait import datasets
     from jgait import report as reports
     from jgait.params import check_params
@@ -206,7 +206,7 @@ def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, st
 
 
 def _write(page: "Report", out: Path, json_file: Path | None) -> None:
-    """Write the page, and the numbers where a file is named; leaves with 2 where they cannot be written."""
+    """Write the page, and the numbers if a file is given; exits with code 2 if they cannot be written."""
     written = [(page.save, out)] + ([(page.save_numbers, json_file)] if json_file is not None else [])
     for save, path in written:
         try:

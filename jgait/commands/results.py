@@ -1,4 +1,4 @@
-"""The tables, figures and numbers that `jgait estimate` makes of an estimate, as the estimator states them."""
+"""The tables, figures and numbers that `jgait estimate` writes, as the estimator's `about` defines them."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def printed_rows(estimate: Estimate, about: About, name: str) -> list[list[str]]
 
 
 def _cell(value: PyTree, column: TotalColumn) -> str:
-    """A total in words: a range, a number, or a word."""
+    """A total as text: a range, a number, or a word."""
     if value is None:
         return "–"
     if isinstance(value, str):
@@ -46,10 +46,10 @@ def written(made: EstimatedRecording, about: About, out: Path, name: str) -> lis
     """The files of tables and figures of one recording.
 
     Args:
-        made: the estimate, and what it was computed from.
-        about: what its estimator states.
+        made: the estimate, its recording and its parameters.
+        about: description of the estimator.
         out: folder.
-        name: how the files' names begin.
+        name: first part of the files' names.
     """
     from jgait import io, plot
 
@@ -66,7 +66,7 @@ def written(made: EstimatedRecording, about: About, out: Path, name: str) -> lis
 
 
 def rows_of(table: EstimateTable, estimate: Estimate, about: About) -> "pd.DataFrame":
-    """The rows of a table that the estimator states."""
+    """The rows of one of the estimator's tables."""
     import pandas as pd
 
     from jgait import io

@@ -104,7 +104,7 @@ def simulate(
 
 
 def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
-    """The options of the sensors; leaves with 2 for a sensor, rate or placement that is not known."""
+    """The options of the sensors; exits with code 2 for an unknown sensor, rate or placement."""
     from jgait.simulate import sensors as worn_sensors
     from jgait.types import PLACEMENTS
 
@@ -124,7 +124,7 @@ def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | No
 def _walks(
     people: int, route: str, protocol: str | None, options: dict[str, Any], seed: int
 ) -> Callable[[], Iterator[SimulatedWalk]]:
-    """A function that simulates the walks one after another; leaves with 2 for an unknown protocol or route."""
+    """A function that simulates the walks one after another; exits with code 2 for an unknown protocol or route."""
     from jgait.simulate import protocols
 
     key = jax.random.key(seed)
@@ -161,7 +161,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
 
 
 def _route(text: str) -> "Route":
-    """The route of a text; leaves with 2 for a text that is no route."""
+    """The route of a text; exits with code 2 for a text that is no route."""
     from jgait import simulate as simulation
 
     name, _, lengths = text.partition(":")
@@ -178,7 +178,7 @@ def _route(text: str) -> "Route":
 
 
 def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
-    """Make the folder; True where its files are of this simulation. Leaves with 2 where they are of another one."""
+    """Make the folder; True if its files are of this simulation. Exits with code 2 if they are of another one."""
     kept = out / KEPT
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -220,7 +220,7 @@ def _written(walk: SimulatedWalk, out: Path, made: bool) -> dict[str, Any]:
 
 
 def _cohort(file: Path, written: dict[str, Any]) -> None:
-    """The table that `jgait evaluate` takes."""
+    """Write the table of the cohort for `jgait evaluate`."""
     import pandas as pd
 
     from jgait import io

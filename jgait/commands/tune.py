@@ -100,7 +100,7 @@ def tune(
 
 
 def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:
-    """The transforms of the parameters that are learned; leaves with 2 for an unknown name."""
+    """The transforms of the learned parameters; exits with code 2 for an unknown name."""
     from jgait.params import freed
 
     if not names:
@@ -115,7 +115,7 @@ def _lessons(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     failures: list[tuple[str, str]], reference: bool,
 ) -> "Lessons":  # fmt: skip
-    """The lessons of the cohort, with the measures of each person; leaves with 2 if there are none."""
+    """The lessons of the cohort, with the measures of each person; exits with code 2 if there are none."""
     from jgait import tune as tuning
     from jgait.params import check_params
 
@@ -128,7 +128,7 @@ def _lessons(
         )
 
     def body_of(walk: Walk) -> dict[str, np.ndarray]:
-        # All lessons name the same measures, so those that are not known have their default.
+        # All lessons must have the same measures, so unknown measures get their default.
         known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
         known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
         check_params(pipeline.own(start, known), pipeline.transforms)
@@ -149,7 +149,7 @@ def _lessons(
 
 
 def _check_reference(made: "Lessons", losses: set[str], title: str) -> None:
-    """Leave with 2 where the reference lacks what the losses need."""
+    """Exit with code 2 if the reference lacks a quantity that the losses need."""
     truth = made.data.reference
     if "trajectory" in losses and not any(truth.legs):
         stop(f"trajectory errors need joint angles, and the reference of {title} has none: --loss distance")
@@ -158,7 +158,7 @@ def _check_reference(made: "Lessons", losses: set[str], title: str) -> None:
 
 
 def _make_room(out: Path, fresh: bool) -> None:
-    """Make the folder of the results, empty with --fresh; leaves with 2 where that cannot be done."""
+    """Make the folder of the results, empty with --fresh; exits with code 2 if this is not possible."""
     try:
         if fresh and (out / "run").is_dir():
             shutil.rmtree(out / "run")

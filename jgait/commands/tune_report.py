@@ -1,4 +1,4 @@
-"""What `jgait tune` prints and writes."""
+"""The output of `jgait tune`: printed tables and written files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from jgait.evaluate import PairedDifference
 
 MOST = 30
-"""People that the table on the terminal shows; the file has all."""
+"""Largest number of people in the table on the terminal; the file has all people."""
 
 ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
 
 class LearnedNumber(NamedTuple):
-    """A number that was learned.
+    """A learned number.
 
     Attributes:
         unit: of the number.
@@ -53,13 +53,13 @@ def report(
     """Write and print everything.
 
     Args:
-        title: of the tables.
+        title: title of the tables.
         job: the task, a `jgait.commands.tune_run.Job`.
-        results: of the tuning.
+        results: results of the tuning.
         how: the settings, for the file of parameters.
         out: folder.
         failures: recordings that could not be used.
-        json_file: where the numbers go, or None.
+        json_file: file for the numbers, or None.
     """
     from jgait import evaluate, io, plot
     from jgait.plot import cohort as plot_cohort

@@ -1,4 +1,4 @@
-"""What `jgait tune` runs: cross-validation, the fit to all people, and which parameters the data determine."""
+"""The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
 
 import hashlib
 import json
@@ -22,26 +22,26 @@ LOSSES = {
     "trajectory": ("trajectory_rms", "° or cm", "error of angles and foot path"),
     "likelihood": ("likelihood", "nat", "negative log-likelihood"),
 }
-"""Loss → the term that people are judged by, its unit and its name."""
+"""Loss → the error that is reported for each person, its unit and its name."""
 
 
 class Job(NamedTuple):
-    """What is learned, from whom, and how.
+    """A tuning task: the parameters to learn, the people, and the settings of the fit.
 
     Attributes:
         pipeline: the estimator.
         start: parameters to start from.
-        free: transforms, all fixed but what is learned.
+        free: transforms, fixed for all parameters except the learned ones.
         made: the lessons.
-        loss: what is minimised.
-        error: what people are judged by.
-        unit: of the error.
+        loss: the loss that is minimised.
+        error: the error that is reported for each person.
+        unit: unit of the error.
         judged: name of the error.
-        optimizer: of optax.
-        steps: of each fit.
-        starts: of each fit.
-        key: of starts and folds.
-        folds: how many; None leaves one subject out at a time.
+        optimizer: an optimiser of optax.
+        steps: number of steps of each fit.
+        starts: number of starts of each fit.
+        key: random key of starts and folds.
+        folds: number of folds; None leaves one subject out at a time.
         run: folder of the checkpoints.
     """
 
@@ -66,7 +66,7 @@ class TuningResults(NamedTuple):
 
     Attributes:
         validation: a `CrossValidation`, or None.
-        fit: a `Fit` to everybody.
+        fit: a `Fit` to all people.
         known: an `Identifiability`, or None.
         left_out: steps that were left out, with the reason.
     """
@@ -81,7 +81,7 @@ def job_of(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, freed: PyTree, made: Lessons, loss: str, judge: str, steps: int,
     rate: float, starts: int, folds: int | None, seed: int, run: Path,
 ) -> Job:  # fmt: skip
-    """The task of the options; its folder of checkpoints is named by a digest of all that the results depend on."""
+    """The task of the options; the name of its checkpoint folder is a digest of all inputs of the results."""
     term, unit, judged = LOSSES[judge]
     objective, error = (tuning.objective(pipeline, made.options, name) for name in (loss, term))
     optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))

@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a recording or a cohort, for those who read it and not for those who program.
+"""One self-contained HTML page about a recording or a cohort, for readers who do not program.
 
 `of_estimate` makes the page of one recording, `of_cohort` that of many people; both give a `Report`, which a notebook
 shows and `save` writes. `jgait report` does the same from files.

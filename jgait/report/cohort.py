@@ -37,10 +37,10 @@ DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps",
 """Quantities with figures, where two people or more have them."""
 
 BY_SUBJECT = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
-"""Quantities of the table of people."""
+"""Quantities in the table of people."""
 
 MOST_RECORDINGS = 2000
-"""Rows of the table of recordings; more make a page slow."""
+"""Largest number of rows in the table of recordings; more rows make the page slow."""
 
 FEW_PEOPLE = 10
 """Smallest number of people without a warning that the limits of agreement are uncertain."""
@@ -56,9 +56,9 @@ def of_cohort(
     """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and failures.
 
     Args:
-        cohort: as `jgait.evaluate.cohort` gives it.
-        title: what the cohort is called.
-        failures: (recording, reason) of what could not be used; None: those of `cohort`.
+        cohort: result of `jgait.evaluate.cohort`.
+        title: name of the cohort.
+        failures: (recording, reason) of recordings that could not be used; None: the failures of `cohort`.
         made: how the results were made; None leaves this out.
 
     Returns:
@@ -143,7 +143,7 @@ def _notes(cohort: "Cohort", made: Made) -> list[Flag]:
         Flag(grade, f"{count} of {len(cohort.recordings)} recordings, such as: {example[grade, meaning]}", meaning)
         for (grade, meaning), count in counts.most_common()
     ]
-    # what a single recording lacks does not stop the cohort
+    # a "stop" of a single recording does not make the cohort unusable
     gathered = [flag._replace(grade="check") if flag.grade == "stop" else flag for flag in gathered]
     return [*flags.explained(made.notes), *gathered]
 

@@ -1,4 +1,4 @@
-"""The figures of the page of a recording, each with a caption, and a text for readers who cannot see it."""
+"""The figures of the page of a recording, each with a caption and a text for readers who cannot see the figure."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ def pictures(
     Args:
         estimate: of one recording.
         reference: drawn dashed, or None.
-        special: figures that the estimator states; those with a caption are drawn too.
+        special: figures of the estimator's `about`; figures with a caption are also drawn.
         made: the estimate with its recording, for `special`.
     """
     drawn: list[Picture] = []

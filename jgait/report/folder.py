@@ -20,14 +20,14 @@ TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 
 
 def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
-    """The tables of an evaluation, and (recording, reason) of what could not be used.
+    """The tables of an evaluation, and (recording, reason) of recordings that could not be used.
 
     Args:
-        folder: that `jgait evaluate` wrote: recordings.csv, quantities.csv, strides.csv, failures.csv.
+        folder: written by `jgait evaluate`: recordings.csv, quantities.csv, strides.csv, failures.csv.
 
     Raises:
-        FileNotFoundError: if a table is not there.
-        ValueError: if one of them lacks a column, or has words in the place of numbers.
+        FileNotFoundError: if a table is missing.
+        ValueError: if a table lacks a column, or has text instead of numbers.
     """
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
     for text in tables["recordings"]["notes"]:
@@ -59,7 +59,7 @@ def _table(path: Path, name: str) -> "pd.DataFrame":
 
 
 def _whose(run: Path) -> dict[str, str]:
-    """Recording that failed → its subject, from the batches in the folder `run`."""
+    """Failed recording → its subject, from the batches in the folder `run`."""
     subjects: dict[str, str] = {}
     for part in sorted(run.glob("part-*-*/failures.csv")):
         rows = _strings(part, ("recording", "subject"))
@@ -68,14 +68,14 @@ def _whose(run: Path) -> dict[str, str]:
 
 
 def made(folder: Path) -> Made:
-    """How an evaluation was made, as its folder states it.
+    """The settings of an evaluation, read from its folder.
 
     Args:
-        folder: that `jgait evaluate` wrote.
+        folder: written by `jgait evaluate`.
 
     Raises:
-        OSError: if it cannot be read.
-        ValueError: if the folder does not state it.
+        OSError: if the folder cannot be read.
+        ValueError: if the folder does not contain the settings.
     """
     from jgait import estimators
 
@@ -90,7 +90,7 @@ def made(folder: Path) -> Made:
 
 
 def values_of(text: str) -> dict[str, float]:
-    """Name → number of a NamedTuple as `jgait.evaluate` prints it; what is no number is left out."""
+    """Name → number of a NamedTuple as `jgait.evaluate` prints it; other values are left out."""
     values: dict[str, float] = {}
 
     def walk(node: ast.expr, prefix: str) -> None:
@@ -113,7 +113,7 @@ def values_of(text: str) -> dict[str, float]:
 
 
 def _filled(default: PyTree, values: dict[str, float]) -> PyTree:
-    """The default parameters with other values where they are known."""
+    """The default parameters, with the values that are given."""
     leaves, structure = jax.tree_util.tree_flatten_with_path(default)
     names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in leaves]
     return jax.tree.unflatten(structure, [values.get(n, old) for n, (_, old) in zip(names, leaves, strict=True)])

@@ -1,4 +1,4 @@
-"""How a result was made: version, estimator, parameters with their units, and which differ from the default."""
+"""How a result was computed: version, estimator, parameters with units, and the parameters that are not default."""
 
 import datetime
 from pathlib import Path
@@ -14,17 +14,17 @@ from jgait.version import __version__
 
 
 class Made(NamedTuple):
-    """How a result was made.
+    """How a result was computed.
 
     Attributes:
         estimator: name of the estimator, "" where it is not known.
-        params: its parameters, a NamedTuple in natural units, or None.
-        default: what they are by default, in the same type, or None.
-        pipeline: which variant of the estimator, such as "the paper's".
+        params: the estimator's parameters, a NamedTuple in natural units, or None.
+        default: the default parameters, of the same type, or None.
+        pipeline: variant of the estimator, such as "the paper's".
         file: name of the file or data set.
-        command: that makes the page again.
-        notes: what was assumed on the way.
-        version: of jgait that computed it.
+        command: command that makes the page again.
+        notes: assumptions in the computation.
+        version: version of jgait that computed the result.
     """
 
     estimator: str = ""
@@ -50,12 +50,12 @@ class Made(NamedTuple):
         return {name: (used[name], usual[name]) for name in used if name in usual and used[name] != usual[name]}
 
     def numbers(self) -> dict[str, object]:
-        """The same as JSON numbers."""
+        """The settings and parameters as JSON numbers."""
         texts = {name: getattr(self, name) for name in ("estimator", "pipeline", "command", "version")}
         return {**texts, "file": Path(self.file).name, "parameters": flat(self.params), "changed": list(self.changed())}
 
     def table(self) -> Table | None:
-        """All parameters with units, those that are not at their default first; None where none are known."""
+        """All parameters with units, parameters that differ from their default first; None if they are not known."""
         from jgait import io
 
         used, usual, changed = flat(self.params), flat(self.default), self.changed()
@@ -71,7 +71,7 @@ class Made(NamedTuple):
 
 
 def flat(params: PyTree) -> dict[str, float]:
-    """Name of every parameter, such as "thigh_length.right" → its value; of arrays, none."""
+    """Name of every scalar parameter, such as "thigh_length.right" → its value; arrays are left out."""
     leaves = [] if params is None else jax.tree_util.tree_flatten_with_path(params)[0]
     named = {jax.tree_util.keystr(where).lstrip("."): value for where, value in leaves}
     return {name: float(value) for name, value in named.items() if np.ndim(value) == 0}

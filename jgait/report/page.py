@@ -1,4 +1,4 @@
-"""The parts of a page, and the self-contained HTML file that is made of them."""
+"""The parts of a page, and the self-contained HTML file with these parts."""
 
 import base64
 import hashlib
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGEST_SVG = 150_000
-"""[bytes] Drawings that are larger, with tens of thousands of points, are kept as pixels."""
+"""[bytes] Largest SVG drawing; larger drawings, with tens of thousands of points, are stored as pixels."""
 
 DPI = 120
-"""Dots an inch of figures kept as pixels."""
+"""[dots/inch] Resolution of figures that are stored as pixels."""
 
 COLOURS = 96
-"""Colours of figures kept as pixels."""
+"""Number of colours of figures that are stored as pixels."""
 
 FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])")
 
@@ -48,7 +48,7 @@ class Flag(NamedTuple):
 
 
 GRADES = {"stop": "Do not use", "check": "Check", "corrected": "Corrected", "info": "For information"}
-"""Grade of a flag, the most serious first → what the page calls it."""
+"""Grade of a flag → its name on the page; the most serious first."""
 
 
 class Cell(NamedTuple):
@@ -62,11 +62,11 @@ class Table(NamedTuple):
     """A table.
 
     Attributes:
-        caption: what it holds, and how to read it.
+        caption: the content of the table, and how to read it.
         columns: headings, with units.
         rows: of cells; the first of each names the row.
         sortable: whether a click on a heading sorts it.
-        words: how many of the last columns are words, to be set to the left.
+        words: number of last columns with words, which are aligned left.
     """
 
     caption: str
@@ -97,15 +97,15 @@ class Content(NamedTuple):
 
     Attributes:
         title: name of the recording or the cohort.
-        kind: above it, what the page is.
-        lead: a sentence that states what was done.
-        facts: (name, value with its unit, what to know of it) of the most important numbers.
-        verdict: the flags in a sentence.
-        flags: the most serious first.
-        sections: the rest, in order.
-        settings: how it was made: name → value.
-        command: that makes it again, "" where it is not known.
-        numbers: for programs, as JSON numbers.
+        kind: kind of the page, above the title.
+        lead: a sentence that states how the results were computed.
+        facts: (name, value with its unit, explanation) of the most important numbers.
+        verdict: a sentence that sums up the flags.
+        flags: flags, the most serious first.
+        sections: the other parts of the page, in order.
+        settings: settings of the computation, name → value.
+        command: command that makes the page again, "" where it is not known.
+        numbers: the content for programs, as JSON numbers.
     """
 
     title: str
@@ -124,7 +124,7 @@ class Report:
     """A page with its numbers; a notebook shows it in a frame.
 
     Attributes:
-        html: the whole page, which asks for nothing from outside.
+        html: the whole page, which loads nothing from other addresses.
         numbers: the content of the page as JSON numbers.
     """
 
@@ -134,7 +134,7 @@ class Report:
         self.numbers = content.numbers
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page, whole or not at all.
+        """Write the page, completely or not at all.
 
         Args:
             path: of the file; its folder must exist.
@@ -145,7 +145,7 @@ class Report:
         return write_text(path, self.html)
 
     def save_numbers(self, path: str | os.PathLike[str]) -> Path:
-        """Write the numbers as JSON, whole or not at all.
+        """Write the numbers as JSON, completely or not at all.
 
         Args:
             path: of the file; its folder must exist.
@@ -166,7 +166,7 @@ def rendered(content: Content) -> str:
         content: of the page.
 
     Raises:
-        ImportError: if jinja2 is not there, which comes with the extra `cli`.
+        ImportError: if jinja2 is not installed; it is part of the extra `cli`.
     """
     try:
         import jinja2
@@ -177,7 +177,7 @@ def rendered(content: Content) -> str:
 
     folder = resources.files("jgait.report") / "templates"
     style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    # A policy names the script by its digest: nothing that got into a table can run.
+    # The policy allows only the script with this digest: a script in the text of a table cannot run.
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("jgait.report", "templates"),
@@ -193,12 +193,12 @@ def rendered(content: Content) -> str:
 
 
 def picture(figure: "Figure", alt: str, caption: str) -> Picture:
-    """A matplotlib figure as part of a page: a drawing if it is small, else pixels.
+    """A matplotlib figure as part of a page: an SVG drawing up to `LARGEST_SVG`, else pixels.
 
     Args:
         figure: a matplotlib figure.
-        alt: what it shows.
-        caption: how to read it.
+        alt: description of the figure for readers who cannot see it.
+        caption: how to read the figure.
     """
     import matplotlib
 
@@ -214,7 +214,7 @@ def picture(figure: "Figure", alt: str, caption: str) -> Picture:
 
 
 def _few_colours(stream: io.BytesIO) -> bytes:
-    """A picture in the colours that figures have, at a quarter of the size."""
+    """A picture with few colours, as figures have, at a quarter of the size."""
     from PIL import Image
 
     small = io.BytesIO()
@@ -226,12 +226,12 @@ def number(value: Values, digits: int) -> str:
     """A number as the page shows it; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    # a difference that rounds to nothing has no sign
+    # a difference that is rounded to 0 is shown without a sign
     return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def significant(value: Values, digits: int = 3) -> str:
-    """A number with so many digits that count."""
+    """A number with the given number of significant digits."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
@@ -244,7 +244,7 @@ def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
 
 
 def without_folders(text: str) -> str:
-    """A text in which files go by their names alone: folders name people and machines.
+    """A text with file names without folders, because folders contain names of people and machines.
 
     Args:
         text: such as a reason for a failure.
@@ -253,7 +253,7 @@ def without_folders(text: str) -> str:
 
 
 def plain(value: PyTree) -> PyTree:
-    """The same for JSON: no NumPy, and null for what is no number."""
+    """A value converted for JSON: no NumPy types, and null for numbers that are not finite."""
     if isinstance(value, dict):
         return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -18,19 +18,19 @@ CURVES = {
     "hip": "hip angle", "knee": "knee angle", "x": "ankle forward of hip", "y": "ankle above hip",
     "foot": "foot, seen from above", "foot_height": "foot, height",
 }  # fmt: skip
-"""First part of the name of a root mean square error → the curve that it is of."""
+"""First part of the name of a root mean square error → the name of the curve."""
 
 
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
 ) -> Report:
-    """The page of one recording: summary, warnings, means by side, figures with bands, all strides, how it was made.
+    """The page of one recording: summary, warnings, means by side, figures with bands, all strides, settings.
 
     Args:
-        estimate: of one recording, as an estimator's `estimate` gives it.
+        estimate: of one recording, the result of an estimator's `estimate`.
         recording: the signals.
         reference: an independent measurement, drawn dashed and compared, or None.
-        made: how the estimate was made; None leaves this out.
+        made: settings of the computation; None leaves this out.
 
     Returns:
         The page; `save` writes it.
@@ -70,7 +70,7 @@ def of_estimate(
 
 
 def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
-    """Distance walked [m] and its standard deviation where one is stated; None where the distance is not known."""
+    """Distance walked [m], and its standard deviation if the estimate has one; None if the distance is not known."""
     if estimate.distance is None:
         return None
     way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
@@ -108,7 +108,7 @@ def _facts(
 
 
 def _strides(of: strides.ReportStrides, rows: list[dict[str, PyTree]]) -> list[Section]:
-    """The means, or a sentence that there are none."""
+    """The section with the means of the strides, or a sentence that there are no strides."""
     if rows:
         return [Section("Gait at a glance", "", [strides.mean_table(of, rows)])]
     if len(of.table):

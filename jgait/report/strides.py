@@ -37,7 +37,7 @@ class Measure(NamedTuple):
 
     @property
     def heading(self) -> str:
-        """With its unit."""
+        """The heading with its unit."""
         return f"{self.words} [{self.unit}]"
 
 
@@ -75,8 +75,8 @@ class ReportStrides(NamedTuple):
     Attributes:
         table: a row a stride, in the order in which they start; `io.strides_to_dataframe` with `cadence_spm`.
         marks: flag → (rows,) bool.
-        flags: what the flags mean.
-        regular: (rows,) bool; the strides that the means are over.
+        flags: meanings of the flags.
+        regular: (rows,) bool; the strides in the means.
         cycles: whether these are cycles of leg angles instead of strides between contacts.
     """
 
@@ -90,8 +90,8 @@ class ReportStrides(NamedTuple):
 def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:
     """The strides of an estimate, or the cycles of its leg angles.
 
-    A cycle of a leg goes from the largest bend of a swinging knee to the next; its length is how far the distance
-    grows meanwhile.
+    A cycle of a leg lasts from the largest knee flexion of a swing to the largest of the next swing; its length is the
+    gain of the distance in this time.
 
     Args:
         estimate: of one recording.
@@ -111,7 +111,7 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
-    """The cycles of leg angles, from one largest bend of the swinging knee to the next.
+    """The cycles of leg angles, from the largest knee flexion of a swing to the largest of the next swing.
 
     Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°].
 
@@ -220,7 +220,7 @@ def mean_text(mean: dict[str, Any] | None, measure: Measure) -> str:
 
 
 def mean_table(of: ReportStrides, rows: list[dict[str, PyTree]]) -> Table:
-    """Means of all regular strides and of each side, and how the sides differ."""
+    """Table of the means of all regular strides and of each side, and of the differences between the sides."""
     known = {m.name: m for m in MEASURES}
     sides = [name for name in SIDES if any(row[name] is not None for row in rows)]
     both = any(row["difference"] is not None for row in rows)
