@@ -56,7 +56,7 @@ def measured(path: Path) -> Measured:
     """Every sensor of a file.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
     """
     check_file(path, EXPECTED)
@@ -69,7 +69,7 @@ def measured(path: Path) -> Measured:
     with file:
         try:
             sensors = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
-        except OSError as error:  # h5py's word for data that are not there in full
+        except OSError as error:  # h5py raises it for incomplete data
             raise RecordingError(f"{path.name} cannot be read in full: {error}") from error
     first = min((int(stamps[0]) for _, stamps, _ in sensors if stamps is not None), default=0)
     parts = [_on_clock(part, stamps, rate, first, path.name, notes) for part, stamps, rate in sensors]
@@ -146,7 +146,7 @@ def _sensor(
 
 
 def _rate(value: PyTree) -> float | None:
-    """The attribute as a number; None where it is absent or none."""
+    """The attribute as a number; None where it is absent or no number."""
     try:
         rate = float(np.asarray(value, np.float64).ravel()[0])
     except (TypeError, ValueError, IndexError):

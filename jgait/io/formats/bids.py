@@ -32,7 +32,7 @@ EXPECTED = "a BIDS motion file (*_motion.tsv)"
 ENDINGS = ("_motion.tsv", "_motion.tsv.gz")
 NEEDED = ("name", "component", "type", "units")
 LEVELS = 5
-"""Folders above the file in which what it inherits is looked for, at most; a data set's root ends the search before."""
+"""Largest number of parent folders that are searched for inherited files; the search ends at the data set's root."""
 UNITS = {
     "GYRO": {"deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "rads-1": "rad/s", "degs-1": "deg/s"},
     "ACCEL": {
@@ -40,7 +40,7 @@ UNITS = {
     },
     "LATENCY": {"s": "s", "ms": "ms"},
 }  # fmt: skip
-"""Type of channel → a unit as it is written → as it is called here."""
+"""Type of channel → unit in the file → unit in jgait."""
 
 
 NO_GYROSCOPE = Kind("no_gyroscope", "info", "left out, for they have no gyroscope: {sensors}", LEFT_OUT)
@@ -67,8 +67,8 @@ def measured(path: Path) -> Measured:
     """Every tracked point of a motion file that has a gyroscope.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
-        RecordingError: if it or what belongs to it is not as BIDS has it; the message names file, expected and found.
+        OSError: if the file does not exist, or may not be read.
+        RecordingError: if the file or its companions violate BIDS; the message has file, expected and actual content.
     """
     check_file(path, EXPECTED)
     stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
@@ -112,7 +112,7 @@ def _folders(path: Path) -> list[Path]:
 
 
 def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
-    """Files of a kind that hold for this one, the nearest first: their entities are among its own."""
+    """Files of a kind that apply to this file, the nearest first: their entities are a subset of this file's."""
     entities = set(stem.split("_"))
     files = []
     for folder in _folders(path):
@@ -142,7 +142,7 @@ def _table(file: Path, **options: Any) -> "pd.DataFrame":
 
 
 def _channels(path: Path, file: Path) -> "pd.DataFrame":
-    """What the columns are: text without blanks around it, empty for n/a."""
+    """The table of channels: text without surrounding blanks, empty for n/a."""
     table = _table(file, dtype=str).fillna("")
     table.columns = [str(column).strip() for column in table.columns]
     lacking = [column for column in NEEDED if column not in table.columns]
@@ -161,7 +161,7 @@ def _channels(path: Path, file: Path) -> "pd.DataFrame":
 
 
 def _about(path: Path, stem: str) -> Tree:
-    """`motion.json`, what is nearer overrules what is further up."""
+    """The content of `motion.json`; a file in a nearer folder overrules a file in a higher folder."""
     content: Tree = {}
     files = _inherited(path, stem, "motion.json")
     if not files:
@@ -182,7 +182,7 @@ def _json(file: Path) -> Tree:
 
 
 def _positive(*candidates: ArrayLike | None) -> float | None:
-    """The first that is a positive number."""
+    """The first candidate that is a positive number."""
     for value in candidates:
         try:
             number = float(np.asarray(value, np.float64))
@@ -225,7 +225,7 @@ def _latency(path: Path, channels: "pd.DataFrame", values: np.ndarray) -> np.nda
 
 
 def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
-    """The one unit of some channels; None where they state none."""
+    """The common unit of some channels; None where the file states none."""
     stated = dict.fromkeys(rows["units"])
     if len(stated) > 1:
         raise RecordingError(f"{path.name}: {', '.join(rows['name'])} must share a unit; they have {', '.join(stated)}")
@@ -314,7 +314,7 @@ def _others(path: Path, stem: str) -> list[Note]:
 
 
 def _participant(path: Path, subject: str) -> list[Note]:
-    """What `participants.tsv` states of the person."""
+    """Notes with the data of the person in `participants.tsv`."""
     file = _folders(path)[-1] / "participants.tsv"
     if not file.exists():
         return []

@@ -27,9 +27,9 @@ UNITS = {
     "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
     "millimeters": 1e-3, "millimetres": 1e-3, "inches": 0.0254,
 }  # fmt: skip
-"""A unit of length as POINT:UNITS may call it → metres."""
+"""Name of a unit of length in POINT:UNITS → metres."""
 OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Parameters of POINT that list points which are no places."""
+"""Parameters of POINT that list points which are not positions."""
 OUTPUT_NAME = re.compile(r"(angles?|forces?|moments?|powers?)$", re.IGNORECASE)
 EVENTS = {
     "foot strike": "initial_contact", "heel strike": "initial_contact", "initial contact": "initial_contact",
@@ -39,7 +39,7 @@ BIG_ENDIAN = 86
 """The processor of a file whose numbers begin with their most significant byte: MIPS; Intel is 84, DEC 85."""
 
 PARAMETERS_END = 2**19
-"""[bytes] Where the parameters end at the latest: they begin within 255 blocks of 512 and have no more."""
+"""[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
 
 POINTS_NUMBERED = Kind("points_numbered", "info", "names that stand for several points got numbers: {names}", ORIGIN)
@@ -79,14 +79,14 @@ def read_c3d(
         path: the file.
         unit: of the markers, 'mm', 'm', 'cm' or 'in', overrules the file.
         up: the file's axis that points up, such as '+y', overrules the file.
-        name: what tables and figures call it; None: the file's name without its ending.
-        subject: who walked; None: as in the file's labels, else "subject".
+        name: name of the recording in tables and figures; None: the file's name without its ending.
+        subject: name of the person; None: as in the file's labels, else "subject".
 
     Returns:
         The capture in metres and seconds.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         ValueError: for an unknown unit or axis.
         RecordingError: if it is no whole C3D file, or neither the file nor the markers decide the unit.
     """
@@ -127,7 +127,7 @@ def _load(file: Path) -> Tree:
     ezc3d = library("ezc3d", EXPECTED)
     try:
         raw = ezc3d.c3d(str(file))
-    except Exception as error:  # ezc3d raises whatever its parser stumbles over
+    except Exception as error:  # ezc3d may raise any exception
         raise RecordingError(f"{file.name} is no whole C3D file: {error}") from error
     frames = raw["data"]["points"].shape[2]
     if stored is not None and frames < stored and raw["data"]["points"].shape[1]:
@@ -204,14 +204,14 @@ def _labels(texts: list[str], count: int, notes: list[Note]) -> tuple[list[str],
 def _apart(
     parameters: Tree, labels: list[str], values: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Markers, NaN where not seen, and what a model computed."""
+    """Markers, NaN where not visible, and outputs of a model."""
     listed = {label.split(":", 1)[-1] for group in OUTPUTS for label in _texts(parameters, "POINT", group)}
     markers, outputs = {}, {}
     for label, value in zip(labels, values, strict=True):
         if label in listed or OUTPUT_NAME.search(label):
             outputs[label] = value
         else:
-            # A point at exactly 0, 0, 0 is how many writers say that it was not seen.
+            # Many writers store a marker that was not visible as exactly 0, 0, 0.
             markers[label] = np.where((value == 0.0).all(axis=1, keepdims=True), np.nan, value)
     return markers, outputs
 

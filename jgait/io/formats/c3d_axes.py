@@ -23,13 +23,13 @@ UPRIGHT = {
 """The axis of a file that points up → the rotation from the file's axes to those with z up."""
 
 APART = {"m": (0.3, 2.5), "mm": (300.0, 2500.0)}
-"""Unit → how far the markers of a person are apart at most, in it; a person's markers in cm would be 30 to 250."""
+"""Unit → range of the largest distance between the markers of a person, in this unit; in cm it would be 30 to 250."""
 HIGH = re.compile(r"^[LR]?_?(ASIS?|PSIS?|HJC|FEP|SACR|CLAV|C7|T10|STRN|HEAD|[LR]?[FB]HD)$", re.IGNORECASE)
 LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL)$", re.IGNORECASE)
 SURE = 0.8
-"""Share of the way from feet to trunk that must lie along one axis."""
+"""[1] Smallest share of the distance from feet to trunk along the vertical axis."""
 FLOOR = 0.15
-"""[m] How far above or below 0 the lowest markers on a floor may be."""
+"""[m] Largest height above or below 0 of the lowest markers on a floor."""
 MIDDLE = ("hip", "knee", "ankle")
 NAMES: dict[str, tuple[tuple[str, ...], ...]] = {
     "hip": (("{}HJC",), ("{}FEP",)),
@@ -45,14 +45,14 @@ joint centres (HJC, …), Plug-in Gait's bones (femur proximal and origin, tibia
 
 
 def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
-    """The unit in which markers are as far apart as those of a person.
+    """The unit in which the distances between markers fit a person.
 
     Args:
-        markers: name → (T, 3) in an unknown unit, NaN where not seen.
+        markers: name → (T, 3) in an unknown unit, NaN where not visible.
 
     Returns:
-        'm', 'mm' or None where neither fits, and the distance that tells: the median over time of the longest side of
-        the box around all markers.
+        'm', 'mm' or None where neither fits, and the distance that decides: the median over time of the longest side
+        of the box around all markers.
     """
     places = np.stack(list(markers.values()))
     visible = np.isfinite(places).all(axis=(0, 2))
@@ -67,10 +67,10 @@ def told_up(markers: Mapping[str, np.ndarray]) -> tuple[str | None, str]:
     """The axis that points up.
 
     Args:
-        markers: name → (T, 3) [m], NaN where not seen.
+        markers: name → (T, 3) [m], NaN where not visible.
 
     Returns:
-        '+x', …, '-z', or None where the markers do not tell, and why.
+        '+x', …, '-z', or None where the markers do not determine it, and the reason.
     """
     trunk, feet = ([_middle(place) for label, place in markers.items() if words.match(label)] for words in (HIGH, LOW))
     trunk, feet = ([place for place in each if np.isfinite(place).all()] for each in (trunk, feet))
@@ -111,7 +111,7 @@ def joint_centres(capture: "Capture", names: Mapping[str, str | Sequence[str]] |
         The legs of which hip, knee and ankle are there, heel and toe where both are; the pelvis where all four are.
 
     Raises:
-        RecordingError: if it is not known which axis points up, a named marker is not there, or no leg is.
+        RecordingError: if the axis that points up is not known, or a named marker or every leg is missing.
     """
     from jgait.simulate.replay import JointCentres, LegCentres, PelvisMarkers
 
@@ -143,7 +143,7 @@ def _called(point: str) -> str:
 
 
 def _point(capture: "Capture", point: str, chosen: Mapping[str, str | Sequence[str]]) -> np.ndarray | None:
-    """The mean of the markers that make a point; None where they are not there."""
+    """The mean of the markers that define a point; None where one is missing."""
     if point in chosen:
         wanted = [chosen[point]] if isinstance(chosen[point], str) else list(chosen[point])
         lacking = [str(marker) for marker in wanted if marker not in capture.markers]

@@ -1,4 +1,4 @@
-"""What a motion capture system stored: markers, analog signals and events, whatever the file format."""
+"""Data of a motion capture system: markers, analog signals and events, independent of the file format."""
 
 from typing import NamedTuple
 
@@ -23,23 +23,23 @@ class CaptureEvent(NamedTuple):
 
 
 class Capture(NamedTuple):
-    """What a motion capture stored.
+    """Data of a motion capture.
 
     Attributes:
         time: (T,) [s] of the markers, 0 at the first captured frame.
         rate_hz: [Hz] of the markers.
         markers: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
         up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
-        outputs: name → (T, 3) what a model computed, in the file's units.
+        outputs: name → (T, 3) outputs of a model, in the file's units.
         analog_time: (A,) [s] on the same clock.
         analog_rate_hz: [Hz], 0 where there is no analog signal.
         analog: name → (A,) in the unit of `analog_units`.
-        analog_units: name → unit as the file calls it; empty: it does not.
+        analog_units: name → unit as written in the file; empty if the file has none.
         events: in order of time.
         force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
         name: of the recording.
-        subject: who walked.
-        notes: what was deduced, changed or is doubtful.
+        subject: name of the person.
+        notes: notes about deduced units, changes and doubtful data.
     """
 
     time: np.ndarray

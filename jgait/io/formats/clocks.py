@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from jgait.io.formats.part import Part
 
 CLOCKS_APART = 0.5
-"""[samples] Time stamps of two sensors that differ by less are one clock."""
+"""[samples] Smallest difference between the time stamps of two sensors on different clocks."""
 
 SAME_RATE = 1e-3
-"""Relative difference of sampling rates below which two are one."""
+"""[1] Relative difference below which two sampling rates are equal."""
 
 USUAL_RATE = 100.0
-"""[Hz] By which a gap in packet numbers is judged where the rate is not known."""
+"""[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
 
 REPEATED = 0.01
 """[1] Share of the rows that may repeat the packet number before them; a counter that repeats more often does not count
@@ -80,7 +80,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
                 f"{wrong[0] + 1} (the first row is 0)"
             )
         if repeated.any():
-            # which row of a pair came at that time is not known: the packet is masked
+            # it is not known which of two equal rows was measured at that time: the packet is masked
             once = ~(np.append(repeated, False) | np.append(False, repeated))
             notes.append(PACKETS_REPEATED(placement=where, numbers=again.tolist()))
             packets = packets[once]
@@ -136,7 +136,7 @@ def one_clock(
         sensors: placement → signals in SI, (T, 3) each; changed where they must be interpolated.
         rate_hz: given by the caller [Hz], or None.
         name: of the recording, for messages.
-        notes: gets what was done.
+        notes: list to which notes are added.
 
     Returns:
         (T,) time [s] or None, and sampling rate [Hz] or None: at least one of them.

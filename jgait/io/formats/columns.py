@@ -56,7 +56,7 @@ def measured(path: Path) -> Measured:
     """All sensors of a table, or of a folder of tables of one sensor each that are called by their placements.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if it is no table, or lacks columns.
     """
     if path.is_dir():
@@ -75,7 +75,7 @@ def measured(path: Path) -> Measured:
         part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
         return Measured([part], path.stem, notes=(DIALECT(names="mobgap's names of axes", library="mobgap"),))
     if set(CHANNELS[:3]) <= set(plain):
-        # Where it sat is not for the table to say: any placement will do to have its columns.
+        # The table does not state the placement: any placement can be used to get the columns.
         columns = columns_of(table, placement="waist", name=path.name)
         parts = _parts(columns, {"waist": path.stem})
     else:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GAITMAP_PLACEMENTS = {"left_sensor": "foot_left", "right_sensor": "foot_right"}
-"""What gaitmap's examples call its sensors → where they sit."""
+"""Name of a sensor in gaitmap's examples → its placement."""
 
 BODY_GAITMAP = ("gyr_pa", "gyr_ml", "gyr_si", "acc_pa", "acc_ml", "acc_si")
 """gaitmap's names in the body frame, of the channels `gyr_x` … `acc_z`."""
@@ -54,9 +54,9 @@ def recording_from_gaitmap(
         dataset: sensor → table, or one table with two levels of columns, sensor and channel; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         frame: 'sensor' (`acc_x`, …) or 'body' (`acc_pa`, …), which is mirrored between the feet and is turned back.
-        placements: gaitmap's name of a sensor → where it sat.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        placements: gaitmap's name of a sensor → its placement.
+        name: name of the recording in tables and figures.
+        subject: name of the person.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
@@ -64,7 +64,7 @@ def recording_from_gaitmap(
 
     Raises:
         ValueError: for an unknown frame.
-        RecordingError: if columns are missing, sensors cannot be placed, or the data make no usable recording.
+        RecordingError: if columns are missing, sensors cannot be placed, or the recording is unusable.
     """
     if isinstance(dataset, Mapping):
         tables = {str(sensor): table for sensor, table in dataset.items()}
@@ -97,10 +97,10 @@ def recording_from_mobgap(
     Args:
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
-        placement: where the sensor sat.
+        placement: placement of the sensor.
         frame: 'sensor' or 'body'; None: deduced from the names.
-        name: what tables and figures call the recording.
-        subject: who walked.
+        name: name of the recording in tables and figures.
+        subject: name of the person.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
@@ -108,7 +108,7 @@ def recording_from_mobgap(
 
     Raises:
         ValueError: for an unknown frame.
-        RecordingError: if columns are missing, as in mobgap's global frames, or the data make no usable recording.
+        RecordingError: if columns are missing, as in mobgap's global frames, or the recording is unusable.
     """
     if frame is None:
         frame = "body" if set(BODY_MOBGAP) <= set(map(str, table.columns)) else "sensor"

@@ -43,7 +43,7 @@ def measured(path: Path) -> Measured:
     """One sensor, or all of a folder.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, holds no raw signals, or sensors were not synchronised.
     """
     if not path.is_dir():
@@ -68,7 +68,7 @@ def _facts(rows: Rows) -> dict[str, str]:
 
 
 def _one(path: Path) -> tuple[Measured, str]:
-    """One sensor, and what its file states of its clock."""
+    """One sensor, and the clock that its file states."""
     rows = read_rows(path, EXPECTED, is_header)
     facts = _facts(rows)
     gyr, acc = signals(rows)

@@ -31,7 +31,7 @@ from jgait.types import Recording, RecordingError
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
 HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
-"""Devices of a trial; where two wore a sensor at one place, the first is taken."""
+"""Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
 
 
@@ -52,7 +52,7 @@ def measured(path: Path) -> Measured:
     """The one trial of a file.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, or has many trials; the message lists them.
     """
     return _measured(path, None)
@@ -68,7 +68,7 @@ def mobilised_trials(path: str | os.PathLike[str]) -> tuple[str, ...]:
         Names for `read_mobilised`, in the file's order.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, or holds no sensor.
     """
     return tuple(_trials(Path(path)))
@@ -91,15 +91,15 @@ def read_mobilised(
             has one only.
         device: 'SU', 'SU_INDIP' or 'SU_INDIP2' for the sensors of one device; None: all, where two devices wore one at
             the same place the first of these.
-        name: what tables and figures call the recording; None: the file's folder and the trial.
-        subject: who walked; None: the folder in which the file lies.
+        name: name of the recording in tables and figures; None: the file's folder and the trial.
+        subject: name of the person; None: the folder in which the file lies.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units, the device's axes kept.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         ValueError: for an unknown device.
         RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.
     """
@@ -122,7 +122,7 @@ def read_all_mobilised(
         Trial → recording.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         ValueError: for an unknown device.
         RecordingError: if the file is not in this format, or a trial holds no usable recording.
     """
@@ -181,7 +181,7 @@ def _load(path: Path) -> Tree:
     scipy_io = library("scipy.io", EXPECTED)
     try:
         content = dict(scipy_io.loadmat(path, simplify_cells=True))
-    except Exception as error:  # a truncated file raises whatever its reader stumbles over
+    except Exception as error:  # for a truncated file the reader may raise any exception
         raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
     if "data" not in content:
         there = [key for key in content if not key.startswith("__")]

@@ -50,7 +50,7 @@ def measured(path: Path) -> Measured:
     """One sensor, or all of a folder.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, or holds no raw signals.
     """
     if not path.is_dir():

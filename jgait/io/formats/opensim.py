@@ -74,13 +74,13 @@ def read_opensim(
     Args:
         path: the file.
         degrees: whether angles are in degrees, overrules the file.
-        name: what tables and figures call it; None: the file's name without its ending.
+        name: name of the recording in tables and figures; None: the file's name without its ending.
 
     Returns:
         The motion.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if it is no motion of OpenSim's, is truncated, holds orientations, or neither states whether
             angles are in degrees nor lets it be told.
     """

@@ -45,7 +45,7 @@ class Measured(NamedTuple):
     Attributes:
         parts: one a sensor.
         name: of the recording.
-        subject: who walked.
+        subject: name of the person.
         notes: what the reader noticed.
         feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
             one clock, NaN where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.

@@ -39,7 +39,7 @@ def measured(path: Path) -> Measured:
     """One sensor, or all of a folder.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, or its units are none that are known.
     """
     if path.is_dir():

@@ -114,19 +114,19 @@ def read(
         path: the file or folder; or placement → file, for systems that write a file a sensor.
         format: one of `FORMATS`; None: recognised by the file's name and first bytes.
         placement: where the sensor sat, for a file of one sensor.
-        placements: the file's name of a sensor → where it sat.
+        placements: the file's name of a sensor → its placement.
         gyr_unit: 'deg/s' or 'rad/s', overrules the file.
         acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
-        name: what tables and figures call the recording; None: the file's.
-        subject: who walked; None: the file's, or "subject".
+        name: name of the recording in tables and figures; None: the file's.
+        subject: name of the person; None: the file's, or "subject".
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units; `notes` states what was deduced and from what.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         ValueError: for an unknown format or unit.
         RecordingError: if the format cannot be told, or the file holds no usable recording.
     """

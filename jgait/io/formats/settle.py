@@ -69,8 +69,8 @@ def settle(
         gyr_unit: overrules the file.
         acc_unit: overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
-        name: what tables and figures call the recording; None: as `measured`.
-        subject: who walked; None: as `measured`.
+        name: name of the recording in tables and figures; None: as `measured`.
+        subject: name of the person; None: as `measured`.
         check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:

@@ -54,7 +54,7 @@ def measured(path: Path) -> Measured:
     """All devices of a file, or of a folder's files.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, holds no calibrated signals, or states an unknown unit.
     """
     if path.is_dir():

@@ -139,7 +139,7 @@ def read_rows(
         The table, its cells unread.
 
     Raises:
-        OSError: if there is no such file, or it may not be read.
+        OSError: if the file does not exist, or may not be read.
         RecordingError: if it is empty, no text, has no such header or no rows, or a row has another length.
     """
     import pandas as pd
