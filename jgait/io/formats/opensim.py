@@ -23,16 +23,16 @@ from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
 HEADER_LINES = 200
-"""In how many lines the header must end."""
+"""[lines] Largest length of the header."""
 NO_ANGLE = re.compile(
     r"_[tvp]?[0-9]*[xyz]$|force|torque|moment|activation|excitation|fiber|tendon|length|power|reserve|emg",
     re.IGNORECASE,
 )
 """Columns that are lengths, forces or states of muscles, whatever `inDegrees` states."""
 TURN = 2.0 * np.pi
-"""An angle of a leg beyond this is not in radians."""
+"""[rad] Largest angle of a leg; a larger number is in degrees."""
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
-"""[rad] A walking knee bends beyond the one, and is not stretched beyond the other."""
+"""[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
 
 
 COLUMNS_NUMBERED = Kind("columns_numbered", "info", "columns of the same name got numbers: {names}", ORIGIN)
@@ -49,7 +49,7 @@ IN_RADIANS = Kind(
 
 
 class OpenSimMotion(NamedTuple):
-    """What a file of OpenSim holds.
+    """Content of a file of OpenSim.
 
     Attributes:
         time: (T,) [s].
@@ -200,7 +200,7 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
 
 
 def _numbered(names: list[str], notes: list[Note]) -> list[str]:
-    """Names of their own: old files call the forces of both feet the same."""
+    """Unique names of columns: in old files the forces of both feet have the same names."""
     numbered = [f"{name}#{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

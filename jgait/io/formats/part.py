@@ -1,4 +1,4 @@
-"""What a reader of a file format gives: the sensors of a file, in the file's own units."""
+"""The result of a reader of a file format: the sensors of a file, in the file's units."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,14 +12,14 @@ class Part(NamedTuple):
     """One sensor, as its file describes it.
 
     Attributes:
-        label: what the file calls it.
+        label: name of the sensor in the file.
         gyr: (T, 3) angular rate, NaN where lost.
         acc: (T, 3) specific force, NaN where lost; or None.
         time: (T,) [s] on a clock that all parts of the file share, or None.
         sampling_rate_hz: [Hz], or None to take it from `time`.
         gyr_unit: what file or specification state, a key of `jgait.io.arrays.GYR_UNITS`; None: neither does.
         acc_unit: a key of `jgait.io.arrays.ACC_UNITS`; None: neither does.
-        placement: where it sat, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
+        placement: the placement, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
         axes: what is known of the sensor's axes, in words; empty: nothing.
         packets: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was
             lost on the way has none. Parts that have them need no `time`.
@@ -46,7 +46,7 @@ class Measured(NamedTuple):
         parts: one a sensor.
         name: of the recording.
         subject: name of the person.
-        notes: what the reader noticed.
+        notes: notes of the reader.
         feet_range: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on
             one clock, NaN where nothing was measured; or None. Its unit, one of `jgait.io.checks.RANGE_UNITS`, is told.
     """

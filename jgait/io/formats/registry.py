@@ -12,7 +12,7 @@ from jgait.notes import ORIGIN, Kind
 from jgait.types import Recording, RecordingError
 
 HEAD = 4096
-"""[bytes] How much of a file is read to recognise its format."""
+"""[bytes] Number of first bytes of a file that are read to recognise its format."""
 
 
 READ_AS = Kind("read_as", "info", "read as {format}", ORIGIN)
@@ -26,7 +26,7 @@ class Format(NamedTuple):
 
     Attributes:
         module: its name in this package.
-        title: what users call it.
+        title: name of the format for users.
         files: what is given to `read`: endings, or words.
         states: which units, placements and clocks file or specification state.
     """
@@ -108,7 +108,7 @@ def read(
     """A recording from a file of a measuring system, or from several files of one sensor each.
 
     Units and placements that the file does not state are deduced from the signals and the sensors' names, and noted;
-    where they cannot be told, the file is refused with what to say.
+    if they cannot be deduced, the file is refused, and the message names the required argument.
 
     Args:
         path: the file or folder; or placement → file, for systems that write a file a sensor.

@@ -20,7 +20,7 @@ from jgait.notes import DEDUCED, LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 SLOW, FAST = 12.0, 30.0
-"""[as in the file] 99th percentile of a walking sensor's rate: below the one only rad/s, above the other only deg/s."""
+"""[unit of the file] 99th percentile of a walking sensor's rate: below the first rad/s, above the second deg/s."""
 
 
 PLACED_BY_NAME = Kind("placed_by_name", "info", "the sensor {sensor!r} is taken to have sat at {placement}", DEDUCED)
@@ -172,7 +172,7 @@ def _unit(part: Part, where: str, name: str, notes: list[Note]) -> str:
 def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes: list[Note]) -> dict[str, str]:
     """Placement → the gyroscope's unit: given, stated, or deduced from its size, which needs walking.
 
-    One system writes one unit: that of the sensor that turns fastest is that of all for which none is stated.
+    One system writes one unit: the unit of the sensor with the largest rate is used for all sensors without a unit.
     """
     units = {where: chosen or part.gyr_unit for where, part in placed.items()}
     reached = {}
@@ -200,7 +200,7 @@ def _rate_units(placed: Mapping[str, Part], chosen: str | None, name: str, notes
 
 
 def _range_unit(values: ArrayLike | None, name: str, notes: list[Note]) -> str:
-    """The unit of a range between feet, deduced from how far apart feet are."""
+    """The unit of a range between feet, deduced from the size of the distances."""
     ranges = np.asarray([] if values is None else values, np.float64)
     ranges = ranges[np.isfinite(ranges)]
     if not ranges.size:

@@ -16,19 +16,19 @@ from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")
 HEADER_WITHIN = 60
-"""[lines] A header is looked for so far down."""
+"""[lines] Number of first lines that are searched for a header."""
 
 HEAD = 4096
-"""[bytes] How much of each file of a folder is looked at."""
+"""[bytes] Number of first bytes of each file of a folder that are read to recognise it."""
 
 UNITS = {
     "deg/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "rad/s": "rad/s", "m/s^2": "m/s^2", "m/(s^2)": "m/s^2",
     "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "g": "g", "mg": "mg",
 }  # fmt: skip
-"""How files write a unit → what it is called in `jgait.io.arrays`."""
+"""Unit as written in files → its name in `jgait.io.arrays`."""
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-"""How files write a unit of time → how long it is."""
+"""Unit of time as written in files → seconds."""
 
 AXES = "as printed on the sensor's case"
 
@@ -104,7 +104,7 @@ class Rows(NamedTuple):
         return values, UNITS[next(iter(stated))]
 
     def lacks(self, column: str) -> RecordingError:
-        """What to raise for a column that is not there."""
+        """The error for a missing column."""
         return RecordingError(f"{self.name} lacks the column {column!r}; it has {', '.join(filter(None, self.header))}")
 
     def unit(self, column: int) -> str:
