@@ -117,7 +117,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
 
 
 def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
-    """Loss and gradient of each step; crosses are steps to a non-finite loss, which were undone.
+    """Loss and gradient of each step; crosses are undone steps (loss or gradient not finite).
 
     Args:
         fit: of `jgait.tune.fit`.

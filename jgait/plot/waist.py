@@ -81,7 +81,7 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
         recording: with a sensor at the trunk.
         p: parameters of the estimator.
         options: of the estimator.
-        smooth: whether the orientation is smoothed, with later samples: True for distances, False for contacts.
+        smooth: whether later samples are also used: True for distances, False for contacts.
 
     Raises:
         RecordingError: as `waist.estimate`.
