@@ -113,7 +113,8 @@ def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS)
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
     """The cycles of leg angles, from the largest knee flexion of a swing to the largest of the next swing.
 
-    Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°].
+    Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°]. The knee flexion of a
+    cycle is that of the swing at its start, so that each swing counts once; the last swing of a leg has no cycle.
 
     Args:
         estimate: with `legs`.
@@ -140,7 +141,7 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
                 **({} if way is None else {"stride_length_m": way}), "stride_duration_s": lasts,
                 **({} if way is None else {"walking_speed_mps": way / lasts}),
                 "hip_flexion_deg": np.rad2deg(hip[a:b].max()), "hip_extension_deg": np.rad2deg(hip[a:b].min()),
-                "knee_flexion_deg": np.rad2deg(knee[a:b].max()), "knee_stance_deg": np.rad2deg(knee[a:b].min()),
+                "knee_flexion_deg": np.rad2deg(knee[a]), "knee_stance_deg": np.rad2deg(knee[a:b].min()),
             })  # fmt: skip
     table = pd.DataFrame(rows, columns=list(rows[0]) if rows else ["side", "start_s", "end_s"])
     table = table.sort_values("start_s", kind="stable", ignore_index=True)

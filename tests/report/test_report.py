@@ -156,6 +156,19 @@ def test_cycles_of_legs_are_found_and_measured(legs):
     assert [flag["grade"] for flag in page.numbers["flags"]] == ["check"]
 
 
+def test_each_swing_of_a_knee_counts_in_one_cycle():
+    estimate = walking_legs()
+    knee = estimate.legs.right.knee_angle
+    less = np.where((np.asarray(estimate.time) // 1.2) % 2 == 0, 1.0, 0.5)  # every other swing bends half as far
+    leg = estimate.legs.right._replace(knee_angle=knee * less)
+    page = report.of_estimate(
+        estimate._replace(legs=Legs(leg, None), stddev=None), recording("thigh_right", "shank_right")
+    )
+    bends = [row["knee_flexion_deg"] for row in page.numbers["stride_table"]]
+    assert min(bends) < 35.0 and max(bends) > 55.0
+    assert abs(np.mean(np.array(bends) < 45.0) - 0.5) < 0.2
+
+
 def test_a_recording_in_which_nobody_walks_is_a_page_too():
     still = walking_ankles("", lengths=LENGTHS[:0])
     facts = {**still.diagnostics, "notes": (NO_STEPS(placement="ankle_right"),)}
