@@ -53,4 +53,4 @@ def test_the_filter_of_the_guide_finds_the_noise_that_made_its_data(tmp_path):
 
 
 def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 200
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
