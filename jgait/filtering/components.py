@@ -132,12 +132,6 @@ def both(a: PyTree, b: PyTree) -> PyTree:
     return a & b
 
 
-def all_finite(values: Iterable[PyTree]) -> PyTree:
-    """Whether all values are finite: tests whether their sum is; a sum that overflows counts as not finite."""
-    unknown = {id(value): value for value in values if not known(value)}
-    return jnp.isfinite(total(unknown.values())) if unknown else True
-
-
 def barred(*trees: PyTree) -> PyTree:
     """The same values behind an `optimization_barrier`; known values stay Python floats."""
     leaves, structure = jax.tree.flatten(trees)
