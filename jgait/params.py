@@ -242,15 +242,7 @@ def check_params(params: PyTree, transforms: PyTree) -> None:
 
 
 def unconstrain[P](params: P, transforms: P) -> P:
-    """Map parameters to free values on the real line; a fixed parameter becomes None.
-
-    Args:
-        params: NamedTuple of parameters in natural units.
-        transforms: the same type, holding a `Transform` for each.
-
-    Returns:
-        The same type with free values; a fixed parameter is None and therefore not a leaf of the pytree.
-    """
+    """Map parameters in natural units to free values on the real line; a fixed parameter becomes None, no leaf."""
     _, values, flat, treedef = _pairs(params, transforms)
     return jax.tree.unflatten(
         treedef,
@@ -262,16 +254,7 @@ def unconstrain[P](params: P, transforms: P) -> P:
 
 
 def constrain[P](free: P, transforms: P, params: P) -> P:
-    """Map free values back to natural units; fixed parameters are copied from `params`.
-
-    Args:
-        free: free values, as `unconstrain` returns them.
-        transforms: the same tuple of transforms.
-        params: parameters in natural units, the source of the fixed parameters.
-
-    Returns:
-        Parameters in natural units.
-    """
+    """Map free values back to natural units, the inverse of `unconstrain`; fixed values are copied from `params`."""
     _, values, flat, treedef = _pairs(params, transforms)
     frees = treedef.flatten_up_to(free)
     return jax.tree.unflatten(

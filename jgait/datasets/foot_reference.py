@@ -78,12 +78,7 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
               ) -> tuple[np.ndarray, float]:  # fmt: skip
     """Displacement between two instants of rest, in the level frame of the first.
 
-    Args:
-        gyr: (n, 3) [rad/s] from the first instant to the second, both included.
-        acc: (n, 3) [m/s²].
-        dt: sample time [s].
-        acc_start: (3,) [m/s²] at rest at the first instant.
-        acc_end: (3,) [m/s²] at rest at the second instant.
+    `gyr` [rad/s] and `acc` [m/s²] (n, 3) include both instants; the others are (3,) readings at rest [m/s²].
 
     Returns:
         (n, 3) [m] position, z up, with zero velocity at both ends; and the removed attitude drift [rad].
@@ -173,14 +168,8 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
 
 
 def select(path: FootPath, keep: np.ndarray) -> FootPath:
-    """The path of a foot without some of its strides.
-
-    Args:
-        path: strides of a foot.
-        keep: (n,) bool, False for a stride to be left out.
-
-    Returns:
-        The strides kept; the lengths of the other strides are subtracted from the distance.
+    """The path of a foot without the strides where `keep` (n,) is False; their lengths are subtracted from the
+    distance.
     """
     step = np.diff(path.distance, prepend=0.0)
     for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
@@ -197,17 +186,10 @@ def select(path: FootPath, keep: np.ndarray) -> FootPath:
 
 
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
-    """The strides of walking, without steps on the spot before and after it.
+    """The strides of walking (side → strides), without steps on the spot before and after it.
 
     Bouts of walking are separated by times in which both feet stand for `BOTH_STANDING` or longer. A bout whose path,
     the mean of both feet, is shorter than `BOUT_LENGTH` is a turn or a shift of a foot on the spot.
-
-    Args:
-        feet: side → strides, of the same recording.
-        rate_hz: sampling rate [Hz].
-
-    Returns:
-        side → strides of the walking bouts.
     """
     both = np.logical_and.reduce([path.standing for path in feet.values()])
     pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]

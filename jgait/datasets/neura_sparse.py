@@ -187,41 +187,24 @@ def _read_contact(name: str) -> tuple[dict[str, np.ndarray], bool]:
 
 
 def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
-    """Heading of the pelvis in the horizontal plane, low-passed at 1 Hz without delay.
+    """Heading of the pelvis (T,) [rad], unwrapped, counter-clockwise from x, low-passed at 1 Hz without delay.
 
-    The lateral axis joins the iliac spines, front and back averaged; the forward axis is at a right angle to it.
-
-    Args:
-        vicon: LASI, RASI, LPSI, RPSI, each (T, 3) [m], z up.
-
-    Returns:
-        (T,) [rad], unwrapped, counter-clockwise from x.
+    The lateral axis joins the iliac spines LASI, RASI, LPSI and RPSI (T, 3) [m], front and back averaged; the forward
+    axis is at a right angle to it.
     """
     to_right = vicon["RASI"] - vicon["LASI"] + vicon["RPSI"] - vicon["LPSI"]
     return low_pass_heading(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), RATE_HZ)
 
 
 def forward_path(position: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Distance walked: the sum of the displacements along the heading, so that lateral sway does not count.
-
-    Args:
-        position: (T, 2) [m] horizontal.
-        heading: (T,) [rad].
-
-    Returns:
-        (T,) [m] since the first sample.
-    """
+    """Distance walked (T,) [m]: the sum of the displacements along the heading, so that lateral sway does not count."""
     middle = (heading[1:] + heading[:-1]) / 2
     step = np.diff(position, axis=0)
     return np.concatenate([[0.0], np.cumsum(step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle))])
 
 
 def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
-    """Horizontal displacement of the ankle between the middles of successive stances.
-
-    Args:
-        contact: (T,) bool, foot on the ground.
-        ankle: (T, 3) [m].
+    """Horizontal displacement of the ankle (T, 3) [m] between the middles of successive stances.
 
     Returns:
         (n, 3): stance sample, next stance sample, displacement [m].

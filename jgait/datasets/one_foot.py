@@ -31,19 +31,11 @@ def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
 
 
 def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:
-    """A sensor with time from 0, non-finite samples masked; and its sampling rate from the median sample time.
-
-    Args:
-        name: name of the file, for messages.
-        time: (T,) [s].
-        gyr: (T, 3) [rad/s].
-        acc: (T, 3) [m/s²].
-
-    Returns:
-        The sensor, and the rate [Hz].
+    """A sensor [rad/s, m/s²] with time from 0, non-finite samples masked; and its sampling rate [Hz] from the median
+    step.
 
     Raises:
-        RecordingError: if the shapes do not fit or time does not increase.
+        RecordingError: if the shapes do not fit or time does not increase; with the name of the file.
     """
     if time.ndim != 1 or len(time) < 2 or gyr.shape != (len(time), 3) or acc.shape != (len(time), 3):
         raise RecordingError(
@@ -61,11 +53,8 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
 def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -> np.ndarray:
     """Distance along footprints (T,) [m]: constant while the foot stands, linear in time between stances.
 
-    Args:
-        time: (T,) [s].
-        position: (n, 2) or (n, 3) [m] of the footprints; height does not count.
-        arrived: (n,) [s] when the foot comes to stand on each.
-        left: (n,) [s] when it leaves.
+    The foot comes to stand on footprint `position` (n, 2) or (n, 3) [m] when it `arrived` and leaves when it `left`,
+    (n,) [s]; height does not count.
     """
     if len(position) == 0:
         return np.zeros_like(time)
@@ -76,17 +65,9 @@ def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -
 def footprint_strides(
     side: str, position: np.ndarray, arrived: np.ndarray, left: np.ndarray, whole: np.ndarray | None = None
 ) -> Strides:
-    """Strides from footprint to footprint; contacts, widths and heights are not known.
+    """Strides from footprint to footprint, fields (n − 1,); contacts, widths and heights are not known.
 
-    Args:
-        side: "right" or "left".
-        position: (n, 2) or (n, 3) [m] of the footprints; height does not count.
-        arrived: (n,) [s] when the foot comes to stand on each.
-        left: (n,) [s] when it leaves.
-        whole: (n − 1,) bool, False where a footprint between two footprints may be missing; None: none is missing.
-
-    Returns:
-        Fields (n − 1,).
+    Footprints as in `way`. `whole` (n − 1,) is False where a footprint between two footprints may be missing.
     """
     length = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
     valid = (length > SHORTEST) & (True if whole is None else whole)

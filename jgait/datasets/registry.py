@@ -140,15 +140,9 @@ def _locate(name: str, upstream_path: str) -> Path | None:
 
 
 def listing(name: str, under: str, pattern: str) -> list[str]:
-    """Upstream paths of the files on this computer, whether jgait lists them or not.
+    """Sorted upstream paths of the files on this computer under a folder, whether jgait lists them or not.
 
-    Args:
-        name: data set.
-        under: folder inside the upstream repository.
-        pattern: as for `Path.rglob`, for example "*.xlsx".
-
-    Returns:
-        The paths, sorted.
+    The pattern is as for `Path.rglob`, for example "*.xlsx".
     """
     paths = set()
     for folder in _folders(name):

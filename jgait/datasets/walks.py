@@ -44,9 +44,7 @@ def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
 def body(walk: Walk) -> dict[str, Any]:
     """Body measures of the person, as far as known, for `evaluate.cohort` and `tune.lessons`.
 
-    Args:
-        walk: with lengths in `info["lengths"]` (public sets), or with `thigh_length` and `shank_length` among the
-            diagnostics of its reference (simulated walks).
+    Lengths are in `info["lengths"]` (public sets), or among the diagnostics of the reference (simulated walks).
 
     Returns:
         "thigh_length" and "shank_length" [m], each (right, left); unknown lengths are left out.

@@ -215,18 +215,9 @@ def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
 
 
 def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
-    """The masks of a schedule at the samples of a recording that starts with the on-time.
+    """The (T,) masks of a schedule at the samples of a recording that starts with the on-time.
 
     The sensor followed the schedule before the recording too: with `ahead`, the first sample is usable.
-
-    Args:
-        schedule: the schedule.
-        samples: T.
-        rate_hz: sampling rate [Hz].
-        sensor: the sensor that follows the schedule.
-
-    Returns:
-        Boolean (T,) masks.
 
     Raises:
         ValueError: if the sensor cannot follow the schedule, or the rate is not positive.
@@ -251,16 +242,9 @@ def wake_samples(sensor: Sensor, rate_hz: float) -> int:
 
 
 def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor = GYROSCOPE) -> Bool[Array, "time"]:
-    """When the sensor must be powered so that the wanted samples are usable: it wakes up before them.
+    """When the sensor must be powered (T,) so that the wanted samples are usable: it wakes up before them.
 
-    Args:
-        wanted: (T,) bool.
-        rate_hz: sampling rate [Hz].
-        sensor: the sensor that is switched.
-
-    Returns:
-        (T,) bool: wanted, or within the wake-up time before a wanted sample. A wake-up before the first sample is not
-        included.
+    A wake-up before the first sample is not included.
     """
     wanted = jnp.asarray(wanted, bool)
     lead = wake_samples(sensor, rate_hz)
@@ -270,15 +254,9 @@ def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor =
 
 
 def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Float[Array, ""]:
-    """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1.
+    """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1; over T / rate_hz, the mean power.
 
-    Args:
-        used: (T,) masks; a sensor that is powered but not usable wakes up.
-        rate_hz: sampling rate [Hz].
-        sensor: the sensor that is switched.
-
-    Returns:
-        Energy [J]; divided by T / rate_hz it is the mean power.
+    A sensor that is powered but not usable wakes up.
 
     Raises:
         ValueError: if the masks differ in shape.

@@ -119,9 +119,7 @@ def check_filler(name: str) -> Filler:
 def acc_of(imu: Imu, gyro_on: On | None = None) -> Float[np.ndarray, "time 3"] | None:
     """Specific force [m/s²]; a lost sample has the value of the sample before it.
 
-    Args:
-        imu: the sensor.
-        gyro_on: (T,) bool, when its gyroscope was on; while it was off, the accelerometer's sample is not lost.
+    While the gyroscope is off by `gyro_on` (T,), the accelerometer's sample is not lost.
     """
     if imu.acc is None:
         return None

@@ -32,12 +32,7 @@ def about_of(name: str) -> About:
 
 
 def get(name: str, *args: PyTree, **settings: PyTree) -> Estimator[PyTree, PyTree]:
-    """An estimator by name.
-
-    Args:
-        name: one of `names()`.
-        args: options of the estimator, for example `leg_ekf.PAPER`.
-        settings: options by keyword, for example `options=leg_ekf.PAPER`.
+    """An estimator by name, one of `names()`; its options follow, for example `leg_ekf.PAPER`.
 
     Raises:
         ValueError: if the name is unknown.

@@ -69,12 +69,7 @@ def axes_of(record: PyTree) -> dict[str, Axis | None]:
 def pad[I](inputs: I, samples: int) -> I:
     """The inputs with invalid samples at the end, so that recordings of different length can be stacked.
 
-    Args:
-        inputs: NamedTuple of arrays, None or such NamedTuples, with axes in the annotations; `time` is (T,).
-        samples: new length, T or more.
-
-    Returns:
-        Inputs of `samples` samples; the estimate at the first T is unchanged.
+    The estimate at the first T samples is unchanged. Axes are annotations of the fields; `time` is (T,).
 
     Raises:
         ValueError: if `samples` is less than T.

@@ -8,17 +8,9 @@ from jgait.types import Imu, Recording, RecordingError, as_float
 
 
 def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
-    """The common time of several sensors; their signals are checked as well.
+    """The common time (T,) [s] of several sensors; their signals are checked as well.
 
-    Args:
-        recording: contains all sensors.
-        names: placements of the sensors.
-        caller: name of the estimator in error messages.
-        what: description of the sensors in error messages, such as "both feet".
-        acc: True if all sensors need an accelerometer.
-
-    Returns:
-        (T,) [s].
+    `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet".
 
     Raises:
         RecordingError: clocks that run backwards or differ, signals of the wrong shape, NaN, all samples
@@ -59,12 +51,7 @@ def _check_signals(imu: Imu, name: str, samples: int) -> None:
 
 
 def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
-    """Compare the nominal sampling rate with that of the clock.
-
-    Args:
-        time: (T,) [s], increasing.
-        name: placement of the sensor.
-        rate_hz: nominal sampling rate of the recording [Hz].
+    """Compare the nominal sampling rate [Hz] with that of the clock (T,) [s].
 
     Raises:
         RecordingError: if the rates differ by more than a twentieth.

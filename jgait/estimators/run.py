@@ -26,12 +26,8 @@ def compiled(run: Callable[..., PyTree]) -> Callable[..., PyTree]:
 
 
 def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Estimate:
-    """An estimate without its padding, as NumPy arrays; strides in the order of their ends.
-
-    Args:
-        result: estimate from padded inputs.
-        samples: number of samples that are not padding.
-        per_stride: names of diagnostics with an entry for each stride.
+    """An estimate without its padding, as NumPy arrays; strides, and diagnostics `per_stride`, in the order of their
+    ends.
     """
     result = jax.tree.map(np.asarray, result)
     padded = np.size(result.time)

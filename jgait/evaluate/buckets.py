@@ -130,10 +130,7 @@ def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
 def ahead[T](source: Iterable[T], room: int, x64: bool) -> Generator[T]:
     """The items of `source`, computed in a thread up to `room` items in advance; its exceptions are raised here.
 
-    Args:
-        source: the iterable that the thread iterates.
-        room: largest number of items that wait.
-        x64: JAX's precision in the thread; JAX sets the precision for each thread.
+    JAX sets the precision for each thread, here by `x64`.
     """
     waiting: queue.Queue[tuple[str, PyTree]] = queue.Queue(maxsize=max(1, room))
     stop = threading.Event()

@@ -54,14 +54,7 @@ class PositionError(NamedTuple):
 
 
 def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
-    """Which samples of the reference are valid and lie between valid samples of the estimate.
-
-    Args:
-        estimate: the estimate, at any times.
-        reference: the reference, at times (T,).
-
-    Returns:
-        (T,) bool, with at least one True.
+    """Which samples (T,) of the reference are valid and lie between valid samples of the estimate; at least one.
 
     Raises:
         ValueError: if times do not increase, or no sample is valid in both.
@@ -148,10 +141,7 @@ def trajectory_errors(
 def distance_error(estimate: Estimate, reference: Estimate, window: Window = None) -> DistanceError:
     """Error of the distance walked from the first to the last time at which estimate and reference are valid.
 
-    Args:
-        estimate: with `distance` (T,) [m].
-        reference: with `distance` (T,) [m].
-        window: interval of the reference over which the error is computed; None for all of it.
+    The window is an interval of the reference; None: all of it.
 
     Raises:
         ValueError: if either has no distance, they have no time in common, or the reference did not move.
@@ -218,15 +208,7 @@ def foot_position_error(
 
 
 def yaw_aligned(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Positions turned about the vertical and shifted onto other positions by least squares.
-
-    Args:
-        ours: (n, 3) [m] positions to move.
-        theirs: (n, 3) [m] positions to fit.
-
-    Returns:
-        (n, 3) [m] the moved positions.
-    """
+    """Positions (n, 3) [m] turned about the vertical and shifted onto other positions by least squares."""
     a, b = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
     along = np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])
     across = np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

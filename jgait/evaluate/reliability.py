@@ -115,12 +115,7 @@ def _icc_interval(
 
 
 def icc(estimate: npt.ArrayLike, reference: npt.ArrayLike, *, level: float = 0.95) -> Icc:
-    """ICC(2,1) of an estimate and its reference as two raters; see `icc21`.
-
-    Args:
-        estimate: (n,), finite.
-        reference: (n,), finite.
-        level: probability that the interval is to cover [1].
+    """ICC(2,1) of an estimate and its reference, (n,) each, as two raters; see `icc21`.
 
     Raises:
         ValueError: if the two differ in length, hold fewer than two values, or one is not finite.

@@ -59,14 +59,9 @@ class PairedDifference(NamedTuple):
 
 
 def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
-    """Median, worst value, mean and number of values of each numeric column.
+    """Median, worst value, mean and number of values of each numeric column of a table, or of several `DistanceError`.
 
-    Args:
-        errors: a table with one row a leg or recording, or several `DistanceError`.
-
-    Returns:
-        One row for each column of `errors`; columns `median worst mean n`. The worst is the value furthest from 0,
-        with its sign; missing values do not count.
+    The worst is the value furthest from 0, with its sign; missing values do not count.
 
     Raises:
         ValueError: if the table has no row or no numeric column.
@@ -221,13 +216,11 @@ def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
 
 
 def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
-    """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (error / reference).
-
-    Args:
-        table: with columns `estimate` and `reference`; where the reference is 0, `rel_error` is NaN.
+    """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (error / reference; NaN for
+    0).
 
     Raises:
-        ValueError: if one of these columns is missing.
+        ValueError: if column `estimate` or `reference` is missing.
     """
     require_columns(table, ("estimate", "reference"))
     estimate, reference = (table[name].to_numpy(dtype=float) for name in ("estimate", "reference"))

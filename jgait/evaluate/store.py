@@ -131,12 +131,8 @@ class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
     def __init__(self, path: Path, description: dict[str, str], rank: int = 0) -> None:
-        """Make the folder, or continue the folder of an earlier run with the same description.
-
-        Args:
-            path: the folder.
-            description: the settings on which the results depend, as text.
-            rank: number of this process among those that write to the folder.
+        """Make the folder, or continue that of an earlier run with the same settings; `rank` numbers the processes that
+        write.
 
         Raises:
             ValueError: if the folder holds results of another description, or other files.

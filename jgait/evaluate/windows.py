@@ -25,16 +25,10 @@ class Judged(NamedTuple):
 def judge(
     estimate: Estimate, reference: Estimate, window: tuple[int, int], standing: tuple[int, int] | None = None
 ) -> Judged:
-    """Errors of an estimate over a window of the reference; the mean while standing is subtracted from each signal.
+    """Errors of an estimate over a window of the reference, of every leg that both have.
 
-    Args:
-        estimate: at any sampling times; interpolated at the times of the reference.
-        reference: motion capture or simulated truth.
-        window: half-open sample range of the reference over which errors are computed.
-        standing: half-open sample range of quiet standing whose mean is subtracted from both; None for absolute errors.
-
-    Returns:
-        Errors of every leg that estimate and reference have.
+    The ranges of samples of the reference are half-open; with `standing`, its mean is subtracted from both signals. The
+    estimate is interpolated at the times of the reference.
     """
     look = _within(window, reference)
     still = None if standing is None else _within(standing, reference)

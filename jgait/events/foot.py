@@ -211,20 +211,13 @@ def inside(found: Stances, samples: int) -> np.ndarray:
 
 
 def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Final and initial contact of every stride, between one stance and the next.
+    """Samples of the final and the initial contact of every stride, (n − 1,) each, between one of n stances and the
+    next.
 
     At the final contact the foot is pitched down most, after the heel has risen. At the initial contact the pitch has
     fallen by `LANDED` from its peak in late swing, when the toes are highest; accelerations are not used, because a
-    soft landing has no larger acceleration than a swing. Pitch is the integral of the angular rate about the main axis
-    of rotation of the foot, so the sensor may be mounted in any orientation.
-
-    Args:
-        gyr: (T, 3) angular rate without bias [rad/s].
-        found: the n stances from `stances`.
-        sampling_rate_hz: rate of the samples [Hz].
-
-    Returns:
-        Samples of the final contact and of the initial contact, each (n − 1,).
+    soft landing has no larger acceleration than a swing. Pitch is the integral of the angular rate (T, 3) without bias
+    [rad/s] about the main axis of rotation of the foot, so the sensor may be mounted in any orientation.
     """
     gyr = np.asarray(gyr, np.float64)
     count = max(len(found.stillest) - 1, 0)

@@ -90,14 +90,9 @@ TRUNK_SCALE = Kind(
 def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
     """The rests of a sensor, its gyroscope bias and its specific force at rest.
 
-    Rest is detected from the spread of the rate over half a second, because a bias shifts the rate itself. The error of
-    a window's mean rate is the undetected turn of the sensor over the window's length; so windows weigh as length².
-
-    Args:
-        gyr: (T, 3) [rad/s], finite.
-        acc: (T, 3) [m/s²], finite.
-        mask: (T,) bool, False where a sample was lost.
-        sampling_rate_hz: sampling rate [Hz].
+    `gyr` [rad/s] and `acc` [m/s²] are (T, 3), finite. Rest is detected from the spread of the rate over half a second,
+    because a bias shifts the rate itself. The error of a window's mean rate is the undetected turn of the sensor over
+    the window's length; so windows weigh as length².
     """
     size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
     if len(gyr) <= size:
@@ -158,18 +153,9 @@ def longest_still(
     window_s: float = STILL_WINDOW_S,
     at_least_s: float = 0.0,
 ) -> tuple[int, int] | None:
-    """The longest stretch in which a segment stands still, by `still_mask`.
+    """The longest stretch (start, end) [samples], half-open, in which a segment stands still by `still_mask`.
 
-    Args:
-        gyr: (T, 3) angular rate [rad/s].
-        sampling_rate_hz: sampling rate [Hz].
-        mask: (T,) bool, False where a sample is ignored; None: every sample counts.
-        threshold: as in `still_mask` [rad/s].
-        window_s: as in `still_mask` [s].
-        at_least_s: shorter stretches are ignored [s].
-
-    Returns:
-        (start, end) [samples], half-open; None if there is no such stretch, or the recording is shorter than a window.
+    None if no stretch lasts `at_least_s` [s], or the recording is shorter than a window.
     """
     if len(gyr) < window_size(window_s, sampling_rate_hz):
         return None
@@ -181,21 +167,16 @@ def longest_still(
 def standing_of_legs(
     gyrs: Sequence[AnyArray], sampling_rate_hz: float, estimator: str
 ) -> tuple[np.ndarray, tuple[int, int], list[Note]]:
-    """When a person stands, from all gyroscopes on the legs.
+    """When a person stands, from the (T, 3) angular rates [rad/s] of all gyroscopes on the legs.
 
     A sample counts as standing when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it. The first stretch of
     one second or more calibrates; if there is none, the longest stretch calibrates.
-
-    Args:
-        gyrs: (T, 3) angular rate of each sensor [rad/s].
-        sampling_rate_hz: sampling rate [Hz].
-        estimator: its name, for the error.
 
     Returns:
         (T,) bool; the half-open range of samples that calibrates; notes.
 
     Raises:
-        RecordingError: if the person never stands still for `LEGS_SHORTEST_S`.
+        RecordingError: if the person never stands still for `LEGS_SHORTEST_S`; it names the estimator.
     """
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
@@ -242,11 +223,7 @@ class TrunkRest(NamedTuple):
 def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> TrunkRest:
     """Standing still from a sensor on the trunk, with gyroscope bias and accelerometer scale, in the trunk's axes.
 
-    Args:
-        imu: sensor on the trunk, lost samples interpolated.
-        rows: (3, 3) axes of the trunk in the sensor's axes.
-        mask: (T,) bool, False where a sample was lost.
-        rate: sampling rate [Hz].
+    `rows` (3, 3) are these axes in the sensor's; lost samples are interpolated, with `mask` (T,) False.
     """
     gyr, acc = (as_float(v) @ rows.T for v in (imu.gyr, imu.acc))
     found = rest(gyr, acc, mask, rate)

@@ -114,12 +114,7 @@ class ShankState(NamedTuple):
 
 
 def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
-    """The state before the first sample.
-
-    Args:
-        rate: the first filtered rate [rad/s].
-        time: of that sample [s].
-    """
+    """The state before the first sample, from its filtered rate [rad/s] and its time [s]."""
     x, t = jnp.asarray(rate), jnp.asarray(time)
     nothing, no = jnp.zeros_like(x), jnp.zeros_like(x, dtype=bool)
     none = jnp.zeros_like(x, dtype=jnp.int32)
@@ -166,16 +161,9 @@ def _fresh(s: ShankState, where: Bool[Array, ""], start: Scalar) -> ShankState:
 
 
 def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
-    """One sample of the paper's machine; the times still contain the delay of the filter.
+    """One sample of the paper's machine: the next state, and the events of this sample, with the delay of the filter.
 
-    Args:
-        d: settings.
-        s: state from `begin` or from the previous step.
-        rate: filtered sagittal rate, the forward swing negative [rad/s].
-        time: time of the sample [s].
-
-    Returns:
-        The next state, and the events of this sample.
+    The rate is the filtered sagittal rate, the forward swing negative [rad/s], the time that of the sample [s].
     """
     x, t = jnp.asarray(rate), jnp.asarray(time)
     seen = _look(s, x, t)
@@ -256,16 +244,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, star
 
 
 def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_s: ArrayLike = 0.0) -> ShankEvents:
-    """The detector of swings over a recording, on the rate filtered both ways: offline.
-
-    Args:
-        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        d: settings.
-        start_s: time of the first sample [s].
-
-    Returns:
-        The events at each sample (T,).
+    """The detector of swings over a recording (T,), on the rate filtered both ways: offline. Arguments as `phases`.
 
     Raises:
         ValueError: if the rate of the samples is not supported, or there are fewer than 10.
@@ -285,14 +264,9 @@ def _rates(rate: ArrayLike) -> Array:
 
 
 def gathered(found: ShankEvents, capacity: int) -> ShankEvents:
-    """The samples that report a stride, as rows in order of time; works under `vmap`.
+    """The first `capacity` samples that report a stride, as rows in order of time; works under `vmap`.
 
-    Args:
-        found: (T,) events from `phases` or `swings`.
-        capacity: number of rows of the result; static. Further strides are left out.
-
-    Returns:
-        (capacity,) rows; in a row without a stride, `stride` is False and the other fields are 0.
+    In a row without a stride, `stride` is False and the other fields are 0.
     """
     index = jnp.nonzero(found.stride, size=capacity, fill_value=-1)[0]
     there = index >= 0

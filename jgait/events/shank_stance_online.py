@@ -55,7 +55,7 @@ def begin(rate: ArrayLike) -> StanceSearch:
 def step(
     s: StanceSearch, index: ArrayLike, rate: ArrayLike, phase: Phase, hold: ArrayLike, landing: ArrayLike
 ) -> tuple[StanceSearch, PyTree]:
-    """One sample.
+    """One sample: the next state, and whether the sample `state.at` is now detected as a valley.
 
     Args:
         s: state from `begin` or from the previous step.
@@ -64,9 +64,6 @@ def step(
         phase: phase of the gait at this sample.
         hold: number of samples for which the rate of the valley must stay the least [samples].
         landing: number of samples after a swing in which the foot comes down [samples].
-
-    Returns:
-        The next state, and whether the sample `state.at` is now detected as a valley.
     """
     now, x = jnp.asarray(index, jnp.int32), jnp.asarray(rate)
     since = jnp.where(phase.over, now, s.since)

@@ -139,16 +139,10 @@ def _peaks(seen: Rhythm, rate: float) -> Array:
 
 
 def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
-    """Accelerations rebuilt from the thresholded wavelet details of the paper.
+    """Accelerations (N, n) at `PAPER_RATE` [m/s²], rebuilt from the thresholded wavelet details of the paper.
 
-    Args:
-        accelerations: (T, n) of the trunk [m/s²], finite.
-        mask: (T,) bool, False where a sample was lost.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        p: settings of the rule; its thresholds are shares of the details' magnitudes.
-
-    Returns:
-        (N, n) at `PAPER_RATE`, from the time of the first sample on [m/s²].
+    `accelerations` (T, n) are finite, `mask` (T,) False where a sample was lost; the thresholds of the rule are shares
+    of the details' magnitudes.
     """
     rate, both = sampling_rate_hz, jnp.asarray(accelerations)
     if rate > PAPER_RATE:
@@ -177,7 +171,7 @@ def sides(
     yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequency: ArrayLike, valid: ArrayLike,
     leftward: ArrayLike | None = None,
 ) -> PyTree:  # fmt: skip
-    """The side of each contact, as log odds.
+    """The side of each contact, as log odds (n,) that the contact is of the left foot [1].
 
     Evidence for the side of a contact is the trunk's mean acceleration to the left over the step that begins at the
     contact or, without that acceleration, the turn of the pelvis over the step that begins `LATER` after the contact;
@@ -191,9 +185,6 @@ def sides(
         frequency: (n,) of steps [Hz].
         valid: (n,) bool, False for rows without a contact.
         leftward: (T,) acceleration of the trunk to its left, without gravity [m/s²], finite; None: not known.
-
-    Returns:
-        (n,) log odds that the contact is of the left foot [1].
     """
     turn = jnp.asarray(yaw_rate)
     at, f, counts = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid).astype(turn.dtype)

@@ -85,18 +85,12 @@ class Rhythm(NamedTuple):
 
 
 def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
-    """The step frequency at every sample.
+    """The step frequency (T,) [Hz] at every sample; where nobody walks, that of the walking near by.
 
     The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over both
     accelerations in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over the logarithm of the
-    frequency. The frequency is then smoothed over time with the weights r(l).
-
-    Args:
-        bank: (number of cut-offs, T, 2) from `low_passed`: forward and upward acceleration [m/s²].
-        sampling_rate_hz: sampling rate [Hz]; static.
-
-    Returns:
-        (T,) [Hz]; where nobody walks, the step frequency of the walking near by.
+    frequency. The frequency is then smoothed over time with the weights r(l). `bank` is from `low_passed`: (number of
+    cut-offs, T, 2), forward and upward [m/s²].
     """
     rate = sampling_rate_hz
     filters = jnp.asarray(bank)
@@ -124,29 +118,16 @@ def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
 
 
 def low_passed(x: ArrayLike, sampling_rate_hz: float) -> Array:
-    """A signal low-passed without delay at each of `CUTOFFS`.
-
-    Args:
-        x: (T, ...) any unit.
-        sampling_rate_hz: sampling rate [Hz]; static.
-
-    Returns:
-        (number of cut-offs, T, ...) the same unit.
-    """
+    """A signal (T, ...) low-passed without delay at each of `CUTOFFS`: (number of cut-offs, T, ...)."""
     values = jnp.asarray(x)
     corners = jnp.asarray(CUTOFFS, values.dtype)
     return jax.vmap(lambda c: butterworth.low_pass_both_ways(values, c, sampling_rate_hz))(corners)
 
 
 def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:
-    """The signal low-passed with a cut-off that changes slowly.
+    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of `low_passed`.
 
-    Args:
-        bank: (number of cut-offs, T, ...) from `low_passed`.
-        cutoff_hz: (T,) [Hz]; a value beyond `CUTOFFS` is replaced by the nearest of them.
-
-    Returns:
-        (T, ...) interpolated between the two nearest filters, over the logarithm of the cut-off.
+    It is interpolated between the two nearest filters, over the logarithm of the cut-off, within `CUTOFFS`.
     """
     filters = jnp.asarray(bank)
     number = jnp.arange(len(CUTOFFS), dtype=filters.dtype)
@@ -156,11 +137,7 @@ def between(bank: ArrayLike, cutoff_hz: ArrayLike) -> Array:
 
 
 def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
-    """Maxima whose rise from the minimum before and fall to the minimum after exceed a threshold.
-
-    Args:
-        x: (T,) any unit.
-        enough: (T,) the threshold, the same unit, positive.
+    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed a threshold (T,).
 
     Returns:
         (T,) bool, a maximum is confirmed at this sample, and (T,) the sample of that maximum [samples].
@@ -205,17 +182,9 @@ def _kept(time: Array, frequency: Array, tall: Array, there: Array, c: Coarse) -
 
 
 def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, c: Coarse, capacity: int) -> Rhythm:
-    """Coarse instants of initial contacts.
+    """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid.
 
-    Args:
-        forward: (T,) acceleration [m/s²], finite.
-        upward: (T,) acceleration without gravity [m/s²], finite.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        c: settings.
-        capacity: number of rows; static. Further maxima are left out.
-
-    Returns:
-        The instants, in (capacity,) rows; without walking no row is valid.
+    The accelerations are (T,), upward without gravity [m/s²], finite; further maxima are left out.
     """
     rate, both = sampling_rate_hz, jnp.stack([jnp.asarray(forward), jnp.asarray(upward)], axis=1)
     bank = low_passed(both, rate)

@@ -65,17 +65,10 @@ SOFT = Soft()
 def rates_of_change(
     forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, cutoff_hz: Scalar, mask: ArrayLike | None = None
 ) -> Array:
-    """Rates of change of −forward and of upward acceleration, low-passed, divided by their local root mean squares.
+    """Rates of change of −forward and of upward acceleration, low-passed, divided by their local root mean squares: (T,
+    2).
 
-    Args:
-        forward: (T,) acceleration [m/s²], finite.
-        upward: (T,) acceleration without gravity [m/s²], finite.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        cutoff_hz: cut-off of the low-pass filter [Hz].
-        mask: (T,) bool, False where a sample does not count for the root mean squares; None: all count.
-
-    Returns:
-        (T, 2) without unit.
+    The accelerations are (T,), upward without gravity [m/s²], finite; where `mask` is False a sample does not count.
     """
     both = jnp.stack([-jnp.asarray(forward), jnp.asarray(upward)], axis=1)
     smooth = butterworth.low_pass_both_ways(both, cutoff_hz, sampling_rate_hz)
@@ -94,18 +87,9 @@ def instants(
     forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, coarse: ArrayLike, settings: Soft = SOFT,
     mask: ArrayLike | None = None,
 ) -> Array:  # fmt: skip
-    """The contact near each coarse instant.
+    """The contact near each coarse instant: (n,) times from the first sample on [s].
 
-    Args:
-        forward: (T,) acceleration, without gravity [m/s²], finite.
-        upward: (T,) acceleration, without gravity [m/s²], finite.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        coarse: (n,) instants, from the first sample on [s].
-        settings: weights, window and offset.
-        mask: (T,) bool, False where a sample does not count; None: all count.
-
-    Returns:
-        (n,) times from the first sample on [s].
+    The accelerations are (T,), without gravity [m/s²], finite; where `mask` is False a sample does not count.
     """
     score = rates_of_change(forward, upward, sampling_rate_hz, settings.cutoff_hz, mask)
     about, last = jnp.asarray(coarse, score.dtype), score.shape[0] - 1

@@ -61,19 +61,7 @@ def variance(
 ) -> Array:
     """Moving variance of the accelerometer, as a standard deviation: √⟨|f − ⟨f⟩|²⟩ over all three axes.
 
-    Args:
-        acc: (T, 3) specific force [m/s²], finite.
-        sampling_rate_hz: as in `ared`.
-        window_s: as in `ared`.
-        mask: as in `ared`.
-
-    Returns:
-        (T,) [m/s²]; infinite where a window has no sample that counts.
-
-    Raises:
-        ValueError: as `ared`.
-
-    Source: as `ared`.
+    As `ared`, of the specific force (T, 3) [m/s²]; (T,) [m/s²].
     """
     window = _Window.of(_vectors("acc", acc), sampling_rate_hz, window_s, mask)
     return window.root(_spread(window)[0])
@@ -85,20 +73,8 @@ def magnitude(
 ) -> Array:  # fmt: skip
     """Root mean square difference of the force's length from gravity: √⟨(|f| − g)²⟩.
 
-    Args:
-        acc: (T, 3) specific force [m/s²], finite.
-        sampling_rate_hz: as in `ared`.
-        window_s: as in `ared`.
-        mask: as in `ared`.
-        gravity: reading of the accelerometer at rest [m/s²]; not gravity if its scale has an error.
-
-    Returns:
-        (T,) [m/s²]; infinite where a window has no sample that counts.
-
-    Raises:
-        ValueError: as `ared`.
-
-    Source: as `ared`.
+    As `ared`, of the specific force (T, 3) [m/s²]; (T,) [m/s²]. `gravity` is the reading of the accelerometer at rest
+    [m/s²], which is not gravity if its scale has an error.
     """
     window = _Window.of(_vectors("acc", acc), sampling_rate_hz, window_s, mask)
     off = root(_squared(window.values)) - gravity

@@ -163,16 +163,12 @@ def quaternion(m: Float[AnyArray, "*batch 3 3"]) -> Quaternion:
 
 
 def between(a: Vector, b: Vector) -> Quaternion:
-    """The shortest rotation that takes one direction to another, precise also for nearly opposite directions.
+    """The shortest rotation that takes one direction to another, of any length but zero, also nearly opposite ones.
 
     With unit vectors, d = a·b and c = a × b, the quaternion is (1 + d, c) for an angle up to 90°. Beyond 90° it is
     (c·p, (1 − d) p) about the axis p = c / |c|; because c is small for nearly opposite directions, p is made
     perpendicular to a once more. For exactly opposite directions the rotation is half a turn about some perpendicular
     axis.
-
-    Args:
-        a: a direction of any length except zero.
-        b: a direction of any length except zero.
     """
     a, b = _direction(a), _direction(b)
     d, c = dot(a, b), cross(a, b)

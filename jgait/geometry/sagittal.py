@@ -14,15 +14,7 @@ walking starts, as a Butterworth filter does."""
 
 
 def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
-    """The heading filtered by a second-order Butterworth filter, forwards and backwards, so without delay.
-
-    Args:
-        heading: (T,) [rad], unwrapped.
-        rate_hz: sampling rate [Hz].
-
-    Returns:
-        (T,) [rad].
-    """
+    """The unwrapped heading (T,) [rad] by a second-order Butterworth filter, forwards and backwards, without delay."""
     from scipy.signal import butter, filtfilt
 
     numerator, denominator = butter(2, HEADING_CUTOFF_HZ / (rate_hz / 2))
@@ -30,17 +22,7 @@ def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def leg_in_plane(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, heading: np.ndarray) -> LegTrajectory:
-    """Joint centres projected on the vertical plane through the heading.
-
-    Args:
-        hip: (T, 3) [m], z up.
-        knee: (T, 3) [m].
-        ankle: (T, 3) [m].
-        heading: (T,) [rad] of the plane.
-
-    Returns:
-        The leg's angles [rad] and the ankle relative to the hip [m].
-    """
+    """Joint centres (T, 3) [m], z up, projected on the vertical plane through the heading (T,) [rad]."""
 
     def forward(vector: np.ndarray) -> np.ndarray:
         return vector[:, 0] * np.cos(heading) + vector[:, 1] * np.sin(heading)

@@ -90,14 +90,9 @@ def in_segment(frame: Frame, direction: Vector) -> Vector:
 
 
 def differentiated[P](pose: Callable[[Float[AnyArray, "time"]], P], time: Float[AnyArray, "time"]) -> Motion[P]:
-    """A pose, its rate and its acceleration, exact by forward-mode differentiation.
+    """A pose, its rate and its acceleration at times (T,) [s], exact by forward-mode differentiation.
 
-    Args:
-        pose: a function of time [s], elementwise; it returns any pytree of (T,) arrays.
-        time: (T,) [s].
-
-    Returns:
-        The pose at those times, and its derivatives in the same type.
+    `pose` is an elementwise function of time that returns any pytree of (T,) arrays.
     """
     ones = jnp.ones_like(time)
 

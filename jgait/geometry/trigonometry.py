@@ -73,13 +73,7 @@ _QUARTER = 0.7858
 
 @jax.custom_jvp
 def sincos(x: Values) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Sine and cosine of x, any shape, in float32 or float64.
-
-    Args:
-        x: angle [rad].
-
-    Returns:
-        (sin x, cos x) in the type of x; see the module for their accuracy.
+    """Sine and cosine of x [rad], any shape, in float32 or float64; see the module for their accuracy.
 
     Raises:
         ValueError: for another float type.

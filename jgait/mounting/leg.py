@@ -59,20 +59,10 @@ def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.nd
 def sagittal_axis(
     gyr: np.ndarray, up: np.ndarray | None, still: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool
 ) -> np.ndarray:
-    """The axis about which a segment turns in straight walking, in sensor axes, up to its sign.
+    """The axis (3,) about which a segment turns in straight walking, in sensor axes, up to its sign.
 
-    The axis is the first principal axis of the angular rate over the walking samples that are not part of a turn; with
-    `perpendicular`, its vertical part is removed.
-
-    Args:
-        gyr: (T, 3) angular rate without bias [rad/s].
-        up: (3,) unit vector up at standing, or None without an accelerometer.
-        still: (T,) bool.
-        sampling_rate_hz: sampling rate [Hz].
-        perpendicular: project onto the horizontal plane.
-
-    Returns:
-        (3,) unit vector.
+    The axis is the first principal axis of the angular rate (T, 3) without bias [rad/s] over the walking samples that
+    are not part of a turn; with `perpendicular`, its part along `up` at standing is removed.
     """
     walking = ~still
     if up is not None:

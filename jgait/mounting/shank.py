@@ -84,10 +84,6 @@ def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
 
     The median over the longest rest of half a second or more; None if there is none. No other measurement corrects the
     bias of a stride: 0.02 rad/s change the stride length by 2 %.
-
-    Args:
-        imu: the sensor.
-        sampling_rate_hz: sampling rate [Hz].
     """
     run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
     if run is None:
@@ -160,13 +156,7 @@ TURNED = Kind(
 
 
 def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None:
-    """A note if the sensor is not worn as intended; None if it is.
-
-    Args:
-        axes: from `functional_axes`.
-        believed: (3, 3) intended forward, left and up in the sensor's axes.
-        placement: placement of the sensor, for the note.
-    """
+    """A note if the sensor is not worn with the intended forward, left and up (3, 3) in its axes; None if it is."""
     agree = np.sum(axes.rows * as_float(believed), axis=1)
     if agree[1] < 0.0 and agree[2] < 0.0:
         return UPSIDE_DOWN(placement=placement)
@@ -180,14 +170,10 @@ def mounting(axes: Axes, believed: npt.ArrayLike, placement: str) -> Note | None
 
 
 def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray, "instant"]) -> Axes:
-    """The axes with up along the mean specific force at given samples, for example the stance valleys.
+    """The axes with up along the mean specific force [m/s²] at given samples (n,), for example the stance valleys.
 
-    In the valley of a stance the ankle hardly accelerates, and the shank leans by a constant few degrees at most.
-
-    Args:
-        axes: from `functional_axes`.
-        acc: (T, 3) in the sensor's axes, filtered [m/s²].
-        instants: (n,) samples; with n = 0 the axes stay unchanged.
+    In the valley of a stance the ankle hardly accelerates, and the shank leans by a constant few degrees at most. With
+    n = 0 the axes stay unchanged.
     """
     if len(instants) == 0:
         return axes
@@ -209,10 +195,6 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     """The placement whose sensor swings as a shank does, and a note if this is not `shank_<side>`.
 
     In walking the shank turns faster than the thigh, by half or more; so exchanged labels are detected.
-
-    Args:
-        recording: with `shank_<side>`, and `thigh_<side>` if labels are to be checked.
-        side: "right" or "left".
 
     Raises:
         RecordingError: if there is no sensor on that shank.

@@ -53,14 +53,9 @@ class TrunkAxes(NamedTuple):
 
 
 def functional_axes(imu: Imu, sampling_rate_hz: float) -> TrunkAxes | None:
-    """Forward, left and up in a sensor's axes, from its accelerations in walking.
+    """Forward, left and up in a sensor's axes, from its accelerations in walking; None if nobody walks.
 
-    Args:
-        imu: sensor on the trunk [m/s²], without lost samples (see `mounting.shank.filled`).
-        sampling_rate_hz: sampling rate [Hz].
-
-    Returns:
-        The axes; None if nobody walks.
+    Lost samples are filled, see `mounting.shank.filled`.
 
     Raises:
         RecordingError: if there is no accelerometer.

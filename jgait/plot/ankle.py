@@ -94,9 +94,6 @@ def swing_states(
         seconds: from and to [s]; None: four seconds about the middle stride.
         title: above the figure.
 
-    Returns:
-        A matplotlib figure: the rate, with the background shaded by state, above the state.
-
     Raises:
         ValueError: if that side was not measured, or no sample lies in the window.
         RecordingError: as `ankle_stride.estimate`.

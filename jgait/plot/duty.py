@@ -44,14 +44,8 @@ ERROR: Style = {"color": RED, "linewidth": 1.0}
 def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
     """Angles and gyroscope rates of every leg over time; the background is grey while a gyroscope sleeps.
 
-    Args:
-        estimate: of `duty_cycled_gyro`.
-        seconds: from and to [s]; None draws everything.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure: a column for each leg; hip and knee, or the segment's angle with one sensor alone, above
-        the rate of each sensor.
+    A column for each leg: hip and knee, or the segment's angle with one sensor alone, above the rate of each sensor.
+    The window `seconds` is from and to [s].
 
     Raises:
         ValueError: if the estimate has no gyroscope with filled gaps.

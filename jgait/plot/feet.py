@@ -65,28 +65,13 @@ def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds) -> np.ndar
 
 
 def foot_paths(
-    estimate: Estimate,
-    reference: Estimate | None = None,
-    *,
-    seconds: Seconds = None,
-    title: str = "",
-    label: str = "",
-    reference_label: str = "reference",
+    estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
     """Both feet from above, footholds marked; axes equal.
 
-    Args:
-        estimate: with `feet`; of `foot_ins` each foot has a separate world frame, with the origin at the foot's start
-            and x along its first stride.
-        reference: with `feet`, right dashed, left dotted; each foot is turned about the vertical and shifted to
-            fit the estimate.
-        seconds: from and to [s].
-        title: above the figure.
-        label: before the names of the feet.
-        reference_label: name of the reference.
-
-    Returns:
-        A matplotlib figure.
+    Each foot of `foot_ins` has a separate world frame, with the origin at the foot's start and x along its first
+    stride. Feet of the reference, right dashed, left dotted, are turned about the vertical and shifted to fit the
+    estimate. The window `seconds` is from and to [s].
 
     Raises:
         ValueError: if the estimate has no feet.
@@ -96,13 +81,13 @@ def foot_paths(
     figure, axes = blank(1, 1, 8.6, 1.3 + height_of(ways, 7.6))
     axis = axes[0, 0]
     for side, way in ways.items():
-        axis.plot(way[:, 0], way[:, 1], label=f"{label} {side} foot".strip(), **FOOT[side])
+        axis.plot(way[:, 0], way[:, 1], label=f"{side} foot", **FOOT[side])
         holds = places_at(estimate, feet[side], footholds(estimate, side, seconds))
         axis.plot(holds[:, 0], holds[:, 1], **FOOTHOLD[side])
     for side in feet:
         known = None if reference is None else _fitted(reference, estimate, side)
         if known is not None:
-            axis.plot(known[:, 0], known[:, 1], label=f"{reference_label}, {side}", **REFERENCE[side])
+            axis.plot(known[:, 0], known[:, 1], label=f"reference, {side}", **REFERENCE[side])
     plan_of(axis)
     legend(figure, title, columns=5)
     return figure
@@ -136,17 +121,8 @@ def plan_of(axis: Axes) -> None:
     axis.grid(alpha=0.3)
 
 
-def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "", label: str = "") -> Figure:
+def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
     """Each foot from the side: its height along its way, footholds marked; heights are drawn larger than lengths.
-
-    Args:
-        estimate: with `feet`.
-        seconds: from and to [s].
-        title: above the figure.
-        label: before the names of the feet.
-
-    Returns:
-        A matplotlib figure.
 
     Raises:
         ValueError: if the estimate has no feet.
@@ -157,7 +133,7 @@ def foot_height(estimate: Estimate, *, seconds: Seconds = None, title: str = "",
         way = shown(estimate, foot, seconds)
         steps = np.nan_to_num(np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1))
         along = np.concatenate([[0.0], np.cumsum(steps)])
-        axis.plot(along, 100.0 * way[:, 2], label=f"{label} {side} foot".strip(), **FOOT[side])
+        axis.plot(along, 100.0 * way[:, 2], label=f"{side} foot", **FOOT[side])
         times = footholds(estimate, side, seconds)
         heights = 100.0 * places_at(estimate, foot, times)[:, 2]
         axis.plot(np.interp(times, as_float(estimate.time), along), heights, **FOOTHOLD[side])
@@ -172,13 +148,6 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, width and rise of every stride over time, with bars of two standard deviations where they are stated.
 
     Widths that the estimator does not trust (`diagnostics["width_valid"]`) are hollow and without bars.
-
-    Args:
-        estimate: with `strides`.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
 
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
@@ -255,12 +224,7 @@ SPECIAL: dict[str, Style] = {
 def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
 
-    Args:
-        estimate: of `ankle_stride`, or any estimate with `strides`, with or without the flags of `SPECIAL`.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
+    The estimate is of `ankle_stride`, or any with `strides`, with or without the flags of `SPECIAL`.
 
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.

@@ -36,53 +36,20 @@ def _shown(estimate: Estimate) -> Estimate:
 
 
 def joint_angles(
-    estimate: Estimate,
-    reference: Estimate | None = None,
-    *,
-    seconds: Seconds = None,
-    title: str = "",
-    label: str = "jgait",
-    reference_label: str = "reference",
+    estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
-    """Hip and knee flexion of each leg with a band of two standard deviations, over the reference.
+    """Hip and knee flexion of each leg with a band of two standard deviations, over the reference, dashed.
 
-    Args:
-        estimate: what to draw.
-        reference: motion capture or simulated truth, dashed.
-        seconds: from and to [s]; None draws everything.
-        title: above the figure.
-        label: name of the estimate.
-        reference_label: name of the reference.
-
-    Returns:
-        A matplotlib figure.
+    The window `seconds` is from and to [s]; None draws everything.
     """
-    return _over_time(estimate, reference, FIELDS[:2], seconds, title, (label, reference_label))
+    return _over_time(estimate, reference, FIELDS[:2], seconds, title)
 
 
 def foot_displacement(
-    estimate: Estimate,
-    reference: Estimate | None = None,
-    *,
-    seconds: Seconds = None,
-    title: str = "",
-    label: str = "jgait",
-    reference_label: str = "reference",
+    estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
-    """Position of each ankle relative to the hip over time, with a band of two standard deviations, over the reference.
-
-    Args:
-        estimate: what to draw.
-        reference: motion capture or simulated truth, dashed.
-        seconds: from and to [s]; None draws everything.
-        title: above the figure.
-        label: name of the estimate.
-        reference_label: name of the reference.
-
-    Returns:
-        A matplotlib figure.
-    """
-    return _over_time(estimate, reference, FIELDS[2:], seconds, title, (label, reference_label))
+    """Position of each ankle relative to the hip over time; as `joint_angles`."""
+    return _over_time(estimate, reference, FIELDS[2:], seconds, title)
 
 
 def _over_time(
@@ -91,7 +58,6 @@ def _over_time(
     fields: tuple[tuple[str, str, float], ...],
     seconds: Seconds,
     title: str,
-    labels: tuple[str, str],
 ) -> Figure:
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
@@ -106,8 +72,8 @@ def _over_time(
             if spread is not None:
                 band(axis, time, value, scale * np.asarray(getattr(spread, field))[part], color="#f0b7b0")
             if reference is not None and getattr(reference.legs, side) is not None:
-                _reference(axis, reference, side, field, scale, seconds, labels[1])
-            axis.plot(time, value, label=labels[0], **ESTIMATE)
+                _reference(axis, reference, side, field, scale, seconds)
+            axis.plot(time, value, label="jgait", **ESTIMATE)
             axis.set_ylabel(unit)
             axis.grid(alpha=0.3)
             if row == 0:
@@ -120,36 +86,16 @@ def _over_time(
     return figure
 
 
-def _reference(
-    axis: Axes, reference: Estimate, side: str, field: str, scale: float, seconds: Seconds, label: str
-) -> None:
+def _reference(axis: Axes, reference: Estimate, side: str, field: str, scale: float, seconds: Seconds) -> None:
     part = windowed(reference.time, seconds)
     values = scale * np.asarray(getattr(getattr(reference.legs, side), field))[part]
-    axis.plot(np.asarray(reference.time)[part], values, label=label, **REFERENCE)
+    axis.plot(np.asarray(reference.time)[part], values, label="reference", **REFERENCE)
 
 
 def foot_path(
-    estimate: Estimate,
-    reference: Estimate | None = None,
-    *,
-    seconds: Seconds = None,
-    title: str = "",
-    label: str = "jgait",
-    reference_label: str = "reference",
+    estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
-    """Path of the ankle relative to the hip, in the sagittal plane.
-
-    Args:
-        estimate: what to draw.
-        reference: motion capture or simulated truth, dashed.
-        seconds: from and to [s].
-        title: above the figure.
-        label: name of the estimate.
-        reference_label: name of the reference.
-
-    Returns:
-        A matplotlib figure.
-    """
+    """Path of the ankle relative to the hip, in the sagittal plane; as `joint_angles`."""
     estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
     worn = _worn(estimate)
     figure, axes = blank(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
@@ -159,10 +105,8 @@ def foot_path(
         if reference is not None and getattr(reference.legs, side) is not None:
             true = getattr(reference.legs, side)
             span = windowed(reference.time, seconds)
-            axis.plot(
-                100 * np.asarray(true.x)[span], 100 * np.asarray(true.y)[span], label=reference_label, **REFERENCE
-            )
-        axis.plot(100 * np.asarray(leg.x)[part], 100 * np.asarray(leg.y)[part], label=label, **ESTIMATE)
+            axis.plot(100 * np.asarray(true.x)[span], 100 * np.asarray(true.y)[span], label="reference", **REFERENCE)
+        axis.plot(100 * np.asarray(leg.x)[part], 100 * np.asarray(leg.y)[part], label="jgait", **ESTIMATE)
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("ankle forward of hip [cm]")
         axis.set_title(f"{side} leg")
@@ -180,23 +124,11 @@ def distance(
     *,
     seconds: Seconds = None,
     title: str = "",
-    label: str = "jgait",
-    reference_label: str = "reference",
     others: dict[str, Estimate] | None = None,
 ) -> Figure:
-    """Walked distance over time, from the start of the window, with a band of two standard deviations where stated.
+    """Walked distance over time, from the start of the window, over the reference, dashed, and `others`, in grey.
 
-    Args:
-        estimate: what to draw; a band if its diagnostics have `distance_stddev` and no window is given.
-        reference: motion capture or simulated truth, dashed.
-        seconds: from and to [s].
-        title: above the figure.
-        label: name of the estimate.
-        reference_label: name of the reference.
-        others: name → further estimates, in grey.
-
-    Returns:
-        A matplotlib figure.
+    The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given.
     """
     figure, axes = blank(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
@@ -212,11 +144,11 @@ def distance(
     for number, (name, other) in enumerate((others or {}).items()):
         draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": (":", "-.")[number % 2]})
     if reference is not None and reference.distance is not None:
-        draw(reference, reference_label, REFERENCE)
+        draw(reference, "reference", REFERENCE)
     spread = estimate.diagnostics.get("distance_stddev")
     if spread is not None and seconds is None:
         band(axis, np.asarray(estimate.time), estimate.distance, spread, color="0.85")
-    draw(estimate, label, ESTIMATE)
+    draw(estimate, "jgait", ESTIMATE)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
     axis.grid(alpha=0.3)

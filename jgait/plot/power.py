@@ -72,9 +72,6 @@ def error_over_duty(panels: Mapping[str, Mapping[str, Series]], *, title: str = 
         panels: title of the panel → name → series over the duty cycle [1].
         title: above the figure.
 
-    Returns:
-        A matplotlib figure.
-
     Raises:
         ValueError: if there is no panel, or the arrays of a series have different lengths.
     """
@@ -90,9 +87,6 @@ def error_over_saving(
         panels: title of the panel → name → series over the share of the gyroscope's energy that is saved [1].
         power: power of the gyroscope while it is on [W]; adds its mean power as a second axis.
         title: above the figure.
-
-    Returns:
-        A matplotlib figure.
 
     Raises:
         ValueError: as `error_over_duty`.

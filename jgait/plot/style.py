@@ -108,16 +108,7 @@ def over_time(axes: Iterable[Axes]) -> None:
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
-    """Write a figure to a file, completely or not at all.
-
-    Args:
-        figure: a matplotlib figure.
-        path: of the file; the ending gives the format.
-        dpi: dots an inch for pixel formats.
-
-    Returns:
-        The path.
-    """
+    """Write a figure to a file, completely or not at all; the ending gives the format. Returns the path."""
     with replaced(path) as part:
         figure.savefig(part, dpi=dpi)
     return Path(path)

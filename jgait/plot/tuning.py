@@ -37,13 +37,6 @@ def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
     """Correlation of the errors of the parameters: dark squares are close to ±1, the numbers have the sign.
 
     A parameter that the data do not determine is marked with a star.
-
-    Args:
-        identifiability: of `jgait.tune.identifiability`.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
     """
     values = identifiability.correlation
     size = len(values)
@@ -77,14 +70,7 @@ def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
 def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
     """Increase of the loss when one parameter is fixed at other values than the best, and the ends of the interval.
 
-    Args:
-        profile: of `jgait.tune.profile`.
-        level: coverage probability of the line and the interval [1].
-        unit: of the parameter, for the axis.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
+    `level` is the coverage probability of the line and the interval [1], `unit` that of the parameter.
     """
     figure, axes = blank(1, 1, 6.0, 3.8)
     axis = axes[0, 0]
@@ -117,16 +103,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
 
 
 def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
-    """Loss and gradient of each step; crosses are undone steps (loss or gradient not finite).
-
-    Args:
-        fit: of `jgait.tune.fit`.
-        unit: of the loss, for the axis.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
-    """
+    """Loss [unit] and gradient of each step; crosses are undone steps (loss or gradient not finite)."""
     figure, axes = blank(2, 1, 6.4, 5.2, sharex=True)
     steps = np.arange(len(fit.losses))
     rejected = ~np.asarray(fit.accepted, bool)

@@ -77,11 +77,7 @@ _motion = jax.jit(motion, static_argnames=("smooth", "execution"))
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
     """Accelerations of the trunk in a recording, as the estimator `waist` computes them.
 
-    Args:
-        recording: with a sensor at the trunk.
-        p: parameters of the estimator.
-        options: of the estimator.
-        smooth: whether later samples are also used: True for distances, False for contacts.
+    `smooth` uses later samples too: True for distances, False for contacts.
 
     Raises:
         RecordingError: as `waist.estimate`.

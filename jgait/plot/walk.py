@@ -175,16 +175,9 @@ def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.nda
 
 
 def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Figure:
-    """All sensor signals of one stride, with the contacts of both feet.
+    """All sensor signals of one stride of a simulated walk, with the contacts of both feet.
 
-    Args:
-        recording: the simulated recording.
-        truth: of the same walk.
-        stride: row of `truth.strides`; None: the middle row.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure.
+    `stride` is a row of `truth.strides`; None: the middle row.
 
     Raises:
         ValueError: if there is no such stride.

@@ -61,9 +61,6 @@ def of_cohort(
         failures: (recording, reason) of recordings that could not be used; None: the failures of `cohort`.
         made: how the results were made; None leaves this out.
 
-    Returns:
-        The page; `save` writes it.
-
     Raises:
         ValueError: if the cohort has no recording, neither used nor failed.
         ImportError: without the extra `cli`.

@@ -18,13 +18,9 @@ def pictures(
     estimate: Estimate, reference: Estimate | None = None, special: Sequence[EstimateFigure] = (),
     made: EstimatedRecording | None = None,
 ) -> list[Picture]:  # fmt: skip
-    """The figures for everything that an estimate contains.
+    """The figures for everything that an estimate contains, the reference dashed.
 
-    Args:
-        estimate: of one recording.
-        reference: drawn dashed, or None.
-        special: figures of the estimator's `about`; figures with a caption are also drawn.
-        made: the estimate with its recording, for `special`.
+    `special` are those of the estimator's `about` and need `made`; figures with a caption are also drawn.
     """
     drawn: list[Picture] = []
     if any(leg is not None for leg in estimate.legs):

@@ -40,14 +40,7 @@ def ordered(flags: Iterable[Flag]) -> list[Flag]:
 
 
 def of_strides(rows: int, marks: dict[str, np.ndarray], regular: int, flags: Iterable[StrideFlag]) -> list[Flag]:
-    """Flags of the strides: how many are special, and whether enough regular strides are left.
-
-    Args:
-        rows: number of strides.
-        marks: flag → (rows,) bool.
-        regular: number of strides in the means.
-        flags: what the flags mean.
-    """
+    """Flags of the strides (flag → (rows,) bool): how many are special, and whether enough regular strides are left."""
     raised = []
     for flag in flags:
         many = int(marks[flag.name].sum()) if flag.name in marks else 0

@@ -20,13 +20,10 @@ TEXT = ("recording", "subject", "quantity", "side", "notes", "reason")
 
 
 def read(folder: Path) -> tuple[Cohort, list[tuple[str, str]]]:
-    """The tables of an evaluation, and (recording, reason) of recordings that could not be used.
-
-    Args:
-        folder: written by `jgait evaluate`: recordings.csv, quantities.csv, strides.csv, failures.csv.
+    """The tables of an evaluation that `jgait evaluate` wrote, and (recording, reason) of those that could not be used.
 
     Raises:
-        FileNotFoundError: if a table is missing.
+        FileNotFoundError: if recordings.csv, quantities.csv, strides.csv or failures.csv is missing.
         ValueError: if a table lacks a column, or has text instead of numbers.
     """
     tables = {name: _table(folder / f"{name}.csv", name) for name in ("recordings", "quantities", "strides")}
@@ -68,10 +65,7 @@ def _whose(run: Path) -> dict[str, str]:
 
 
 def made(folder: Path) -> Made:
-    """The settings of an evaluation, read from its folder.
-
-    Args:
-        folder: written by `jgait evaluate`.
+    """The settings of an evaluation, read from the folder that `jgait evaluate` wrote.
 
     Raises:
         OSError: if the folder cannot be read.

@@ -134,25 +134,11 @@ class Report:
         self.numbers = content.numbers
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page, completely or not at all.
-
-        Args:
-            path: of the file; its folder must exist.
-
-        Returns:
-            The path.
-        """
+        """Write the page, completely or not at all, into a folder that exists; returns the path."""
         return write_text(path, self.html)
 
     def save_numbers(self, path: str | os.PathLike[str]) -> Path:
-        """Write the numbers as JSON, completely or not at all.
-
-        Args:
-            path: of the file; its folder must exist.
-
-        Returns:
-            The path.
-        """
+        """Write the numbers as JSON, completely or not at all, into a folder that exists; returns the path."""
         return write_text(path, json.dumps(plain(self.numbers), indent=1, ensure_ascii=False) + "\n")
 
     def _repr_html_(self) -> str:
@@ -161,9 +147,6 @@ class Report:
 
 def rendered(content: Content) -> str:
     """The page as HTML: with its style, script and pictures, and a policy that forbids all connections.
-
-    Args:
-        content: of the page.
 
     Raises:
         ImportError: if jinja2 is not installed; it is part of the extra `cli`.
@@ -195,10 +178,7 @@ def rendered(content: Content) -> str:
 def picture(figure: "Figure", alt: str, caption: str) -> Picture:
     """A matplotlib figure as part of a page: an SVG drawing up to `LARGEST_SVG`, else pixels.
 
-    Args:
-        figure: a matplotlib figure.
-        alt: description of the figure for readers who cannot see it.
-        caption: how to read the figure.
+    `alt` describes the figure to readers who cannot see it, the caption states how to read it.
     """
     import matplotlib
 

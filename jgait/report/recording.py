@@ -32,9 +32,6 @@ def of_estimate(
         reference: an independent measurement, drawn dashed and compared, or None.
         made: settings of the computation; None leaves this out.
 
-    Returns:
-        The page; `save` writes it.
-
     Raises:
         ValueError: if the estimate is not of one recording.
         ImportError: without the extra `cli`.

@@ -88,14 +88,9 @@ class ReportStrides(NamedTuple):
 
 
 def strides_of(estimate: Estimate, flags: tuple[StrideFlag, ...] = STRIDE_FLAGS) -> ReportStrides:
-    """The strides of an estimate, or the cycles of its leg angles.
+    """The strides of an estimate, or the cycles of its leg angles, see `leg_cycles`.
 
-    A cycle of a leg lasts from the largest knee flexion of a swing to the largest of the next swing; its length is the
-    gain of the distance in this time.
-
-    Args:
-        estimate: of one recording.
-        flags: of its strides.
+    The length of a cycle is the gain of the distance in its time.
     """
     from jgait import io
 
@@ -115,9 +110,6 @@ def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
 
     Columns as of `io.strides_to_dataframe`, as far as known, and the extremes of each joint [°]. The knee flexion of a
     cycle is that of the swing at its start, so that each swing counts once; the last swing of a leg has no cycle.
-
-    Args:
-        estimate: with `legs`.
     """
     import pandas as pd
     from scipy.signal import find_peaks
@@ -173,9 +165,6 @@ def stride_table(of: ReportStrides) -> Table:
 
 def means(of: ReportStrides) -> list[dict[str, PyTree]]:
     """Mean, standard deviation and number over the regular strides, of all and of each side.
-
-    Args:
-        of: the strides.
 
     Returns:
         A row a measure: "name", "unit", "all", "right", "left" (each "mean", "sd", "n", or None), "difference" of

@@ -39,15 +39,9 @@ class SectionState(NamedTuple):
 
 
 def sections(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> tuple[FilterSection, ...]:
-    """The sections of a Butterworth low-pass.
+    """The order/2 sections of a Butterworth low-pass, to be applied one after the other.
 
-    Args:
-        cutoff_hz: frequency at which the gain is 1/√2 [Hz], between 0 and half the sampling rate.
-        sampling_rate_hz: sampling rate [Hz].
-        order: 2, 4, 6 …; static.
-
-    Returns:
-        order/2 sections, to be applied one after the other.
+    The gain is 1/√2 at the cut-off [Hz], between 0 and half the sampling rate; orders are 2, 4, 6 ….
 
     Raises:
         ValueError: if the order is not even and positive, or a concrete cut-off is outside its range.
@@ -74,15 +68,7 @@ def delay(cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Scalar
 
 
 def at_rest(cascade: tuple[FilterSection, ...], sample: Values) -> tuple[SectionState, ...]:
-    """The state of the sections after a constant input of infinite duration.
-
-    Args:
-        cascade: from `sections`.
-        sample: (...) the constant value, any unit.
-
-    Returns:
-        One state for each section.
-    """
+    """The state of each section after a constant input (...) of infinite duration."""
     x = jnp.asarray(sample)
     return tuple(SectionState((1.0 - s.b) * x, (s.b - s.a2) * x) for s in cascade)
 
@@ -90,16 +76,7 @@ def at_rest(cascade: tuple[FilterSection, ...], sample: Values) -> tuple[Section
 def step(
     cascade: tuple[FilterSection, ...], state: tuple[SectionState, ...], sample: Values
 ) -> tuple[tuple[SectionState, ...], Float[Array, "..."]]:
-    """Filter one sample.
-
-    Args:
-        cascade: from `sections`.
-        state: from `at_rest` or the previous step.
-        sample: (...) any unit.
-
-    Returns:
-        The next state, and the filtered sample.
-    """
+    """Filter one sample (...) of any unit: the next states of the sections, and the filtered sample."""
     value: Array = jnp.asarray(sample)
     after = []
     for section, before in zip(cascade, state, strict=True):
@@ -130,14 +107,7 @@ def _samples(x: AnyArray, least: int) -> Float[Array, "time *rest"]:
 def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2) -> Float[Array, "time *rest"]:
     """The causal filter over a recording; before the recording the signal is assumed constant at its first sample.
 
-    Args:
-        x: (T, ...) samples, floating point, any unit, finite.
-        cutoff_hz: frequency at which the gain is 1/√2 [Hz].
-        sampling_rate_hz: sampling rate [Hz].
-        order: 2, 4, 6 …; static.
-
-    Returns:
-        The filtered signal, the same shape and unit, delayed by `delay`.
+    `x` is (T, ...), floating point, any unit, finite; the result is delayed by `delay`.
 
     Raises:
         ValueError: as `sections`; if there is no sample, or they are not floating point.
@@ -148,18 +118,10 @@ def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: in
 def low_pass_both_ways(
     x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, order: int = 2
 ) -> Float[Array, "time *rest"]:
-    """The filter forwards and then backwards: no delay, and the squared gain of one way.
+    """The filter forwards and then backwards: no delay, and the squared gain of one way, 1/2 at the cut-off [Hz].
 
-    Both ends of the signal are continued by a point reflection of 3 (order + 1) samples, as SciPy's `filtfilt` does.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit, finite; T > 3 (order + 1).
-        cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
-        sampling_rate_hz: sampling rate [Hz].
-        order: of one way: 2, 4, 6 …; static.
-
-    Returns:
-        The same shape and unit.
+    Both ends of the signal (T, ...), T > 3 (order + 1), are continued by a point reflection of 3 (order + 1) samples,
+    as SciPy's `filtfilt` does.
 
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
@@ -175,20 +137,11 @@ def low_pass_both_ways(
 def low_pass_until(
     x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar, last: Integer, order: int = 2
 ) -> Float[Array, "time *rest"]:
-    """The filter forwards and then backwards over a recording, unchanged by the padding after it.
+    """The filter forwards and then backwards over a recording, unchanged by the padding after its `last` sample.
 
-    Before its first sample and after its last one the signal is assumed constant; for the backward filter, constant at
-    the last output of the forward filter.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit, finite.
-        cutoff_hz: frequency at which the gain of both ways together is 1/2 [Hz].
-        sampling_rate_hz: sampling rate [Hz].
-        last: index of the last sample before the padding.
-        order: of one way: 2, 4, 6 …; static.
-
-    Returns:
-        The same shape and unit; in the padding, the response to the constant signal.
+    Before its first sample and after its last one the signal (T, ...) is assumed constant; for the backward filter,
+    constant at the last output of the forward filter. The gain is 1/2 at the cut-off [Hz]. The padding has the response
+    to the constant signal.
 
     Raises:
         ValueError: as `low_pass`.

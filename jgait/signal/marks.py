@@ -26,13 +26,9 @@ def marks(
     samples: int,
     valid: Bool[AnyArray, "stride"] | None = None,
 ) -> Marks:
-    """Flags of strides from the samples at which they begin and end.
+    """Flags of T samples from the samples at which strides begin and end; an end is not after the next start.
 
-    Args:
-        begin: sample at which each stride begins.
-        end: sample at which each stride ends: after its start, not after the next start.
-        samples: T; static.
-        valid: False for rows without a stride; None: all rows are strides.
+    `valid` is False for rows without a stride.
     """
     there = jnp.ones(jnp.shape(begin), bool) if valid is None else jnp.asarray(valid)
     flags = []

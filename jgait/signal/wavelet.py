@@ -55,10 +55,7 @@ class Taps(NamedTuple):
 
 @functools.cache
 def taps(wavelet: str) -> Taps:
-    """The filters of an orthogonal or biorthogonal wavelet, from pywavelets; on the host.
-
-    Args:
-        wavelet: pywavelets' name, such as "db5", "sym4", "bior2.4".
+    """The filters of a wavelet of pywavelets, such as "db5", "sym4", "bior2.4"; on the host.
 
     Raises:
         ValueError: if there is no discrete wavelet of that name.
@@ -95,15 +92,7 @@ def _samples(x: AnyArray, name: str = "x") -> Float[Array, "time *rest"]:
 
 
 def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
-    """The stationary wavelet transform, as `pywt.swt`.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit, finite; T a multiple of 2^levels.
-        wavelet: pywavelets' name; static.
-        levels: number of levels, at least 1; static.
-
-    Returns:
-        The coarsest approximation and the details, finest first.
+    """The stationary wavelet transform of (T, ...) finite samples, as `pywt.swt`, details finest first.
 
     Raises:
         ValueError: if there is no such wavelet or level, or the length is no multiple of 2^levels.
@@ -124,14 +113,9 @@ def transform(x: AnyArray, wavelet: str, levels: int) -> Decomposition:
 
 
 def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
-    """The signal of a transform, as `pywt.iswt`; for changed coefficients, the mean over all shifts (see the module).
+    """The signal (T, ...) of a transform by the same wavelet, as `pywt.iswt`.
 
-    Args:
-        t: the result of `transform`, or the same with changed coefficients.
-        wavelet: pywavelets' name, the same as for `transform`; static.
-
-    Returns:
-        (T, ...) the signal.
+    For changed coefficients it is the mean over all shifts (see the module).
 
     Raises:
         ValueError: if there is no such wavelet, or the shapes do not belong together.
@@ -152,11 +136,8 @@ def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
 
 
 def padded(x: AnyArray, multiple: int = MULTIPLE) -> tuple[Float[Array, "padded *rest"], int]:
-    """The signal with both ends continued by reflection that repeats the edge, to the next multiple of a length.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit.
-        multiple: the padded length is a multiple of this length [samples]; static.
+    """The signal (T, ...) with both ends continued by reflection that repeats the edge, to the next multiple of a
+    length.
 
     Returns:
         The padded signal, and the number of samples added before the first; half of all added samples, rounded down.

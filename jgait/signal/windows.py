@@ -27,14 +27,7 @@ def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "pad
 
 
 def median_filter(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Median over a centred window, y_k = median(x_{k-h} … x_{k+h}) with h = (size-1)/2.
-
-    Args:
-        x: (T, ...) samples, any unit.
-        size: window [samples], odd; 1 changes nothing.
-
-    Returns:
-        The same shape and unit.
+    """Median over a centred window, y_k = median(x_{k-h} … x_{k+h}) with h = (size-1)/2; size [samples] is odd.
 
     Raises:
         ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
@@ -46,13 +39,6 @@ def median_filter(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "
 
 def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
     """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit.
-        size: window [samples], odd.
-
-    Returns:
-        The same shape and unit.
 
     Raises:
         ValueError: as `median_filter`.
@@ -68,13 +54,6 @@ def moving_std(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "tim
     """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), divided by n (not n-1).
 
     The gradient is zero where the window is constant.
-
-    Args:
-        x: (T, ...) samples, floating point, any unit.
-        size: window [samples], odd.
-
-    Returns:
-        The same shape and unit.
 
     Raises:
         ValueError: as `median_filter`.

@@ -41,12 +41,8 @@ def _text(part: object) -> str:
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
-    """Write a pytree of arrays; an existing file stays intact until the new file is complete.
-
-    Args:
-        path: path of the file.
-        mark: fingerprint of the fit.
-        state: pytree of arrays; its structure is not written.
+    """Write a pytree of arrays with the fingerprint of its fit; an existing file stays intact until the new one is
+    complete.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
@@ -67,19 +63,11 @@ class OtherFitError(ValueError):
 
 
 def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
-    """Read a pytree that `save` wrote.
-
-    Args:
-        path: path of the file.
-        mark: fingerprint of the fit that continues.
-        like: pytree of the same structure.
-
-    Returns:
-        The pytree with NumPy arrays as leaves; None if there is no file.
+    """Read a pytree that `save` wrote, in the structure of `like`, as NumPy arrays; None if there is no file.
 
     Raises:
         ValueError: if the file is not a checkpoint.
-        OtherFitError: if the checkpoint is of another fit; the message states the differences.
+        OtherFitError: if the checkpoint is of another fit than `mark`; the message states the differences.
     """
     if not path.exists():
         return None

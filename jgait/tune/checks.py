@@ -30,11 +30,7 @@ def over_transforms(function: Callable[..., PyTree], transforms: PyTree, *trees:
 
 
 def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
-    """Data as NumPy arrays with a leading axis of items, and the number of items.
-
-    Args:
-        data: pytree of arrays.
-        batched: whether `data` has that axis; otherwise `data` is one item.
+    """Data as NumPy arrays with a leading axis of items, and the number of items; one item if not `batched`.
 
     Raises:
         TypeError: if `data` holds anything but numbers.

@@ -31,14 +31,7 @@ class Coordinates(NamedTuple):
 
 
 def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
-    """The names and the vector of all free numbers.
-
-    Args:
-        params: NamedTuple in natural units.
-        transforms: the same type, holding a `Transform` for each.
-
-    Returns:
-        The coordinates of `params`.
+    """The names and the vector of all free numbers of parameters in natural units.
 
     Raises:
         TypeError: if `params` and `transforms` do not match.

@@ -45,16 +45,11 @@ def program(
 ) -> Function:
     """(free, params, data) → `Curvature`, jitted; the last few programs are cached, so later calls compile nothing.
 
-    Args:
-        loss: (params, item) → scalar.
-        priors: `Prior` or None for each of the transforms; or None.
-        leaves: the transforms of the parameters.
-        treedef: tree structure of the transforms.
-        gradient: one of `GRADIENTS`; "together" computes all pairs of directions at once.
-        second: whether to compute second derivatives.
+    `leaves` are the transforms; with the gradient "together" all pairs of directions are computed at once; `second`
+    asks for second derivatives.
 
     Raises:
-        ValueError: for another `gradient`.
+        ValueError: for another gradient than `GRADIENTS`.
     """
     if gradient not in GRADIENTS:
         raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")

@@ -72,13 +72,8 @@ class Fit[P](NamedTuple):
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
-    """Random starts: free coordinates with a leading axis (count,); the first is `free`, the others have noise added.
-
-    Args:
-        key: PRNG key; None if `count` is 1.
-        free: free coordinates of the first start.
-        count: number of starts.
-        spread: standard deviation of the noise, in free coordinates.
+    """Random starts with a leading axis (count,): the first is `free`, the others have noise of deviation `spread`
+    added.
     """
     if count == 1:
         return jax.tree.map(lambda leaf: leaf[None], free)

@@ -125,16 +125,11 @@ def _partners(correlation: np.ndarray, i: int) -> list[int]:
 
 
 def _spread(information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float) -> _Spread:
-    """Invert the information in the directions whose eigenvalue is positive.
+    """Invert the information (p, p) in the directions whose eigenvalue is positive; `noise` is the gradient's
+    covariance.
 
-    The matrix is scaled to a unit diagonal first, so that the rounding threshold does not depend on parameter units.
-
-    Args:
-        information: (p, p) symmetric, finite.
-        noise: (p, p) covariance of the gradient: the information, or for the sandwich that of the scores.
-        gradient: (p,).
-        rounding: eigenvalues of the scaled matrix below this fraction of the largest count as zero.
-        limit: see `identifiability`.
+    The matrix is scaled to a unit diagonal first, so that the threshold `rounding`, relative to its largest eigenvalue,
+    does not depend on parameter units.
     """
     scale = np.sqrt(np.abs(np.diag(information)))
     scale = 1.0 / np.where(scale > 0.0, scale, 1.0)

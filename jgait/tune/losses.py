@@ -54,17 +54,7 @@ def _difference(
 def mean_squared(
     estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None = None
 ) -> Float[Array, ""]:
-    """Mean squared difference.
-
-    (1/n) Σ (estimate − reference)² over the n valid samples
-
-    Args:
-        estimate: (T,) in any unit.
-        reference: (T,) in the same unit.
-        valid: (T,) bool, or None for all samples.
-
-    Returns:
-        A scalar in the unit squared; 0 if nothing is valid.
+    """Mean squared difference (1/n) Σ (estimate − reference)² over the n valid samples of (T,); 0 if nothing is valid.
 
     Raises:
         ValueError: if the shapes differ.
@@ -141,16 +131,8 @@ def _last(values: Float[AnyArray, "time"], valid: Bool[Array, "time"]) -> Float[
 
 
 def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
-    """Squared relative error of the distance walked.
-
-    ((d − d_ref) / d_ref)² at the last sample where both are valid
-
-    Args:
-        estimate: with `distance` (T,) [m].
-        reference: with `distance` (T,) [m], its last value not 0.
-
-    Returns:
-        A scalar [1].
+    """Squared relative error of the distance walked, ((d − d_ref) / d_ref)² [1] at the last sample where both are
+    valid.
 
     Raises:
         ValueError: if the estimate or the reference has no distance.
@@ -164,16 +146,9 @@ def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
 
 
 def stride_length(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
-    """Mean squared error of the stride lengths, computed from the distance walked.
+    """Mean squared error of the stride lengths [m²], computed from the distance walked; 0 if no stride is valid.
 
-    (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference
-
-    Args:
-        estimate: with `distance` (T,) [m] at the times `time` (T,) [s].
-        reference: with `strides`; their ends are times [s] and carry no gradient.
-
-    Returns:
-        A scalar [m²]; 0 if no stride is valid.
+    (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference, whose times carry no gradient
 
     Raises:
         ValueError: if the estimate has no distance, or the reference has no strides.
@@ -190,17 +165,9 @@ def event_time(
     reference: Float[AnyArray, "event"],
     valid: Bool[AnyArray, "event"] | None = None,
 ) -> Float[Array, ""]:
-    """Mean squared difference of the times of matched events.
+    """Mean squared difference of the times (n,) [s] of matched events [s²]; 0 if nothing is valid.
 
     An estimator's event times are differentiable if they are computed between samples, for example by a soft argmax.
-
-    Args:
-        estimate: (n,) [s].
-        reference: (n,) [s], times of the same events.
-        valid: (n,) bool, or None for all.
-
-    Returns:
-        A scalar [s²]; 0 if nothing is valid.
 
     Raises:
         ValueError: if the shapes differ.
@@ -209,16 +176,10 @@ def event_time(
 
 
 def negative_log_likelihood(posterior: PyTree, valid: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
-    """Mean negative log-likelihood of the measurements, from the filter's innovations.
+    """Mean negative log-likelihood of the measurements [nat per component], from the filter's innovations.
 
-    −Σ log p(y_k | y_1…y_{k−1}) / number of measured components
-
-    Args:
-        posterior: result of `kalman_filter`, with `log_likelihood` (T,) [nat] and `count` (T,).
-        valid: (T,) bool, samples to use; None for all. Samples that the filter marks as invalid are never used.
-
-    Returns:
-        A scalar [nat per component]; 0 if nothing was measured.
+    −Σ log p(y_k | y_1…y_{k−1}) / number of measured components; 0 if nothing was measured. `valid` (T,) selects
+    samples; those that the filter marks as invalid are never used.
 
     Raises:
         ValueError: if the posterior has no likelihood or no count.

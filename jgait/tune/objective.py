@@ -97,12 +97,7 @@ class Objective:
 def objective(
     estimator: Estimator[PyTree, PyTree], options: PyTree, terms: str | Mapping[str | Term, float]
 ) -> Objective:
-    """A loss over lessons.
-
-    Args:
-        estimator: from `jgait.estimators`.
-        options: options of the lessons, see `Lessons`.
-        terms: name of one term (see `TERMS`), or name or `Term` → weight.
+    """A loss over lessons; `terms` is the name of one term (see `TERMS`), or maps names or `Term` to weights.
 
     Raises:
         ValueError: if a name is unknown, or there is no term.
@@ -130,11 +125,6 @@ def by_subject(
     loss: Callable[[PyTree, PyTree], PyTree], data: PyTree, subjects: Sequence[Hashable]
 ) -> tuple[Callable[[PyTree, PyTree], PyTree], PyTree]:
     """The sum of a loss over each subject's items, for `tune.identifiability`: walks of a person are not independent.
-
-    Args:
-        loss: (params, item) → scalar.
-        data: pytree of arrays with a leading axis of n items.
-        subjects: (n,) subject of each item.
 
     Returns:
         (params, items of a subject) → scalar, and the data with a leading axis of subjects, in order of appearance.

@@ -149,21 +149,10 @@ def total(
     count: Scalar,
     forgiving: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], PyTree, Bool[Array, "item"]]:
-    """The minimised value, its gradient, and whether each item's loss and gradient are finite.
+    """The minimised value, its gradient, and whether each item's loss and gradient are finite, (n,) bool.
 
-    Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item.
-
-    Args:
-        problem: the minimised function.
-        free: free coordinates.
-        params: natural units, the source of fixed values.
-        items: (n,), all items or a minibatch.
-        weights: (n,) of the items.
-        count: sum of the weights of all items.
-        forgiving: bool; whether to leave out items whose loss or gradient is not finite.
-
-    Returns:
-        Value, gradient, (n,) bool.
+    Σ wᵢ lossᵢ / Σ wᵢ + penalty / count: with losses in nats, the logarithm of the posterior density per item. `count`
+    is the sum of the weights of all items; if `forgiving`, items that are not finite are left out.
     """
     losses, slopes = item_gradients(problem, free, params, items)
     axes = [jnp.isfinite(s).reshape((s.shape[0], -1)).all(axis=1) for s in jax.tree.leaves(slopes)]

@@ -74,16 +74,10 @@ class Profile(NamedTuple):
         return _natural(self.transform, dense), rises
 
     def interval(self, level: float = 0.95) -> tuple[float | None, float | None]:
-        """The interval of values that a likelihood-ratio test at `level` does not reject.
+        """The interval of values that a likelihood-ratio test at `level` does not reject, in natural units.
 
         2 (ℓ(x) − min ℓ) ≤ χ²₁(level); between values, √(ℓ − min ℓ) is interpolated linearly in free coordinates, which
-        is exact for a parabola.
-
-        Args:
-            level: confidence level, in (0, 1).
-
-        Returns:
-            Lower and upper end in natural units; None where the profile does not rise enough within its values.
+        is exact for a parabola. An end is None where the profile does not rise enough within its values.
 
         Raises:
             ValueError: if `level` is not in (0, 1).

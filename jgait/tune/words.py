@@ -84,13 +84,8 @@ def sentences(
 ) -> list[str]:
     """The result in sentences: problems, undetermined parameters, correlated parameters, determined parameters.
 
-    Args:
-        found: an `Identifiability`.
-        transforms: transforms of its numbers.
-        together: pairs of numbers that are correlated.
-        falling: directions along which the loss curves downwards.
-        finite: whether all derivatives are finite.
-        limit: see `identifiability`.
+    `together` has the pairs that are correlated, `falling` the directions along which the loss curves downwards;
+    `finite`: all derivatives are.
     """
     said: list[str] = []
     if not finite:

@@ -74,13 +74,7 @@ class NeighboursState(NamedTuple):
 
 
 def begin(size: int, channels: int, dtype: DTypeLike) -> NeighboursState:
-    """The state before the first sample.
-
-    Args:
-        size: number of samples in the memory.
-        channels: number of compared signals.
-        dtype: floating type.
-    """
+    """The state before the first sample, for a memory of `size` samples and a number of compared signals."""
     none, no = jnp.zeros(size, dtype), jnp.zeros(size, bool)
     return NeighboursState(jnp.zeros((size, channels), dtype), none, no, no, none, none)
 
@@ -89,18 +83,11 @@ def step(
     p: Neighbours, dt: Scalar, s: NeighboursState, signals: Float[Array, "channel"], rate: Float[Array, ""],
     usable: Bool[Array, ""],
 ) -> tuple[NeighboursState, Float[Array, ""]]:  # fmt: skip
-    """One sample: the predicted rate, and the state after the sample.
+    """One sample: the state after it, and the predicted rate, the weighted mean of the neighbours [rad/s]; 0 without
+    any.
 
-    Args:
-        p: parameters.
-        dt: interval of the samples [s].
-        s: state from `begin` or the previous step.
-        signals: (k,) scaled signals of the sensors that are always on.
-        rate: sagittal rate [rad/s]; finite where the gyroscope is off.
-        usable: bool, whether the rate was measured.
-
-    Returns:
-        The state, and the weighted mean rate of the neighbours [rad/s]; 0 as long as there is no neighbour.
+    `signals` (k,) are those of the sensors that are always on, scaled; `rate` is the sagittal rate [rad/s], finite
+    where the gyroscope is off; `usable`: the rate was measured.
     """
     keep = jnp.exp(-dt / p.history_s)
     there = s.there.astype(s.rate.dtype)
@@ -121,17 +108,10 @@ def step(
 def distances(
     p: Neighbours, keep: Scalar, s: NeighboursState, distance: Float[Array, "memory"], weight: Float[Array, "memory"]
 ) -> tuple[Float[Array, "memory"], Float[Array, ""]]:
-    """Distance of each lag's history from the latest history, and the least distance of a lag with a measured rate.
+    """Distance (n,) of each lag's history from the latest history, and the least, 1 if no lag has a measured rate.
 
-    Args:
-        p: parameters.
-        keep: factor by which a history fades from one sample to the next [1].
-        s: the state before the sample.
-        distance: (n,) weighted sum of square differences, with the present sample.
-        weight: (n,) sum of the weights.
-
-    Returns:
-        Distances (n,), and the least one, 1 if no lag has a measured rate.
+    `keep` is the factor by which a history fades from one sample to the next [1]; `distance` and `weight` (n,) are the
+    sums of weighted square differences and of the weights, with the present sample.
     """
     alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
     nearest = jnp.min(jnp.where(s.usable, alike, jnp.inf))

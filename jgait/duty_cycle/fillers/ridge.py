@@ -63,18 +63,7 @@ def begin(p: Ridge, size: int, dtype: DTypeLike) -> RidgeState:
 def step(
     p: Ridge, s: RidgeState, features: Float[Array, "feature"], rate: Float[Array, ""], usable: Bool[Array, ""]
 ) -> tuple[RidgeState, Float[Array, ""]]:
-    """One sample: the rate predicted by the weights before the sample, and the state after it.
-
-    Args:
-        p: parameters.
-        s: state from `begin` or the previous step.
-        features: (k,) scaled samples [1].
-        rate: sagittal rate [rad/s]; finite where the gyroscope is off.
-        usable: bool, whether the rate was measured.
-
-    Returns:
-        The state, and the predicted rate [rad/s].
-    """
+    """One sample: the state after it, and the rate [rad/s] predicted by the weights before it; as in `neighbours`."""
     predicted = s.weights @ features
     v = s.inverse @ features
     gain = v / (p.forget + features @ v)

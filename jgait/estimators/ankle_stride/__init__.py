@@ -36,19 +36,9 @@ Parameters whose gradient is zero by construction:
     a constant that cancels in the length; `stride_noise` enters standard deviations alone.
 """
 
-from jgait.estimators.ankle_stride.estimator import (
-    DEFAULT,
-    FLAGS,
-    TRANSFORMS,
-    UNUSED,
-    AnkleOptions,
-    AnkleParams,
-    estimate,
-    estimator,
-    prepared,
-    run,
-    with_body,
-)
+from jgait.estimators.ankle_stride.estimator import UNUSED, estimate, estimator, prepared, run
+from jgait.estimators.ankle_stride.params import DEFAULT, TRANSFORMS, AnkleOptions, AnkleParams, with_body
+from jgait.estimators.ankle_stride.readout import FLAGS
 
 __all__ = [
     "DEFAULT",

@@ -46,20 +46,6 @@ UNUSED = {
 }
 """Method → parameters on which no number of the estimate depends, so that their gradient is zero."""
 
-__all__ = [
-    "DEFAULT",
-    "FLAGS",
-    "TRANSFORMS",
-    "UNUSED",
-    "AnkleOptions",
-    "AnkleParams",
-    "estimate",
-    "estimator",
-    "prepared",
-    "run",
-    "with_body",
-]
-
 
 def model_params(p: AnkleParams) -> FootModelParams:
     """The model's parameters; the pivot of the foot's model is zero, because the lever is a state."""
@@ -79,12 +65,8 @@ def controls(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values) -> Ank
 def control(p: AnkleParams, now: PyTree, rate: Vector, gyr: Vector, acc: Vector) -> AnkleControl:
     """Readings of the sensor and variances of their errors, for one sample or, elementwise, for many.
 
-    Args:
-        p: parameters.
-        now: jumps, doubts, dt, restart, rate_hz and gyr_bias by the names of `AnkleSignals`.
-        rate: angular rate at the sample [rad/s].
-        gyr: mean angular rate over the interval [rad/s].
-        acc: mean specific force over the interval [m/s²].
+    `now` has the jumps, doubts, dt, restart, rate_hz and gyr_bias of `AnkleSignals`; `rate` is the angular rate at the
+    sample, `gyr` the mean over the interval [rad/s], `acc` the mean specific force over it [m/s²].
     """
     h = now.dt
     free = subtract(rate, vector(now.gyr_bias))
@@ -107,13 +89,9 @@ def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
 
 
 def standing_prior(p: AnkleParams, leg: PyTree, attitude: Quaternion, rate: Vector) -> Belief:
-    """The belief at a stance, without any information from before the stance.
+    """The belief at a stance, without any information from before it, for an attitude from gravity and a rate [rad/s].
 
-    Args:
-        p: parameters.
-        leg: gyr_bias, still_time and mid_shank by the names of `AnkleSignals`.
-        attitude: attitude of the sensor, from gravity.
-        rate: angular rate of the sensor [rad/s].
+    `leg` has the gyr_bias, still_time and mid_shank of `AnkleSignals`.
     """
     dtype = rate.x.dtype
     bias = vector(leg.gyr_bias)
@@ -169,12 +147,7 @@ def _of_leg(
 
 
 def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
-        options: which parts are on; static under jit.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
     Returns:
         `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`

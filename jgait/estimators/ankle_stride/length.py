@@ -59,29 +59,18 @@ __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "mar
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
-    """Low-pass without delay, for the signals of the inertial methods; without a cut-off the signal is unchanged.
-
-    Args:
-        signal: (T, 3) any unit.
-        cutoff_hz: cut-off [Hz]; the paper has 4 Hz; differentiable; None: no filter.
-        sampling_rate_hz: sampling rate [Hz].
+    """Low-pass of a (T, 3) signal without delay, for the inertial methods; the paper's cut-off is 4 Hz, None has no
+    filter.
     """
     values = jnp.asarray(signal)
     return values if cutoff_hz is None else butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz)
 
 
 def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike, *, all_axes: bool = False) -> Swung:
-    """SL₁ and SL₂ of each swing.
+    """SL₁ and SL₂ of each swing, (T,) each, at the samples at which swings of the shank end.
 
-    Args:
-        p: parameters.
-        gyr: (T, 3) rate in the segment's axes [rad/s], not filtered.
-        swings: samples at which swings of the shank begin and end, (T,).
-        dt: sample time [s].
-        all_axes: the paper's norm of the rate instead of the sagittal rate; static.
-
-    Returns:
-        (T,) each, at the samples at which swings end.
+    `gyr` (T, 3) is the unfiltered rate in the segment's axes [rad/s]; `all_axes` takes the paper's norm of the rate
+    instead of the sagittal rate.
 
     Raises:
         ValueError: if the shapes do not fit.
@@ -100,19 +89,11 @@ def inertial(
     p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike, *,
     euler: bool = False, sample_up: bool = False,
 ) -> Travelled:  # fmt: skip
-    """Length, rise and turn of each stride by strapdown from stance to stance.
+    """Length, rise and turn of each stride by strapdown from stance to stance, (T,) each, at the samples at which they
+    end.
 
-    Args:
-        p: parameters.
-        gyr: (T, 3) rate in the segment's axes [rad/s], see `smoothed`.
-        acc: (T, 3) specific force in the segment's axes [m/s²], see `smoothed`.
-        strides: samples at which strides begin and end, (T,): instants at which the ankle stands.
-        dt: sample time [s].
-        euler: the paper's equation 3; static.
-        sample_up: the paper's direction of gravity, from one sample; static.
-
-    Returns:
-        (T,) each, at the samples at which strides end.
+    `gyr` [rad/s] and `acc` [m/s²], (T, 3), are in the segment's axes, see `smoothed`; strides begin and end while the
+    ankle stands. `euler` takes the paper's equation 3, `sample_up` its direction of gravity from one sample.
 
     Raises:
         ValueError: if the shapes do not fit.

@@ -86,18 +86,9 @@ def swing_begin(gyr: Vector) -> SwingState:
 def swing_step(
     p: StrideLengthParams, s: SwingState, gyr: Vector, mark: Marks, dt: Values, *, all_axes: bool = False
 ) -> tuple[SwingState, Swung]:
-    """Step of the pendulum methods over one sample.
+    """Step of the pendulum methods over one sample: the state after it, and the swing if a swing ended.
 
-    Args:
-        p: parameters.
-        s: from `swing_begin` or the step before.
-        gyr: rate in the segment's axes [rad/s].
-        mark: whether a swing begins or ends at this sample.
-        dt: time from the sample before [s].
-        all_axes: the paper's norm of the rate instead of the sagittal rate; static.
-
-    Returns:
-        The state after this sample, and the swing if a swing ended.
+    `gyr` is the rate in the segment's axes [rad/s]; `all_axes` takes the paper's norm instead of the sagittal rate.
     """
     w = subtract(gyr, p.gyr_bias)
     rate = root(w.x * w.x + w.y * w.y + w.z * w.z) if all_axes else -w.y
@@ -163,20 +154,10 @@ def stride_step(
     p: StrideLengthParams, s: StrideState, gyr: Vector, acc: Vector, mark: Marks, dt: Values, *,
     euler: bool = False, sample_up: bool = False,
 ) -> tuple[StrideState, Travelled]:  # fmt: skip
-    """Step of the 3-D method over one sample.
+    """Step of the 3-D method over one sample: the state after it, and the stride if a stride ended.
 
-    Args:
-        p: parameters.
-        s: from `stride_begin` or the step before.
-        gyr: rate in the segment's axes [rad/s].
-        acc: specific force in the segment's axes [m/s²].
-        mark: whether a stride begins or ends at this sample.
-        dt: time from the sample before [s].
-        euler: the paper's equation 3; static.
-        sample_up: the paper's direction of gravity, from the first sample; static.
-
-    Returns:
-        The state after this sample, and the stride if a stride ended.
+    `gyr` [rad/s] and `acc` [m/s²] are in the segment's axes; `euler` takes the paper's equation 3, `sample_up` its
+    direction of gravity from the first sample.
     """
     w, f = subtract(gyr, p.gyr_bias), subtract(acc, p.acc_bias)
     if euler:

@@ -152,14 +152,8 @@ def initial(p: FootModelParams) -> Belief:
 def standing_belief(
     attitude: Quaternion, velocity: Vector, gyr_bias: Vector, lever: Vector, variances: AnkleError
 ) -> Belief:
-    """The belief at a stance, before its sample.
-
-    Args:
-        attitude: attitude of the sensor.
-        velocity: velocity of the sensor in the world [m/s].
-        gyr_bias: gyroscope bias [rad/s].
-        lever: from the ankle to the sensor, in the sensor's axes [m].
-        variances: variances of the state's errors.
+    """The belief at a stance, before its sample: the sensor's velocity in the world [m/s], its lever from the ankle
+    [m].
     """
     zero = 0.0 * gyr_bias.x
     nothing = Vector(zero, zero, zero)

@@ -228,17 +228,8 @@ def over(
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """The same step over many samples in one scan, not compiled, for use in another compiled program.
 
-    Args:
-        p: parameters.
-        worn: from `worn`.
-        state: from `begin` or an earlier call.
-        gyr: (T, 3) in the sensor's axes [rad/s].
-        acc: (T, 3) specific force [m/s²].
-        measured: (T,) bool, False where a sample was lost; None: none was.
-        options: static.
-
-    Returns:
-        The state after the last sample, and the results after each sample, (T,).
+    `gyr` [rad/s] and specific force `acc` [m/s²] are (T, 3) in the sensor's axes; `measured` (T,) is False where a
+    sample was lost. Returns the state after the last sample, and the results after each sample.
     """
     check_options(options)
     filters = filters_of(p, worn, options, state.last.dtype)

@@ -119,18 +119,7 @@ def reading(worn: Worn, gyr: Values, acc: Values) -> Values:
 
 
 def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOptions = ONLINE) -> AnkleOnlineState:
-    """The state before the first sample.
-
-    Args:
-        p: parameters.
-        worn: from `worn`.
-        gyr: (3,) the first reading, in the sensor's axes [rad/s].
-        acc: (3,) the first specific force, in the sensor's axes [m/s²].
-        options: as of `step`.
-
-    Returns:
-        The state after a long time in which every reading equals the first one.
-    """
+    """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
     check_options(options)
     x = reading(worn, gyr, acc)
     cascades = filters_of(p, worn, options, x.dtype)

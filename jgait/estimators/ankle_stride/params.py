@@ -119,12 +119,11 @@ MEASURES = ("lever_ankle", "lever_shank", "leg_length")
 
 
 def with_body(p: AnkleParams, body: dict[str, Any]) -> AnkleParams:
-    """The parameters with a person's body measures.
+    """The parameters with a person's body measures; a pair (right, left) counts as its mean.
 
     Args:
         p: parameters.
-        body: "lever_ankle", "lever_shank" or "leg_length" [m], as far as known; a pair (right, left) counts as its
-            mean.
+        body: "lever_ankle", "lever_shank" or "leg_length" [m], as far as known.
 
     Raises:
         ValueError: if it names anything else.

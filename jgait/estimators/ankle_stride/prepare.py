@@ -55,11 +55,7 @@ def placement_of(recording: Recording, side: str, site: str = "auto") -> str | N
 
 
 def prepare(recording: Recording, options: AnkleOptions) -> Prepared[AnkleInputs]:
-    """The inputs of `ankle_stride.run` for a recording.
-
-    Args:
-        recording: a sensor at one or both ankles, or on one or both shanks, on one clock.
-        options: see `AnkleOptions`.
+    """The inputs of `ankle_stride.run` for a recording with one or two sensors at ankles or on shanks, on one clock.
 
     Raises:
         RecordingError: no such sensor, clocks that differ or run backwards, no accelerometer, NaN, too short, or a

@@ -36,15 +36,7 @@ FLAGS = ("turning", "stairs", "clipped", "half")
 def from_filter(
     p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: int
 ) -> tuple[Strides, Strides, dict[str, Values]]:
-    """Strides of one leg, their standard deviations, and flags.
-
-    Args:
-        p: parameters.
-        leg: inputs of the leg.
-        state: smoothed (or filtered) states, (T,) leaves.
-        cov: covariance of the states.
-        side: 0 right, 1 left.
-    """
+    """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
     way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
     yaw = heading(state, cov)
     here, there = (Heading(*(part[at] for part in yaw)) for at in (leg.begin, leg.end))
@@ -107,15 +99,9 @@ def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there:
 def by_method(
     p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, side: int, method: str
 ) -> tuple[Strides, dict[str, Values]]:
-    """Strides of one leg by a method of `ankle_stride.length`, and flags.
+    """Strides of one leg (0 right, 1 left) by a method of `ankle_stride.length` ("3d", "sl1" or "sl2"), and flags.
 
-    Args:
-        p: parameters.
-        leg: inputs of the leg.
-        gyr: (T, 3) filtered rate in the segment's axes [rad/s], gyroscope bias included.
-        acc: (T, 3) filtered specific force [m/s²].
-        side: 0 right, 1 left.
-        method: "3d", "sl1" or "sl2".
+    `gyr` [rad/s], with the gyroscope bias, and specific force `acc` [m/s²] are filtered, (T, 3), in the segment's axes.
     """
     samples, there = gyr.shape[0], jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     lever = lever_of(p, leg)

@@ -31,12 +31,7 @@ def axes_of(text: str) -> np.ndarray:
 
 
 def worn_otherwise(recording: Recording, believed: np.ndarray) -> tuple[Note, ...]:
-    """Notes about sensors whose mounting differs from the stated axes.
-
-    Args:
-        recording: recording with sensors at ankles or on shanks.
-        believed: (3, 3) stated forward, left and up in the sensor's axes, see `axes_of`.
-    """
+    """Notes about sensors whose mounting differs from the stated axes: forward, left and up, see `axes_of`."""
     notes: list[Note] = []
     for side in SIDES:
         name = placement_of(recording, side)

@@ -31,17 +31,14 @@ Deviations from the paper:
 """
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro.estimator import (
+from jgait.estimators.duty_cycled_gyro.estimator import estimate, estimator, prepared, run
+from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
     PAPER,
     TRANSFORMS,
     DutyCycledOptions,
     DutyCycledParams,
-    estimate,
-    estimator,
     params_of,
-    prepared,
-    run,
     transforms_of,
     with_body,
 )

@@ -18,8 +18,6 @@ from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSeg
 from jgait.estimators.duty_cycled_gyro.notes import RATE_HELD
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
-    PAPER,
-    TRANSFORMS,
     DutyCycledInputs,
     DutyCycledOptions,
     DutyCycledParams,
@@ -36,21 +34,6 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.notes import Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
-
-__all__ = [
-    "DEFAULT",
-    "PAPER",
-    "TRANSFORMS",
-    "DutyCycledOptions",
-    "DutyCycledParams",
-    "estimate",
-    "estimator",
-    "params_of",
-    "prepared",
-    "run",
-    "transforms_of",
-    "with_body",
-]
 
 
 class _Seen(NamedTuple):
@@ -142,12 +125,7 @@ def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOpti
 
 
 def run(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions = DEFAULT) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters; `p.filler` holds those of the options' filler.
-        inputs: from `prepared`; stacked along a new first axis for `jax.vmap`.
-        options: from `prepared`; static under jit.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad; options, from `prepared`, are static.
 
     Returns:
         Angles with standard deviations; `diagnostics`: see the package; also the log-likelihood of the innovations
@@ -204,11 +182,7 @@ def prepared(
 
 
 def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:
-    """Power of the sensors over the recording, and battery life.
-
-    Args:
-        preparation: from `prepared`, with the same options.
-        options: power of the sensors, battery and schedule.
+    """Power of the sensors over a prepared recording, and battery life, under the options that prepared it.
 
     Returns:
         `gyro_energy_saved` [1], as a share of the energy of gyroscopes that are always on; `mean_power` [W] of all

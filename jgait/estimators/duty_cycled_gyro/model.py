@@ -185,14 +185,7 @@ def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyCo
 
 
 def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
-    """The belief before the first sample: at rest, on the rigid link.
-
-    Args:
-        params: model parameters of the segment.
-        angle: θ [rad].
-        bias: gyroscope bias [rad/s].
-        angle_variance: variance of θ [rad²].
-    """
+    """The belief before the first sample: at rest, on the rigid link; angle [rad], gyroscope bias [rad/s]."""
     zero, d = jnp.zeros_like(jnp.asarray(bias) + angle), params.lever
     still = (zero, zero)
     mean = ThighState(zero + d * jnp.cos(angle), *still, d * jnp.sin(angle), *still, -d * bias, zero + angle, zero)
@@ -289,17 +282,9 @@ def _filtered(
 
 
 def run(p: DutyParams, inputs: DutyInputs, options: DutyOptions = DEFAULT) -> DutyEstimate:
-    """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad.
+    """Angle and rate of one leg's segments under a gyroscope mask: pure, for jit, vmap and grad, with static options.
 
     A shank without a thigh sensor has the model of the thigh: one segment that hangs from a fixed joint.
-
-    Args:
-        p: parameters.
-        inputs: inputs of a recording; stacked along a new first axis for `jax.vmap`.
-        options: how the filters run; static under jit.
-
-    Returns:
-        Estimates of the segments with a sensor.
 
     Raises:
         ValueError: if no segment has a sensor.

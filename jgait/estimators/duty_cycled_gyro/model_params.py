@@ -103,13 +103,6 @@ class ShinState(NamedTuple):
     """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles.
 
     Attributes:
-        down: x [m].
-        down_velocity: ẋ [m/s].
-        down_acceleration: ẍ [m/s²].
-        forward: z [m].
-        forward_velocity: ż [m/s].
-        forward_acceleration: z̈ [m/s²].
-        velocity_bias: v of the shin's gyroscope [m/s].
         thigh_angle: θ₁ [rad].
         thigh_rate: ω₁ [rad/s].
         angle: θ₂, of the shank from hanging straight down, positive forward [rad].
@@ -183,16 +176,6 @@ class ShinObservation(NamedTuple):
     """Observations of the shin's filter: as `ThighObservation`, and the thigh's angle and rate.
 
     Attributes:
-        acc_up: specific force along the shank, to the knee [m/s²].
-        acc_forward: specific force across the shank, forward [m/s²].
-        gyro: sagittal rate of the gyroscope [rad/s].
-        link_down: x minus that of the rigid link, observed as 0 [m].
-        link_forward: z minus that of the rigid link, observed as 0 [m].
-        link_down_velocity: ẋ minus that of the rigid link, observed as 0 [m/s].
-        link_forward_velocity: ż minus that of the rigid link, observed as 0 [m/s].
-        rest_down: ẍ, observed as 0 while the person stands [m/s²].
-        rest_forward: z̈, observed as 0 while the person stands [m/s²].
-        swing: the angle, observed as 0 while the gyroscope is off [rad].
         thigh_angle: θ₁, estimate of the thigh's filter [rad].
         thigh_rate: ω₁, estimate of the thigh's filter [rad/s].
     """
@@ -312,12 +295,7 @@ class DutyEstimate(NamedTuple):
 
 
 def planar(segment: Segment, gyro_on: Values | None = None, excess: Values | None = None) -> PlanarSegment:
-    """The signals of a segment in the sagittal plane, with a gyroscope mask.
-
-    Args:
-        segment: signals in segment axes (forward, left, up).
-        gyro_on: (T,) bool, see `PlanarSegment`; None: always on.
-        excess: (T,) see `PlanarSegment` [rad²/s²]; None: zero.
+    """The signals of a segment in the sagittal plane; `gyro_on` and `excess` are the (T,) fields of `PlanarSegment`.
 
     Raises:
         ValueError: if a mask does not have the length of the signals.

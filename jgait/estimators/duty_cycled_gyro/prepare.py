@@ -151,7 +151,7 @@ def prepare(
         gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
 
     Returns:
-        Inputs in segment axes, options, notes; `extra` maps each placement to the masks (T,) of its gyroscope.
+        Prepared inputs; `extra` maps each placement to the masks (T,) of its gyroscope.
 
     Raises:
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.

@@ -19,7 +19,7 @@ from jgait.estimators.foot_ins.model import (
     FootModelParams,
     FootObservation,
 )
-from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, TRANSFORMS, FootOptions, FootParams, with_body
+from jgait.estimators.foot_ins.params import DEFAULT, TRANSFORMS, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
@@ -30,19 +30,6 @@ from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Reco
 
 LONG = 2**15
 """[samples] From this length on "auto" uses "fast": computes ten times as fast, compiles twice as long."""
-
-__all__ = [
-    "DEFAULT",
-    "TEXTBOOK",
-    "TRANSFORMS",
-    "FootOptions",
-    "FootParams",
-    "estimate",
-    "estimator",
-    "prepared",
-    "run",
-    "with_body",
-]
 
 
 def model_params(p: FootParams) -> FootModelParams:
@@ -109,12 +96,7 @@ def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> filtering.I
 
 
 def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
-        options: which parts of the method are used; static under jit.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
     Returns:
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean

@@ -246,13 +246,7 @@ _START = (1e-8, 1e-6, 4e-4, 1e-7, 4e-4)
 
 
 def standing_belief(attitude: Quaternion, gyr_bias: Vector, variances: FootError) -> Belief:
-    """The belief about a sensor at rest, before the first sample.
-
-    Args:
-        attitude: of the sensor.
-        gyr_bias: [rad/s].
-        variances: of the errors.
-    """
+    """The belief about a sensor at rest, before the first sample; gyroscope bias [rad/s]."""
     zero = _three(0.0 * gyr_bias.x)
     return Belief(FootState(zero, zero, attitude, gyr_bias, zero), Covariance.from_variances(variances))
 

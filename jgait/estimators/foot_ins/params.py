@@ -89,11 +89,7 @@ TEXTBOOK = FootParams(pivot_height=0.0, rate_noise=1e-9, acc_jump_noise=1e-9, gy
 
 
 def with_body(p: FootParams, body: dict[str, Any]) -> FootParams:
-    """The parameters with the pivot height of a person.
-
-    Args:
-        p: parameters.
-        body: "pivot_height" [m], or empty.
+    """The parameters with the "pivot_height" [m] of a person, if `body` has it.
 
     Raises:
         ValueError: if `body` contains another name.

@@ -63,11 +63,7 @@ def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, 
 
 
 def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootInputs]:
-    """The inputs of `foot_ins.run` for a recording.
-
-    Args:
-        recording: sensors on one or both feet, on one clock.
-        detector: see `FootOptions`.
+    """The inputs of `foot_ins.run` for a recording of one or both feet on one clock; `detector` as in `FootOptions`.
 
     Raises:
         RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, sampling rate too low, wrong unit,

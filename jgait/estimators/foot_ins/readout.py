@@ -49,16 +49,10 @@ FLAT_RISE, FLAT_STEP = 0.015, 0.08
 def path_of(
     p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
 ) -> Path:
-    """Trajectory and strides of one foot.
+    """Trajectory and strides of one foot (0 right, 1 left) from states whose positions are those since the last
+    foothold.
 
-    Args:
-        p: parameters.
-        foot: inputs of the foot.
-        time: (T,) [s].
-        state: smoothed (or filtered) states, (T,) leaves; positions from the last foothold.
-        cov: covariance of the states.
-        side: 0 right, 1 left.
-        flatten: give all footholds of the trajectory one height where the ground counts as level.
+    `flatten` gives all footholds of the trajectory one height where the ground counts as level.
     """
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
@@ -88,12 +82,9 @@ def path_of(
 
 
 def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
-    """Distance along the footholds (T,) [m]; it increases linearly over the swing of each stride.
+    """Distance along the footholds of a foot (T,) [m]; it increases linearly over the swing of each stride.
 
-    Args:
-        strides: of one foot, in order.
-        rows: number of strides that are not padding.
-        time: (T,) [s].
+    `rows` is the number of strides that are not padding.
     """
     if not strides.length.shape[0]:
         return jnp.zeros_like(time)

@@ -51,12 +51,7 @@ class Window(NamedTuple):
 
 
 def windows(foot: FootSignals, samples: int) -> list[Window] | None:
-    """The windows of a recording; None if a window has too few footholds for a join.
-
-    Args:
-        foot: inputs of T samples, on the host.
-        samples: T.
-    """
+    """The windows of inputs of T samples, on the host; None if a window has too few footholds for a join."""
     count = int(foot.count)
     holds = np.asarray(foot.foothold)[:count]
     found: list[Window] = []
@@ -77,13 +72,7 @@ def windows(foot: FootSignals, samples: int) -> list[Window] | None:
 
 
 def cut(foot: FootSignals, window: Window, level: Callable[[np.ndarray], np.ndarray]) -> FootSignals:
-    """The inputs of one window, padded to the size of all windows.
-
-    Args:
-        foot: inputs of the whole recording.
-        window: the window.
-        level: specific force → q_ws.
-    """
+    """The inputs of one window, padded to the size of all windows; `level` maps specific force to q_ws."""
     part = slice(window.start, window.stop)
     missing = WINDOW - (window.stop - window.start)
     rows = capacity(WINDOW)
@@ -122,12 +111,7 @@ def joined(
 ) -> Joined:  # fmt: skip
     """Estimate all windows, in parallel on all cores, and join them.
 
-    Args:
-        foot: inputs of the whole recording.
-        time: (T,) [s].
-        parts: from `windows`.
-        level: specific force → q_ws.
-        estimate: (inputs and times of a window) → path, nis, valid (T,); compiled once.
+    `level` maps specific force to q_ws; `estimate` maps inputs and times of a window to path, nis and valid (T,).
     """
 
     def one(window: Window) -> PyTree:

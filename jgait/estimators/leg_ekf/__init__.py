@@ -27,18 +27,15 @@ Deviations from the paper, their effect measured on the straight part of `neura_
        the default read-out, before any calibration, 4.5 %.
 """
 
-from jgait.estimators.leg_ekf.estimator import (
+from jgait.estimators.leg_ekf.estimator import estimate, estimator, prepared, run
+from jgait.estimators.leg_ekf.params import (
     DEFAULT,
     PAPER,
     TRANSFORMS,
     BySide,
     LegOptions,
     LegParams,
-    estimate,
-    estimator,
     one_side,
-    prepared,
-    run,
     with_body,
 )
 

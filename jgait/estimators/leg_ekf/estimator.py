@@ -17,9 +17,7 @@ from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.params import (
     DEFAULT,
-    PAPER,
     TRANSFORMS,
-    BySide,
     LegOptions,
     LegParams,
     one_side,
@@ -29,21 +27,6 @@ from jgait.estimators.leg_ekf.prepare import prepare
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
-
-__all__ = [
-    "DEFAULT",
-    "PAPER",
-    "TRANSFORMS",
-    "BySide",
-    "LegOptions",
-    "LegParams",
-    "estimate",
-    "estimator",
-    "one_side",
-    "prepared",
-    "run",
-    "with_body",
-]
 
 
 def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
@@ -163,11 +146,7 @@ def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values
 def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
     """Standard deviations of the leg: the filter's, with soft-tissue motion added through the kinematics.
 
-    Args:
-        p: parameters of the leg.
-        state: (T,) state of the leg.
-        cov: (T,) covariance, filtered or smoothed.
-        filtered: (T,) filtered covariance if `cov` is smoothed; it replaces values with rounding errors in float32.
+    If `cov` is smoothed, the filtered covariance replaces values with rounding errors in float32.
     """
     thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
@@ -193,13 +172,8 @@ def walked(p: LegParams, legs: Legs, still: Flags, options: LegOptions) -> Value
 
 
 def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: Model = leg_model.MODEL) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
-        options: which improvements are on; static under jit.
-        model: model of one leg; other models are for comparison.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options; `model` replaces that of one
+    leg.
 
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the

@@ -198,11 +198,8 @@ def run(
 
 
 def prior(bias: Vector, start_variance: Values) -> Belief:
-    """The belief before the first sample: segment vertical, with the gyroscope bias measured at rest.
-
-    Args:
-        bias: gyroscope bias [rad/s].
-        start_variance: variance of the direction [rad²].
+    """The belief before the first sample: segment vertical, gyroscope bias at rest [rad/s], variance of the direction
+    [rad²].
     """
     zero = jnp.zeros_like(bias.z)
     spread = Vector(*(zero + start_variance,) * 3)

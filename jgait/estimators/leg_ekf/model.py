@@ -174,16 +174,8 @@ def standing_belief(
 ) -> Belief:
     """The belief before the first sample of a person who stands in a known pose.
 
-    Args:
-        params: model parameters of the leg.
-        thigh_angle: θ₁ [rad].
-        knee_angle: θ₂ [rad].
-        thigh_bias: bias of the thigh's gyroscope at rest [rad/s].
-        shin_bias: bias of the shin's gyroscope at rest [rad/s].
-        angle_variance: variance of both angles [rad²].
-
-    Returns:
-        Mean and covariance; x and y start on the forward kinematics (deviation 4).
+    θ₁ and θ₂ [rad] have one variance [rad²]; the biases of both gyroscopes at rest are in rad/s. x and y start on the
+    forward kinematics (deviation 4).
     """
     zero = jnp.zeros_like(jnp.asarray(thigh_bias) + thigh_angle)
     mean = LegState(*(zero + v for v in (0.0, 0.0, thigh_angle, 0.0, knee_angle, 0.0, thigh_bias, shin_bias)))

@@ -13,16 +13,9 @@ import jax.numpy as jnp
 from jgait import filtering
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.estimators.leg_ekf.estimator import (
-    LegOptions,
-    LegParams,
-    deviation_of,
-    model_params,
-    observe,
-    prior_of,
-    trajectory_of,
-)
+from jgait.estimators.leg_ekf.estimator import deviation_of, model_params, observe, prior_of, trajectory_of
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.params import LegOptions, LegParams
 from jgait.filtering import Belief
 from jgait.geometry.vectors import Vector, vector
 from jgait.types import LegTrajectory, Values
@@ -53,16 +46,13 @@ class OnlineStep(NamedTuple):
 
 
 def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegOnlineState:
-    """The state before the first sample.
+    """The state before the first sample: beliefs in the standing pose, with a variance [rad²].
 
     Args:
         p: parameters of this leg, see `one_side`.
         leg: calibrated signals; only biases, variances and the first rates are used.
         start_variance: variance of the pose at the first sample [rad²].
         options: as of `leg_ekf`; `smooth` has no effect.
-
-    Returns:
-        Beliefs in the standing pose.
     """
     beliefs = [inclination.prior(vector(segment.bias), start_variance) for segment in leg]
     rates = tuple(vector(segment.gyr[0]) for segment in leg)

@@ -149,16 +149,11 @@ def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, li
 def prepare(
     recording: Recording, *, rate_hz: float | None = None, median: int = 1, perpendicular: bool = True
 ) -> Prepared[LegInputs]:
-    """Check a recording and turn it into the inputs of `leg_ekf.run`.
+    """Check a recording with at least one leg, which stands still at some time; turn it into the inputs of
+    `leg_ekf.run`.
 
-    Args:
-        recording: with thigh and shank sensors of at least one leg, standing still at some time.
-        rate_hz: resample to this rate [Hz]; None keeps the rate of the recording.
-        median: width in samples of a median filter on the gyroscopes; 1 for no filter.
-        perpendicular: make the sagittal axis perpendicular to gravity.
-
-    Returns:
-        Inputs in segment axes, notes, and the half-open range of samples of the calibrating stance.
+    The gyroscopes are resampled to `rate_hz` [Hz] and filtered by a median over `median` samples; `perpendicular` makes
+    the sagittal axis perpendicular to gravity. `standing` is the calibrating stance.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.

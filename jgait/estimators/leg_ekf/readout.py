@@ -14,17 +14,10 @@ def _interval(values: Values) -> Values:
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
-    """The paper's read-out: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot.
+    """The paper's read-out (T,) [m]: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot.
 
     Of the possible vertical displacements, Σ |Δy| gives results closest to the paper's figures (deviation 6). The
     distance has a systematic error: it omits the movement of the hip during the swing of the foot.
-
-    Args:
-        leg: (T,) foot relative to hip [m].
-        vertical: add the vertical path.
-
-    Returns:
-        (T,) distance [m] since the first sample.
     """
     forward = jnp.maximum(_interval(leg.x), 0.0)
     way = forward + jnp.abs(_interval(leg.y)) if vertical else forward
@@ -41,18 +34,12 @@ def _backward(leg: LegTrajectory, rollover_radius: Values) -> Values:
 
 
 def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
-    """Σ max(−Δx_right, −Δx_left, 0): the foot that moves backward fastest is in stance.
+    """Σ max(−Δx_right, −Δx_left, 0) (T,) [m]: the foot that moves backward fastest is in stance.
 
     With sensors on one leg, its backward displacement is divided by the share of walking time in which the foot moves
-    backward: the mean speed of the hip in the swing of the foot is taken to be the same.
-
-    Args:
-        legs: one or both legs, (T,) each.
-        rollover_radius: r, displacement of the ankle per radian of shank rotation in stance [m].
-        still: (T,) bool, the person stands; sway adds no distance.
-
-    Returns:
-        (T,) distance [m] since the first sample.
+    backward: the mean speed of the hip in the swing of the foot is taken to be the same. `rollover_radius` is the
+    displacement of the ankle per radian of shank rotation in stance [m]; the sway of a person who stands adds no
+    distance.
     """
     worn = [leg for leg in (legs.right, legs.left) if leg is not None]
     ways = [_backward(leg, rollover_radius) for leg in worn]

@@ -45,20 +45,10 @@ Deviations from the paper; `experiments/potter/literal.py` has the first one's s
        accelerometers.
 """
 
-from jgait.estimators.stride_width_ekf.estimator import (
-    DEFAULT,
-    PAPER,
-    TRANSFORMS,
-    WidthInputs,
-    WidthOptions,
-    WidthParams,
-    estimate,
-    estimate_from_feet,
-    estimator,
-    prepare_from_feet,
-    run,
-    with_body,
-)
+from jgait.estimators.stride_width_ekf.estimator import estimate, estimate_from_feet, estimator, run, with_body
+from jgait.estimators.stride_width_ekf.inputs import WidthInputs
+from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 
 __all__ = [
     "DEFAULT",

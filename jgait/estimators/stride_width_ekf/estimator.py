@@ -16,28 +16,13 @@ from jgait.estimators.stride_width_ekf.from_sensors import feet_of, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation, WidthState
 from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED
-from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, TRANSFORMS, WidthOptions, WidthParams
+from jgait.estimators.stride_width_ekf.params import DEFAULT, TRANSFORMS, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Model
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, Recording, Values
 
 SWAP = 6.0
 """[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""
-
-__all__ = [
-    "DEFAULT",
-    "PAPER",
-    "TRANSFORMS",
-    "WidthInputs",
-    "WidthOptions",
-    "WidthParams",
-    "estimate",
-    "estimate_from_feet",
-    "estimator",
-    "prepare_from_feet",
-    "run",
-    "with_body",
-]
 
 
 def model_params(p: WidthParams) -> WidthModelParams:
@@ -77,13 +62,8 @@ def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found:
 def run(
     p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT, model: Model = stride_width_model.MODEL
 ) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare_from_feet`; stacked along a new first axis for `jax.vmap`.
-        options: options of the width estimate; static under jit.
-        model: model of both feet; other models are for comparison.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options; `model` replaces that of the
+    feet.
 
     Returns:
         Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (positions in one world
@@ -122,11 +102,7 @@ def _feet(state: WidthState, heights: tuple[Values, Values]) -> Feet:
 
 
 def with_body(p: WidthParams, body: dict[str, Any]) -> WidthParams:
-    """The parameters with the range offsets of a person.
-
-    Args:
-        p: parameters.
-        body: "range_offset" and "passing_offset" [m], as far as known.
+    """The parameters with the "range_offset" and "passing_offset" [m] of a person, as far as known.
 
     Raises:
         ValueError: if `body` contains another name.
@@ -138,13 +114,8 @@ def estimator(
     options: WidthOptions = DEFAULT, foot_params: FootParams = FootParams(),
     foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
-    """This estimator as a record of functions; `prepare` estimates the trajectories of the feet.
-
-    Args:
-        options: options of the width estimate.
-        foot_params: parameters of the trajectories, see `foot_ins`.
-        foot_options: options of the trajectories.
-        start_heading: see `prepare_from_feet`.
+    """This estimator as a record of functions; `prepare` estimates the trajectories of the feet. Arguments as
+    `estimate`.
     """
 
     def ready(recording: Recording) -> Prepared[WidthInputs]:

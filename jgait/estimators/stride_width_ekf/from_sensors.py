@@ -3,7 +3,7 @@
 import numpy as np
 
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins.estimator import FootOptions, FootParams
+from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.types import SIDES, AnyArray, Estimate, Feet, FootTrajectory, Recording, RecordingError, Strides
 
 
@@ -27,14 +27,8 @@ def feet_of(
 def merged(own: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Estimate) -> Estimate:
     """The `foot_ins` estimate with both feet in one world frame, and with stride widths.
 
-    Args:
-        own: from `foot_ins.estimate`, each foot in a separate world frame.
-        stances: samples of the footholds, right and left.
-        together: from `stride_width_ekf`, at moments.
-
-    Returns:
-        Trajectories of `own` moved to the footholds of `together`, stride by stride; strides of `own` with width and
-        step length; diagnostics of both.
+    The trajectories of `own`, whose footholds are the samples `stances`, are moved to the footholds of `together`,
+    stride by stride; its strides get width and step length, its diagnostics are joined.
     """
     feet = Feet(*(
         _placed(own, side, stances[number], together) for number, side in enumerate(SIDES)

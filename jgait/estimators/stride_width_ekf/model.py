@@ -161,18 +161,10 @@ def initial(params: WidthModelParams) -> Belief:
 def start_belief(
     heading_right: Values, heading_left: Values, width: Values, across: Values, along: Values, heading_stddev: Values
 ) -> Belief:
-    """The belief before the first interval: the right foot at the origin, the left foot to its left.
+    """The belief before the first interval: the right foot at the origin, the left foot at `width` [m] to its left.
 
-    Args:
-        heading_right: heading of the first right stride [rad].
-        heading_left: heading of the first left stride, expected parallel [rad].
-        width: distance across [m].
-        across: standard deviation of the distance across [m].
-        along: standard deviation of the distance along [m].
-        heading_stddev: standard deviation of the angle between both headings [rad].
-
-    Returns:
-        Mean and covariance; variances of the right foot are about 0, since it defines the world frame.
+    The standard deviations are of the left foot across and along [m], and of the angle between both headings [rad];
+    those of the right foot are about 0, since it defines the world frame.
     """
     zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
     s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)

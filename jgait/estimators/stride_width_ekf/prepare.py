@@ -138,10 +138,10 @@ def _usable(
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Time and distance of each passing of the feet, when the distance is shortest.
 
-    Readings of one passing are not independent: z₂ = 0 may be observed only once. Feet that stand side by side are
-    measured all the time; they too count once. A directional sensor measures only close to the passing: the result is
-    the middle time and the median distance. An omnidirectional sensor also measures the foot's approach and departure:
-    d² is then a parabola of time, and its minimum is the passing; readings too few for a parabola are left out.
+    Readings of one passing are not independent and count once, also those of feet that stand side by side. A
+    directional sensor measures only close to the passing: the middle time and the median distance. An omnidirectional
+    one measures approach and departure too: the minimum of d², a parabola of time; too few readings for it are left
+    out.
     """
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]

@@ -18,16 +18,7 @@ SHORTEST_LINE = 0.15
 
 
 def with_stddev(read: Callable[[WidthState], Values], states: WidthState, cov: Covariance) -> tuple[Values, Values]:
-    """A scalar function of the state at every moment, and its standard deviation by linearisation.
-
-    Args:
-        read: state → scalar.
-        states: states with (N,) leaves.
-        cov: covariance of the states.
-
-    Returns:
-        Value and standard deviation, both (N,).
-    """
+    """A scalar function of the state at every moment (N,), and its standard deviation by linearisation."""
     value, slope = jax.vmap(jax.value_and_grad(read))(states)
     g = jnp.stack(jax.tree.leaves(slope), axis=-1)
     variance = jnp.sum(g[:, :, None] * cov.dense() * g[:, None, :], axis=(1, 2))
@@ -47,20 +38,12 @@ def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, 
 
 
 def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covariance) -> tuple[Strides, Strides]:
-    """Strides of both feet, and their standard deviations.
+    """Strides of both feet at N moments, and their standard deviations.
 
     At the end of a stride the state contains the three positions that its width needs: both stances of the foot, and
-    the stance of the other foot in between. So the covariance of the state is their joint covariance.
-
-    Args:
-        p: parameters.
-        rows: strides and the moments at which they end.
-        states: states with (N,) leaves.
-        cov: covariance of the states.
-
-    Returns:
-        Values and standard deviations, fields (N,). `width` is negative where the feet cross over; it and
-        `step_length` are NaN unless the other foot has exactly one stance in between.
+    the stance of the other foot in between. So the covariance of the state is their joint covariance. `width` is
+    negative where the feet cross over; it and `step_length` are NaN unless the other foot has exactly one stance in
+    between.
     """
     at, left = rows.moment, rows.side == 1
     ends = jax.tree.map(lambda v: v[at], (states, cov))

@@ -28,21 +28,8 @@ Parameters whose gradient is zero by construction:
     those that the distance method does not use (`UNUSED`). Decisions (axes, standing, contacts, bouts) have none.
 """
 
-from jgait.estimators.waist.estimator import (
-    DEFAULT,
-    FLAGS,
-    PAPER,
-    TRANSFORMS,
-    UNUSED,
-    WaistOptions,
-    WaistParams,
-    estimate,
-    estimator,
-    papers_estimator,
-    prepared,
-    run,
-    with_body,
-)
+from jgait.estimators.waist.estimator import FLAGS, UNUSED, estimate, estimator, papers_estimator, prepared, run
+from jgait.estimators.waist.params import DEFAULT, PAPER, TRANSFORMS, WaistOptions, WaistParams, with_body
 
 __all__ = [
     "DEFAULT",

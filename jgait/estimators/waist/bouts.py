@@ -41,10 +41,7 @@ class Node(NamedTuple):
 def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float) -> list[list[Node]]:
     """Nodes of every bout: its contacts, the end of standing before them and the beginning of standing after them.
 
-    Args:
-        contacts: initial contacts, in order of time [s].
-        still: half-open ranges of samples in which the person stands.
-        rate: sampling rate [Hz].
+    `still` has half-open ranges of samples in which the person stands.
     """
     at, side = as_float(contacts.time) * rate, np.asarray(contacts.side)
     if not len(at):
@@ -74,12 +71,7 @@ def bouts(contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: f
 
 
 def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarray]:
-    """The bouts as columns of `WaistInputs`, one row per node.
-
-    Args:
-        bouts: from `bouts`.
-        time: (T,) time of the samples [s].
-    """
+    """The bouts as columns of `WaistInputs`, one row per node; `time` is that of the samples [s]."""
     flat = [node for bout in bouts for node in bout]
     stood = np.array([bout[0].stands for bout in bouts for _ in bout], bool)
     alone = np.array([sum(node.step for node in bout) for bout in bouts for _ in bout], float)

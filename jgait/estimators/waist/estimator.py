@@ -47,29 +47,9 @@ UNUSED = {
 """Distance method → parameters on which neither the distance nor its standard deviation depends, so that their gradient
 is zero; "fused" is without the velocity update (`WaistOptions.updated` False)."""
 
-__all__ = [
-    "DEFAULT",
-    "FLAGS",
-    "PAPER",
-    "TRANSFORMS",
-    "UNUSED",
-    "WaistOptions",
-    "WaistParams",
-    "estimate",
-    "estimator",
-    "prepared",
-    "run",
-    "with_body",
-]
-
 
 def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:
-    """Estimate from prepared inputs: pure, for jit, vmap and grad.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`; stacked along a new first axis for `jax.vmap`.
-        options: which parts are on; static under jit.
+    """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
     Returns:
         `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `FLAGS` for each

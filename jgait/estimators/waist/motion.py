@@ -47,14 +47,7 @@ class TrunkMotion(NamedTuple):
 
 
 def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, execution: Execution = "dense") -> TrunkMotion:
-    """Motion of the trunk.
-
-    Args:
-        p: parameters.
-        inputs: signals; decisions on steps are not used.
-        smooth: whether the attitude is smoothed, so that later samples correct earlier ones; static.
-        execution: see `jgait.filtering`.
-    """
+    """Motion of the trunk; with `smooth`, later samples correct earlier attitudes. Decisions on steps are not used."""
     return _seen(p, inputs, _attitude(p, inputs, smooth=smooth, execution=execution).mean)
 
 
@@ -64,11 +57,6 @@ def motion_and_likelihood(
     """Motion of the trunk by the filter alone, and the log-likelihood of the accelerometer's readings.
 
     A gyroscope with the wrong sign lowers it: the leans from accelerometer and gyroscope then have opposite signs.
-
-    Args:
-        p: parameters.
-        inputs: signals; decisions on steps are not used.
-        execution: see `jgait.filtering`.
     """
     posterior = _attitude(p, inputs, smooth=False, execution=execution)
     return _seen(p, inputs, posterior.mean), jnp.sum(posterior.log_likelihood)

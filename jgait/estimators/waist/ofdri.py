@@ -82,11 +82,9 @@ class Placed(NamedTuple):
 
 
 def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
-    """Weight w of the reverse integral, from 0 to 1; the smaller β, the steeper w in the middle of the cycle.
+    """Weight w of the reverse integral, from 0 to 1, at the part t / T of the cycle.
 
-    Args:
-        part: t / T, the part of the cycle that has passed [1].
-        beta: β > 0 [1]; the larger β, the nearer w is to t / T.
+    The smaller β > 0, the steeper w in the middle of the cycle; the larger β, the nearer w is to t / T.
     """
     s = jnp.asarray(part)
     return 0.5 + 0.5 * jnp.arctan((s - 0.5) / beta) / jnp.arctan(jnp.asarray(0.5 / beta, s.dtype))
@@ -142,17 +140,7 @@ def direct_reverse_cycles(
     acc: ArrayLike, cycles: Cycles, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
     beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
 ) -> Array:  # fmt: skip
-    """OFDRI of every cycle of a recording.
-
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        cycles: begin and end of the cycles.
-        start: v_i, one or (K,) [m/s].
-        end: v_f, one or (K,) [m/s].
-        dt: as of `direct_reverse`.
-        cutoff_hz: f_c [Hz], one or (K,).
-        beta: as of `direct_reverse`.
-        mask: as of `direct_reverse`.
+    """OFDRI of every cycle of a recording; `start`, `end` and `cutoff_hz` are one value or (K,).
 
     Returns:
         (T,) velocity [m/s] after the begin of each cycle, up to and including its end; 0 elsewhere.
@@ -170,11 +158,7 @@ def direct_reverse_cycles(
 
 
 def placed(cycles: Cycles, samples: int) -> Placed:
-    """The cycle of each sample.
-
-    Args:
-        cycles: begin and end of the cycles.
-        samples: T; static.
+    """The cycle of each of T samples.
 
     Raises:
         ValueError: if begins and ends are not as many, or there is no room for any.
@@ -192,11 +176,8 @@ def placed(cycles: Cycles, samples: int) -> Placed:
 def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> Since:
     """J(t) and the time since the mark before each sample; filter and integral restart at marks.
 
-    Args:
-        acc: (T,) [m/s²].
-        steps: (T,) time from the sample before, 0 at the first sample and in padding [s].
-        cutoff_hz: f_c [Hz], one value, or (T,) one for the interval that ends at each sample.
-        restart: (T,) bool, marks; None: only the first sample.
+    `steps` (T,) is the time from the sample before [s], 0 at the first sample and in padding; `cutoff_hz` one value, or
+    one for the interval that ends at each sample; without marks only the first sample is one.
     """
     return scanned(acc, steps, cutoff_hz, restart)[1]
 

@@ -57,18 +57,9 @@ def optimum_cutoffs(
     acc: ArrayLike, cycles: Cycles, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST,
     mask: ArrayLike | None = None,
 ) -> Array:  # fmt: skip
-    """The cut-off by the optimum rule, of every cycle of a recording.
+    """The cut-off f_c (K,) [Hz] by the optimum rule, of every cycle of a recording; 0 where there is no cycle.
 
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        cycles: begin and end of the cycles.
-        change: v_f − v_i, one or (K,) [m/s].
-        dt: as of `optimum_cutoff`.
-        highest_hz: as of `optimum_cutoff`.
-        mask: as of `optimum_cutoff`.
-
-    Returns:
-        f_c (K,) [Hz]; 0 where there is no cycle.
+    `change` is v_f − v_i, one or (K,) [m/s]; the others as of `optimum_cutoff`.
 
     Raises:
         ValueError: as `direct_reverse_cycles`.

@@ -124,13 +124,7 @@ def initial(p: TrunkNoise) -> Belief:
 
 
 def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Belief:
-    """The belief before the first sample.
-
-    Args:
-        attitude: q_ws, heading arbitrary.
-        gyr_bias: [rad/s].
-        variances: variances of the state's errors.
-    """
+    """The belief before the first sample: attitude q_ws with arbitrary heading, gyroscope bias [rad/s]."""
     zero = 0.0 * gyr_bias.x
     mean = TrunkState(attitude, gyr_bias, Vector(zero, zero, zero))
     return Belief(mean, Covariance.from_variances(variances))

@@ -62,11 +62,7 @@ def placement_of(recording: Recording, site: str = "auto") -> str:
 
 
 def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs]:
-    """The inputs of `waist.run` for a recording.
-
-    Args:
-        recording: a sensor at the waist, on the lower back or on the pelvis.
-        options: see `WaistOptions`.
+    """The inputs of `waist.run` for a recording with a sensor at the waist, on the lower back or on the pelvis.
 
     Raises:
         RecordingError: no such sensor, no accelerometer, readings in units of g, NaN, too short, a clock that runs

@@ -83,10 +83,7 @@ def _turned(inputs: WaistInputs, found: Intervals) -> Values:
 def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Values, Values]:
     """Samples at which a bout begins (T,) bool, and the initial speed: 0 after standing, else `start_speed` [m/s].
 
-    Args:
-        p: parameters.
-        inputs: from `prepare`.
-        like: (T,) array with the dtype of the speeds.
+    The speeds have the dtype of `like` (T,).
     """
     at = jnp.where(inputs.fresh, inputs.at, like.shape[0])
     known = jnp.zeros_like(inputs.valid).at[at].set(True, mode="drop")
@@ -191,15 +188,8 @@ def by_integration(
 
     A bias b of the forward acceleration causes an error b t of the speed, which grows up to the cycle from which OFDRI
     holds the speed; a turn of the walk reverses the bias. If a bout does not begin from standing, its initial speed is
-    unknown. Errors of bouts are taken to add up, because all bouts have the same bias.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`.
-        found: intervals between nodes.
-        speed: (K,) mean speed over each interval [m/s].
-        held: (K,) bool, OFDRI holds the speed over the interval.
-        start_sd: (K,) standard deviation of the initial speed of each node's bout [m/s].
+    unknown, with the standard deviation `start_sd` (K,) [m/s]. Errors of bouts are taken to add up, because all bouts
+    have the same bias. `speed` (K,) is the mean over each interval [m/s]; `held`: OFDRI holds it there.
     """
     step = jnp.where(inputs.moves, found.duration * speed, 0.0)
     distance = jnp.cumsum(step)

@@ -49,13 +49,7 @@ class Intervals(NamedTuple):
 
 
 def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Intervals:
-    """Values over each interval, from the accelerometer.
-
-    Args:
-        p: parameters.
-        inputs: from `prepare`.
-        seen: motion of the trunk.
-    """
+    """Values over each interval, from the accelerometer, for the motion of the trunk `seen`."""
     rate, last = inputs.rate_hz, inputs.last
     steps = inputs.dt
 
@@ -102,13 +96,7 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
 
 
 def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:
-    """λ of steps [m]; 0 where the excursion or the surge is almost zero.
-
-    Args:
-        p: parameters.
-        excursion: h, range of the trunk's height [m].
-        surge: V, range of the trunk's forward speed [m/s].
-    """
+    """λ of steps [m] from the ranges of the trunk's height and forward speed [m, m/s]; 0 where one is almost zero."""
     high = jnp.minimum(excursion / p.pendulum_length, 1.0)
     quick = surge / jnp.sqrt(GRAVITY * p.pendulum_length)
     there = (high > 1e-6) & (quick > 1e-6)
