@@ -140,13 +140,8 @@ def trusted_at_once[P](params: P) -> P:
 
 
 class _Turned(NamedTuple):
-    """A sensor's signals with the sagittal rate first.
-
-    Attributes:
-        gyr: (T, 3) angular rate about the axes in `rows` [rad/s].
-        rows: (3, 3) these axes in the sensor's axes; the first is the axis about which the sensor turns most.
-        acc: (T, 3) [m/s²] in the sensor's axes, or None.
-        usable: (T,) bool.
+    """A sensor's signals, the rates about the axes `rows`, of which the first is that about which the sensor turns
+    most.
     """
 
     gyr: Float[np.ndarray, "time 3"]

@@ -126,14 +126,7 @@ class EstimateTable(NamedTuple):
 
 
 class EstimatedRecording(NamedTuple):
-    """An estimate, with the recording, parameters and settings from which it was computed.
-
-    Attributes:
-        recording: the signals.
-        estimate: the result.
-        params: the parameters.
-        settings: the settings of the estimator.
-    """
+    """An estimate, with the recording, parameters and settings from which it was computed."""
 
     recording: Recording
     estimate: Estimate

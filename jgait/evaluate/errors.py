@@ -24,13 +24,8 @@ FIELDS = {
 class DistanceError(NamedTuple):
     """Distance walked while estimate and reference are both valid; errors are estimate − reference.
 
-    Attributes:
-        estimate: estimated distance [m].
-        reference: distance by the reference [m].
-        error: estimate − reference [m].
-        abs_error: |error| [m].
-        rel_error: error / reference [1].
-        rmse: root mean square difference of the two distances over the walk [m], each from 0 at its start.
+    Distances and errors are in m, `rel_error` is error / reference [1]; `rmse` is that of the two distances over the
+    walk, each from 0 at its start.
     """
 
     estimate: float

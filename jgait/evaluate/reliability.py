@@ -31,16 +31,10 @@ class Limits(NamedTuple):
     """Bias and limits of agreement, each with its confidence interval, in the unit of the measurement.
 
     Attributes:
-        bias: mean of estimate − reference.
-        bias_low: lower end of the interval of the bias.
-        bias_high: upper end of the interval of the bias.
+        bias: mean of estimate − reference; `bias_low` and `bias_high` are the ends of its interval.
         sd: standard deviation of a single difference, of any measurement of any subject.
-        lower: lower limit of agreement.
-        lower_low: lower end of the interval of the lower limit.
-        lower_high: upper end of the interval of the lower limit.
-        upper: upper limit of agreement.
-        upper_low: lower end of the interval of the upper limit.
-        upper_high: upper end of the interval of the upper limit.
+        lower: lower limit of agreement, with the ends of its interval.
+        upper: upper limit of agreement, with the ends of its interval.
         n: number of differences.
         n_subjects: number of subjects; n where each difference is of another subject.
     """

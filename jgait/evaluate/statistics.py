@@ -37,12 +37,8 @@ class PairedDifference(NamedTuple):
     """Change of errors, after − before; a negative change is an improvement.
 
     Attributes:
-        estimate: statistic over subjects of their mean change, after − before, in the unit of the errors.
-        low: lower end of the interval of `estimate`.
-        high: upper end of the interval of `estimate`.
-        n: number of subjects.
-        better: number of subjects whose errors decreased.
-        worse: number of subjects whose errors increased.
+        estimate: statistic over subjects of their mean change, in the unit of the errors, with its interval.
+        n: number of subjects; `better` and `worse`: those whose errors decreased or increased.
     """
 
     estimate: float

@@ -63,13 +63,7 @@ def segment_of(placement: str) -> str:
 
 
 class Motion[P](NamedTuple):
-    """A pose and its first and second derivative with respect to time.
-
-    Attributes:
-        pose: of any type.
-        rate: the same type, per second.
-        acceleration: the same type, per second squared.
-    """
+    """A pose of any type and its first and second derivative with respect to time, of the same type."""
 
     pose: P
     rate: P

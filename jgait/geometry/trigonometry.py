@@ -27,14 +27,9 @@ from jgait.types import Values
 
 
 class _Recipe(NamedTuple):
-    """Constants for one float type.
+    """Constants for one float type: 1.5 · 2^(mantissa bits), π/2 as a sum of parts, and coefficients in r².
 
-    Attributes:
-        integer: the integer type of the same width.
-        shift: 1.5 · 2^(mantissa bits).
-        parts: π/2 as a sum, the first ones short enough for exact products.
-        sine: coefficients of (sin r − r) / r³ in r².
-        cosine: coefficients of (cos r − 1 + r²/2) / r⁴ in r².
+    Those of (sin r − r) / r³ and (cos r − 1 + r²/2) / r⁴; the first parts are short enough for exact products.
     """
 
     integer: DTypeLike

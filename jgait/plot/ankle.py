@@ -62,13 +62,8 @@ UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
 
 
 class Machine(NamedTuple):
-    """The state machine over a recording; (T,) each, the times corrected for the filter's delay.
-
-    Attributes:
-        time: of the filtered samples [s].
-        rate: filtered sagittal rate [rad/s].
-        state: state from each sample on, see `events.shank`.
-        found: the detected events, `events.shank.ShankEvents`.
+    """The state machine over a recording: filtered rate [rad/s], states and events; times [s] without the filter's
+    delay.
     """
 
     time: np.ndarray

@@ -54,15 +54,7 @@ ROWS = (("forward", "forward [m/s²]"), ("upward", "upward [m/s²]"), ("left", "
 
 
 class Trunk(NamedTuple):
-    """Accelerations of the trunk in a recording, on the host; (T,) each, without padding.
-
-    Attributes:
-        time: [s].
-        forward: acceleration along the walking direction [m/s²].
-        left: acceleration to the left [m/s²].
-        upward: upward acceleration without gravity [m/s²].
-        inputs: the estimator's inputs, padded.
-    """
+    """Accelerations of the trunk in a recording [m/s²], (T,) each, without gravity and padding; and the inputs."""
 
     time: np.ndarray
     forward: np.ndarray

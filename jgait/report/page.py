@@ -34,13 +34,7 @@ FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\
 
 
 class Flag(NamedTuple):
-    """A fact that a reader should know before using a number.
-
-    Attributes:
-        grade: "stop", "check", "corrected" or "info"; see `GRADES`.
-        text: the facts, a line each.
-        meaning: what these facts mean for the numbers, in a sentence.
-    """
+    """A fact that a reader should know before using a number: its grade of `GRADES`, text in lines, and its meaning."""
 
     grade: str
     text: str

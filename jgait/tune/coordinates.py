@@ -20,8 +20,7 @@ class Coordinates(NamedTuple):
     Attributes:
         names: name of each number: "thigh_length.right", "angle_noise", or "level[0]" in an array.
         transforms: transform of each number.
-        tree: free values as `jgait.params.unconstrain` returns them, each a float of one fixed dtype.
-        vector: (p,) the free values as one vector.
+        tree: free values as `jgait.params.unconstrain` returns them; `vector`: the same as one vector (p,).
     """
 
     names: tuple[str, ...]

@@ -14,14 +14,7 @@ from jgait.types import Integer, Values
 
 
 class Settings(NamedTuple):
-    """The settings of a fit; static.
-
-    Attributes:
-        steps: largest number of steps.
-        minibatch: number of training items in each step; None for all.
-        every: number of steps between two computations of the score.
-        patience: number of scores without improvement after which the fit stops; None: it does not stop early.
-    """
+    """The settings of a fit, see `tune.fit`; static."""
 
     steps: int
     minibatch: int | None
@@ -60,13 +53,8 @@ class Carry(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """The history of one step.
-
-    Attributes:
-        loss: loss before the step.
-        norm: norm of the gradient before the step.
-        accepted: whether the step was kept.
-        score: score after the step; NaN where it was not computed.
+    """The history of one step: loss and norm of the gradient before it, whether it was kept, the score after it, or
+    NaN.
     """
 
     loss: Values

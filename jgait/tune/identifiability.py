@@ -105,13 +105,9 @@ class Identifiability(NamedTuple):
 
 
 class _Spread(NamedTuple):
-    """The covariance in two parts: of the directions with information, and of the directions without.
+    """The covariance (p, p) in two parts: of the directions with information, and, huge, of those without.
 
-    Attributes:
-        known: (p, p) covariance within the directions that have information.
-        unknown: (p, p) huge covariance of the other directions; a zero row for a parameter that is not in them.
-        decrement: see `Identifiability`.
-        falling: (k, p) directions along which the loss curves downwards.
+    `falling` (k, p) are directions along which the loss curves downwards; `decrement`: see `Identifiability`.
     """
 
     known: np.ndarray

@@ -13,13 +13,9 @@ _CENTIMETRE = 0.01
 
 
 class TrajectoryWeights(NamedTuple):
-    """The weight of a squared error in each field of a leg; a weight of 0 leaves the field out.
+    """The weight of a squared error in each field of a leg [1/rad²] or [1/m²]; a weight of 0 leaves the field out.
 
-    Attributes:
-        hip_angle: [1/rad²]; by default an error of one degree has a loss of 1.
-        knee_angle: [1/rad²]; by default an error of one degree has a loss of 1.
-        x: [1/m²]; by default an error of one centimetre has a loss of 1.
-        y: [1/m²]; by default an error of one centimetre has a loss of 1.
+    By default an error of one degree or of one centimetre has a loss of 1.
     """
 
     hip_angle: Scalar = 1.0 / _DEGREE**2

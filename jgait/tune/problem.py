@@ -22,15 +22,7 @@ from jgait.types import AnyArray, Integer, Maybe, Scalar, Values
 
 
 class Problem(NamedTuple):
-    """The constants of a fit; static.
-
-    Attributes:
-        loss: (params, item) → scalar.
-        transforms: transforms of the parameters.
-        priors: `Prior` or None for each parameter; or None.
-        gradient: how to differentiate, see `value_and_grad`.
-        mesh: devices over which the items are distributed, or None.
-    """
+    """The constants of a fit, see `tune.fit`; static."""
 
     loss: Callable[..., PyTree]
     transforms: PyTree
@@ -52,13 +44,10 @@ class Items(NamedTuple):
 
 
 class Context(NamedTuple):
-    """The arrays that a fit reads and never changes.
+    """The arrays that a fit reads and never changes: fixed values, training and validation items, key of the
+    minibatches.
 
-    Attributes:
-        params: natural units, the source of fixed values; a parameter per subject has a leading axis.
-        items: training items.
-        checked: validation items, or None.
-        key: PRNG key of the minibatches, or None.
+    A parameter per subject has a leading axis.
     """
 
     params: PyTree

@@ -86,15 +86,6 @@ def test_sample_by_sample_as_over_the_recording():
     np.testing.assert_allclose([angle for _, _, angle in online], told.angle[at], rtol=1e-10)
 
 
-def test_side_by_side_as_one_by_one():
-    both = np.stack([sagittal(TIME), sagittal(TIME, slow=0.8)])
-    together = jax.jit(jax.vmap(lambda r: shank_events.phases(r, RATE)))(both)
-    for k in range(2):
-        alone = phases(both[k], RATE)
-        np.testing.assert_array_equal(together.stride[k], alone.stride)
-        np.testing.assert_allclose(together.end[k], alone.end, rtol=1e-12)
-
-
 def test_slow_swings_need_no_push_off():
     slow = np.where(sagittal(TIME) < 0.0, sagittal(TIME), 0.0) * 0.3  # 1.8 rad/s, and nothing but swings
     assert int(swings(slow, RATE).stride.sum()) == STRIDES

@@ -115,15 +115,6 @@ def test_who_does_not_walk_has_no_contact(detect):
     assert not detect("soft", np.zeros((3, SAMPLES))).valid.any()
 
 
-def test_side_by_side_as_one_by_one(detect):
-    both = [np.stack(pair) for pair in zip(trunk(), trunk(strength=0.7), strict=True)]
-    together = jax.jit(jax.vmap(lambda *x: initial_contacts(*x, RATE, PaperRule(), capacity=60)))(*both)
-    for k in range(2):
-        alone = detect("paper", [x[k] for x in both])
-        np.testing.assert_array_equal(together.valid[k], alone.valid)
-        np.testing.assert_allclose(together.time[k], alone.time, rtol=0.0, atol=1e-9)
-
-
 def test_what_the_mask_leaves_out_has_no_effect(detect):
     signals, mask = trunk(), np.arange(SAMPLES) < 940
     clean = detect("soft", signals, mask)

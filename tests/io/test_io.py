@@ -88,8 +88,7 @@ def test_what_is_written_is_read_back(gyr_unit, acc_unit):
 
 
 def test_a_wide_table_of_one_sensor():
-    frame = table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
-    assert list(read(frame, placement="waist").sensors) == ["waist"]
+    assert list(read(waist(None), placement="waist").sensors) == ["waist"]
 
 
 def test_own_column_names_and_blanks():
@@ -149,22 +148,7 @@ def test_gaps_in_time_are_filled_and_masked():
     )
 
 
-def test_a_sensor_without_any_sample():
-    frame = table()
-    frame["thigh_right_gyr_x"] = np.nan
-    fails("recording: thigh_right has no usable sample; all 600 are missing", frame)
-
-
 # --- units told by size ---
-
-
-def test_degrees_passed_as_radians():
-    fails(
-        r"gyroscope of \w+ reaches \d+\.?\d* rad/s .99th percentile, given as rad/s., but nothing worn while walking "
-        "exceeds 35 rad/s: it seems to be in deg/s; pass gyr_unit='deg/s'",
-        table(),
-        gyr_unit="rad/s",
-    )
 
 
 def test_radians_passed_as_degrees():
@@ -178,28 +162,6 @@ def test_radians_passed_as_degrees():
 def test_standing_still_is_no_wrong_unit():
     frame = table().iloc[:190]
     assert np.abs(read(frame).sensors["thigh_right"].gyr).max() < 0.1
-
-
-def test_g_passed_as_metres():
-    frame = io.recording_to_dataframe(read(table()), acc_unit="g")
-    fails(r"accelerometer of thigh_right reads (0\.99|1\.0).* it seems to be in g; pass acc_unit='g'", frame)
-
-
-def test_metres_passed_as_g():
-    fails(r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'", table(), acc_unit="g")
-
-
-def test_gravity_taken_off():
-    frame = table()
-    for placement in NEEDED:
-        frame[f"{placement}_acc_x"] -= 9.81
-    fails("gravity seems to have been taken off", frame)
-
-
-def test_a_scale_that_is_neither():
-    frame = table()
-    frame[[f"thigh_right_acc_{axis}" for axis in "xyz"]] *= 2
-    fails("accelerometer of thigh_right reads 19.* check the unit", frame)
 
 
 @pytest.mark.parametrize(
@@ -218,12 +180,6 @@ def test_unknown_units(option, message):
 # --- dead and clipped channels ---
 
 
-def test_constant_gyroscope():
-    frame = table()
-    frame[[f"thigh_right_gyr_{axis}" for axis in "xyz"]] = [1.0, 2.0, 3.0]
-    fails(r"gyroscope of thigh_right is constant at \(0.01745, 0.03491, 0.05236\) rad/s; it recorded nothing", frame)
-
-
 def test_one_constant_channel_is_a_note():
     frame = table()
     frame["shank_right_gyr_x"] = 0.0
@@ -239,57 +195,99 @@ def test_clipping_is_a_note():
     assert not any("clipped" in note for note in texts(read(table()).notes))
 
 
-# --- clocks ---
+# --- tables that are refused ---
+
+THIGH_GYR, THIGH_ACC = ([f"thigh_right_{kind}_{axis}" for axis in "xyz"] for kind in ("gyr", "acc"))
 
 
-def test_time_that_repeats():
-    frame = table()
-    frame.loc[17, "time"] = frame.loc[16, "time"]
-    fails(r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 1 such rows in all", frame)
+def waist(_):
+    return table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
 
 
-def test_time_that_runs_backwards():
-    frame = table()
-    frame.loc[300:, "time"] -= 1.0
-    fails(r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99", frame)
+def later(frame, seconds):
+    """The time of the second half moved by some seconds."""
+    return frame.assign(time=frame.time + np.where(frame.index >= 300, seconds, 0.0))
 
 
-def test_time_that_is_missing():
-    frame = table()
-    frame.loc[[5, 9], "time"] = np.nan
-    fails("time is missing in 2 rows, first in row 5", frame)
+REFUSED = {
+    "nothing measured": (
+        lambda t: t.assign(thigh_right_gyr_x=np.nan), {},
+        "recording: thigh_right has no usable sample; all 600 are missing",
+    ),
+    "degrees as radians": (
+        lambda t: t, {"gyr_unit": "rad/s"},
+        r"gyroscope of \w+ reaches \d+\.?\d* rad/s .99th percentile, given as rad/s., but nothing worn while walking "
+        "exceeds 35 rad/s: it seems to be in deg/s; pass gyr_unit='deg/s'",
+    ),
+    "g as metres": (
+        lambda t: io.recording_to_dataframe(read(t), acc_unit="g"), {},
+        r"accelerometer of thigh_right reads (0\.99|1\.0).* it seems to be in g; pass acc_unit='g'",
+    ),
+    "metres as g": (lambda t: t, {"acc_unit": "g"}, r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'"),
+    "without gravity": (
+        lambda t: t.assign(**{f"{one}_acc_x": t[f"{one}_acc_x"] - 9.81 for one in NEEDED}), {},
+        "gravity seems to have been taken off",
+    ),
+    "another scale": (
+        lambda t: t.assign(**{name: 2 * t[name] for name in THIGH_ACC}), {},
+        "accelerometer of thigh_right reads 19.* check the unit",
+    ),
+    "constant": (
+        lambda t: t.assign(**dict(zip(THIGH_GYR, [1.0, 2.0, 3.0], strict=True))), {},
+        r"gyroscope of thigh_right is constant at \(0.01745, 0.03491, 0.05236\) rad/s; it recorded nothing",
+    ),
+    "time repeats": (
+        lambda t: t.assign(time=t.time.where(t.index != 17, t.time[16])), {},
+        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 1 such rows in all",
+    ),
+    "time backwards": (
+        lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99",
+    ),
+    "time missing": (
+        lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "time is missing in 2 rows, first in row 5",
+    ),
+    "gap": (
+        lambda t: later(t, 60.0), {},
+        r"60.0 s are missing after row 299 \(the first row is 0\), more than 10 s; split the recording there",
+    ),
+    "no clock": (
+        lambda t: table(time=False), {}, "no column called 'time', so sampling_rate_hz is needed; got neither",
+    ),
+    "two clocks": (lambda t: t, {"sampling_rate_hz": 50.0}, "time stamps run at 100 Hz, but sampling_rate_hz is 50"),
+    "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
+    "milliseconds": (
+        lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"},
+        "samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms",
+    ),
+    "seconds": (
+        lambda t: t, {"time_unit": "ms"}, "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s",
+    ),
+    "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
+    "placement": (
+        lambda t: t, {"needs": ["thigh_left"]},
+        "recording lacks thigh_left_gyr_x, thigh_left_gyr_y, thigh_left_gyr_z: expected",
+    ),
+    "no known column": (
+        lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {},
+        r"expected columns such as \['thigh_right_gyr_x', .*\], found \['a', 'b'\]",
+    ),
+    "bare names": (waist, {}, "for one sensor with bare names give its place, such as placement='waist'"),
+    "no gyroscope": (
+        lambda t: t.drop(columns=THIGH_GYR), {},
+        "has thigh_right_acc_x, _y, _z but no thigh_right_gyr_x, _y, _z; a sensor needs its gyroscope",
+    ),
+    "words": (
+        lambda t: t.assign(shank_right_gyr_y="fast"), {},
+        "column 'shank_right_gyr_y' holds no numbers; its first value is 'fast'",
+    ),
+    "mapped": (lambda t: t, {"columns": {"Gx": "thigh_right_gyr_x"}}, "no column 'Gx' .named in columns."),
+}  # fmt: skip
 
 
-def test_neither_time_nor_rate():
-    fails("no column called 'time', so sampling_rate_hz is needed; got neither", table(time=False))
-
-
-def test_time_against_rate():
-    fails("time stamps run at 100 Hz, but sampling_rate_hz is 50", table(), sampling_rate_hz=50.0)
-
-
-def test_rate_that_is_none():
-    fails("sampling_rate_hz must be positive; got -1", table(time=False), sampling_rate_hz=-1.0)
-
-
-def test_milliseconds_passed_as_seconds():
-    frame = table()
-    frame["time"] *= 1000
-    fails("samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms", frame, time_unit="s")
-
-
-def test_seconds_passed_as_milliseconds():
-    fails("samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s", table(), time_unit="ms")
-
-
-def test_a_gap_too_long_to_fill():
-    frame = table()
-    frame.loc[300:, "time"] += 60.0
-    fails(r"60.0 s are missing after row 299 \(the first row is 0\), more than 10 s; split the recording there", frame)
-
-
-def test_two_samples():
-    fails("recording has 2 samples; at least 10 are needed", table().iloc[:2])
+@pytest.mark.parametrize("name", REFUSED)
+def test_tables_that_are_refused(name):
+    changed, options, message = REFUSED[name]
+    fails(message, changed(table()), **options)
 
 
 # --- columns and files ---
@@ -304,36 +302,6 @@ def test_missing_columns_list_what_was_expected_found_and_perhaps_meant():
     assert "expected columns ['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z']" in message
     assert "found ['time', 'thigh_rigth_gyr_x'" in message
     assert "did you mean 'thigh_rigth_gyr_x' for 'thigh_right_gyr_x'?" in message
-
-
-def test_a_needed_placement_that_is_not_there():
-    fails(
-        "recording lacks thigh_left_gyr_x, thigh_left_gyr_y, thigh_left_gyr_z: expected", table(), needs=["thigh_left"]
-    )
-
-
-def test_no_known_column_at_all():
-    frame = pd.DataFrame({"a": [1.0], "b": [2.0]})
-    fails(r"expected columns such as \['thigh_right_gyr_x', .*\], found \['a', 'b'\]", frame)
-
-
-def test_bare_names_without_a_placement():
-    frame = table(placements=("waist",)).rename(columns=lambda name: name.replace("waist_", ""))
-    fails("for one sensor with bare names give its place, such as placement='waist'", frame)
-
-
-def test_accelerometer_without_gyroscope():
-    frame = table().drop(columns=[f"thigh_right_gyr_{axis}" for axis in "xyz"])
-    fails("has thigh_right_acc_x, _y, _z but no thigh_right_gyr_x, _y, _z; a sensor needs its gyroscope", frame)
-
-
-def test_a_column_that_holds_no_numbers():
-    frame = table().assign(shank_right_gyr_y="fast")
-    fails("column 'shank_right_gyr_y' holds no numbers; its first value is 'fast'", frame)
-
-
-def test_a_mapped_column_that_is_not_there():
-    fails("no column 'Gx' .named in columns.", table(), columns={"Gx": "thigh_right_gyr_x"})
 
 
 @pytest.mark.parametrize(

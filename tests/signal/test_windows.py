@@ -31,13 +31,6 @@ def test_median_gradient_is_that_of_the_sample_picked():
     np.testing.assert_array_equal(gradient, [0.0, 0.0, 1.0, 0.0, 0.0])
 
 
-def test_under_jit_and_vmap_as_in_a_loop():
-    x = RNG.normal(size=(4, 30))
-    for function in (signal.median_filter, signal.moving_mean, signal.moving_std):
-        together = jax.jit(jax.vmap(lambda row, f=function: f(row, 5)))(x)
-        np.testing.assert_allclose(together, [function(row, 5) for row in x], rtol=1e-12)
-
-
 @pytest.mark.parametrize("size", [0, -3, 4])
 def test_size_must_be_odd_and_positive(size):
     with pytest.raises(ValueError, match=f"size must be odd and positive.*got {size}"):

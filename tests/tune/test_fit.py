@@ -198,20 +198,6 @@ def test_the_best_is_kept_when_the_last_is_worse():
     assert fit.last_loss > fit.best_loss
 
 
-def test_equal_calls_give_equal_bits_and_leave_their_inputs_alone():
-    before = np.array(TARGETS)
-    a, b = (tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=10) for _ in range(2))
-    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
-        assert np.array_equal(np.asarray(x), np.asarray(y), equal_nan=True)
-    assert np.array_equal(before, TARGETS)
-    assert Line(0.5, 1.0, 0.5) == START
-
-
-def test_line_search_optimizers_get_what_they_need():
-    fit = tune.fit(bowl, START, FREE, TARGETS, optax.lbfgs(), steps=15)
-    np.testing.assert_allclose(np.array(fit.params), [-3.0, 3.0, 0.2], atol=1e-5)
-
-
 def test_single_precision_stays_single():
     start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), START)
     fit = tune.fit(bowl, start, FREE, TARGETS.astype(jnp.float32), optax.adam(0.1), steps=5)
@@ -263,8 +249,3 @@ def test_forward_and_reverse_gradients_find_the_same():
     for other in fits[1:]:
         for a, b in zip(jax.tree.leaves(fits[0].params), jax.tree.leaves(other.params), strict=True):
             assert np.allclose(np.asarray(a), np.asarray(b), rtol=1e-12, atol=0)
-
-
-def test_unknown_gradient_mode_is_refused():
-    with pytest.raises(ValueError, match="gradient must be one of auto, forward, together, reverse; got 'sideways'"):
-        tune.fit(bowl, START, FREE, TARGETS, optax.adam(0.1), steps=2, gradient="sideways")

@@ -62,14 +62,7 @@ class Filled(NamedTuple):
 
 
 class Filler(NamedTuple):
-    """A method that fills gaps.
-
-    Attributes:
-        fill: the function, see the module.
-        params: default parameters.
-        transforms: transforms of the parameters.
-        needs_acc: whether the filler needs an accelerometer.
-    """
+    """A method that fills gaps: its function, see the module, with default parameters and their transforms."""
 
     fill: Callable[..., Filled]
     params: PyTree

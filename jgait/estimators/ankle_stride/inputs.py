@@ -83,13 +83,7 @@ class AnkleSignals(NamedTuple):
 
 
 class AnkleInputs(NamedTuple):
-    """Inputs of `ankle_stride.run`; every leaf is an array.
-
-    Attributes:
-        time: (T,) time of the samples [s].
-        right: signals of the right leg, or None.
-        left: signals of the left leg, or None.
-    """
+    """Inputs of `ankle_stride.run`: signals of each leg with a sensor at times (T,) [s]; every leaf is an array."""
 
     time: Times
     right: AnkleSignals | None

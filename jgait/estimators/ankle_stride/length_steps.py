@@ -36,13 +36,8 @@ class StrideLengthParams(NamedTuple):
 
 
 class Swung(NamedTuple):
-    """A swing, at the sample at which the swing ends; 0 elsewhere.
-
-    Attributes:
-        chord: SL₁ [m].
-        arc: SL₂, with its swing-time term [m].
-        angle: θ [rad].
-        duration: T_swing [s].
+    """A swing, at the sample at which it ends; 0 elsewhere: SL₁ and SL₂ [m], its angle θ [rad] and duration T_swing
+    [s].
     """
 
     chord: Values
@@ -52,14 +47,10 @@ class Swung(NamedTuple):
 
 
 class Travelled(NamedTuple):
-    """A stride, at the sample at which the stride ends; 0 elsewhere.
+    """A stride, at the sample at which it ends; 0 elsewhere: |s|, its horizontal part and its rise [m], turn, duration
+    [s].
 
-    Attributes:
-        length: |s| [m].
-        level: horizontal part of s [m].
-        rise: part of s along up [m].
-        turn: rotation about up from begin to end, left positive [rad].
-        duration: T [s].
+    The turn about up from begin to end is positive to the left [rad].
     """
 
     length: Values

@@ -51,12 +51,7 @@ class AnkleError(NamedTuple):
 
 
 class AnkleControl(NamedTuple):
-    """Readings of the sensor.
-
-    Attributes:
-        over: means over the interval that ends at the sample, and their noise, see `FootControl`.
-        rate: angular rate at the sample itself [rad/s].
-    """
+    """Mean readings over the interval up to the sample, see `FootControl`, and the rate at the sample [rad/s]."""
 
     over: FootControl
     rate: Vector

@@ -76,16 +76,9 @@ DEFAULT = DutyOptions()
 class ThighState(NamedTuple):
     """The paper's nine states: sensor relative to hip in the sagittal plane, x downward, z forward; angle, rate.
 
-    Attributes:
-        down: x [m].
-        down_velocity: ẋ [m/s].
-        down_acceleration: ẍ [m/s²].
-        forward: z [m].
-        forward_velocity: ż [m/s].
-        forward_acceleration: z̈ [m/s²].
-        velocity_bias: v = −d b, with gyroscope bias b and distance d of the sensor from the joint [m/s].
-        angle: θ₁ from hanging straight down, positive forward [rad].
-        rate: ω₁ [rad/s].
+    Positions are in m, with two derivatives each; the velocity bias is v = −d b [m/s], with gyroscope bias b and
+    distance d of the sensor from the joint; the angle is θ₁ from hanging straight down, positive forward [rad], the
+    rate ω₁ [rad/s].
     """
 
     down: Values
@@ -151,12 +144,8 @@ class ThighObservation(NamedTuple):
         acc_up: specific force along the segment, to its joint [m/s²].
         acc_forward: specific force across the segment, forward [m/s²].
         gyro: sagittal rate of the gyroscope [rad/s].
-        link_down: x minus that of the rigid link, observed as 0 [m].
-        link_forward: z minus that of the rigid link, observed as 0 [m].
-        link_down_velocity: ẋ minus that of the rigid link, observed as 0 [m/s].
-        link_forward_velocity: ż minus that of the rigid link, observed as 0 [m/s].
-        rest_down: ẍ, observed as 0 while the person stands [m/s²].
-        rest_forward: z̈, observed as 0 while the person stands [m/s²].
+        link_down: x minus that of the rigid link, observed as 0 [m]; the next three: z, ẋ and ż likewise.
+        rest_down: ẍ, observed as 0 while the person stands [m/s²]; `rest_forward`: z̈ likewise.
         swing: the angle, observed as 0 while the gyroscope is off [rad].
     """
 
@@ -197,13 +186,8 @@ class ShinObservation(NamedTuple):
 class DutyControl(NamedTuple):
     """Variances of the observations at this sample.
 
-    Attributes:
-        acc_variance: of the specific force [m²/s⁴].
-        rest_variance: of the accelerations while standing [m²/s⁴].
-        gyro_variance: of the gyroscope [rad²/s²].
-        swing_variance: of the angle as observation of the vertical [rad²].
-        thigh_angle_variance: of the thigh's angle [rad²]; the shin's filter only.
-        thigh_rate_variance: of the thigh's rate [rad²/s²]; the shin's filter only.
+    Of specific force and of accelerations while standing [m²/s⁴], of the gyroscope [rad²/s²], of the angle as
+    observation of the vertical [rad²], and, for the shin's filter only, of the thigh's angle [rad²] and rate [rad²/s²].
     """
 
     acc_variance: Values
@@ -240,16 +224,8 @@ class PlanarSegment(NamedTuple):
 
 
 class DutyInputs(NamedTuple):
-    """Inputs of `duty_cycled_gyro.model.run`; every leaf is an array, so that inputs can be padded and stacked.
-
-    Attributes:
-        thigh: the thigh's sensor, or None.
-        shank: the shin's sensor, or None.
-        time: (T,) [s].
-        dt: (T,) time since the previous sample [s]; 0 at the first.
-        still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding.
-        start_variance: variance of the angles at the first sample [rad²]; small if the recording starts standing.
+    """Inputs of `duty_cycled_gyro.model.run`: a leg's segments with a sensor; the other fields are those of
+    `LegInputs`.
     """
 
     thigh: PlanarSegment | None

@@ -148,17 +148,7 @@ class GapLeg(NamedTuple):
 
 
 class DutyCycledInputs(NamedTuple):
-    """Inputs of `duty_cycled_gyro.run`; every leaf is an array, so that inputs can be padded, stacked and mapped.
-
-    Attributes:
-        right: right leg, or None.
-        left: left leg, or None.
-        time: (T,) [s].
-        dt: (T,) time since the previous sample [s]; 0 at the first.
-        still: (T,) bool, the person stands.
-        valid: (T,) bool, False for padding.
-        start_variance: variance of the angles at the first sample [rad²].
-    """
+    """Inputs of `duty_cycled_gyro.run`; as `leg_ekf.inputs.LegInputs`."""
 
     right: GapLeg | None
     left: GapLeg | None

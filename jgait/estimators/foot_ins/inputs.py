@@ -77,13 +77,7 @@ class FootSignals(NamedTuple):
 
 
 class FootInputs(NamedTuple):
-    """Inputs of `foot_ins.run`; every leaf is an array.
-
-    Attributes:
-        time: (T,) [s].
-        right: right foot, or None.
-        left: left foot, or None.
-    """
+    """Inputs of `foot_ins.run`: signals of each foot with a sensor at times (T,) [s]; every leaf is an array."""
 
     time: Times
     right: FootSignals | None

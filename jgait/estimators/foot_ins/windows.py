@@ -31,15 +31,9 @@ _TIMES = ("start", "final_contact", "end", "standing", "standing_end")
 
 
 class Window(NamedTuple):
-    """A window of a recording; only its middle part goes into the joined estimate.
+    """A window of a recording, half-open; only its middle part, `first` to `last`, goes into the joined estimate.
 
-    Attributes:
-        start: first sample of the window.
-        stop: one past the last sample of the window.
-        first: first sample of the middle part.
-        last: one past the last sample of the middle part.
-        holds: indices of the footholds in the window.
-        join: index of the foothold at which the middle part begins.
+    `holds` are the indices of its footholds, `join` that of the foothold at which the middle part begins.
     """
 
     start: int

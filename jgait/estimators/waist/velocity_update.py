@@ -82,20 +82,11 @@ class Covered(NamedTuple):
 
 
 class _Sampled(NamedTuple):
-    """The inputs that all methods of this module share.
+    """The inputs that all methods of this module share, at samples (T,) or of cycles (K,).
 
-    Attributes:
-        acc: (T,) acceleration [m/s²].
-        steps: (T,) time since the sample before [s].
-        cycles: begin and end of the cycles.
-        at: the cycle of each sample.
-        given: (T,) bool, the velocity is known at the sample, which is outside cycles.
-        restart: (T,) bool, the velocity is known, or a cycle begins or ends: OFI restarts.
-        change: (T,) J since the restart before each sample [m/s].
-        start: (T,) the last known velocity before each sample [m/s].
-        behind: (T,) bool, that velocity was known after the last cycle ended.
-        anew: (K,) bool, a velocity was known between the cycle before and this one, or there is no cycle before.
-        begin: (K,) the last known velocity at the begin of each cycle [m/s].
+    OFI restarts where the velocity is `given`, or a cycle begins or ends; `change` is J since then [m/s], `start` the
+    last known velocity, `behind` whether that was known after the last cycle ended. `anew` (K,): a velocity was known
+    between the cycle before and this one, or there is no cycle before; `begin` (K,) is that velocity [m/s].
     """
 
     acc: Values

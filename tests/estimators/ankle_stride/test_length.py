@@ -10,8 +10,6 @@ from jgait.estimators.ankle_stride.length import StrideLengthParams
 from jgait.estimators.ankle_stride.length_steps import (
     stride_begin,
     stride_step,
-    swing_begin,
-    swing_step,
 )
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY, Vector
@@ -125,14 +123,6 @@ def test_sample_by_sample_as_over_the_recording():
         np.testing.assert_allclose(found.length, told.length[k], rtol=1e-11, atol=1e-12)
 
 
-def test_side_by_side_as_one_by_one():
-    gyr, acc = jnp.stack([GYR, 0.9 * GYR]), jnp.stack([ACC, ACC])
-    both = jax.tree.map(lambda v: jnp.stack([v, v]), AT)
-    together = jax.vmap(lambda g, a, m: stride_length.inertial(P, g, a, m, 1.0 / RATE))(gyr, acc, both)
-    for k in range(2):
-        np.testing.assert_allclose(together.length[k], inertial(P, gyr[k], acc[k], AT, 1.0 / RATE).length, rtol=1e-11)
-
-
 def test_gradients_are_those_of_differences():
     def length(values):
         p = StrideLengthParams(
@@ -181,13 +171,6 @@ def test_pendulum_knows_the_angle_of_each_swing():
     by_bias = -0.9 * np.sum(np.array([0.3, 0.4]) * (1.0 + 0.1 / np.array([0.3, 0.4])))
     expected = [scale.sum(), 0.9 * (1.0 / 0.3 + 1.2 / 0.4), -by_bias]
     np.testing.assert_allclose(jax.grad(arc)(at_values), expected, rtol=1e-9)
-
-
-def test_what_begins_a_scan_takes_one_sample():
-    zero = Vector(*(jnp.zeros(()),) * 3)
-    flags = jax.tree.map(lambda v: v[0], AT)
-    assert float(stride_step(P, stride_begin(P, zero, zero), zero, zero, flags, 0.01)[1].length) == 0.0
-    assert float(swing_step(P, swing_begin(zero), zero, flags, 0.01)[1].arc) == 0.0
 
 
 def test_single_precision_and_wrong_shapes():

@@ -10,7 +10,6 @@ from made.observability import observability_matrix, observability_rank
 from jgait import filtering, params, simulate
 from jgait.duty_cycle import power
 from jgait.estimators import leg_ekf
-from jgait.estimators.axes import pad
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DEFAULT,
@@ -186,14 +185,6 @@ def test_a_gap_widens_the_belief_and_the_truth_stays_in_it(walk, integrated, gap
     assert float(jnp.mean(found.shank.rate_stddev[off])) > 10.0 * float(jnp.mean(found.shank.rate_stddev[walking & on]))
 
 
-def test_what_the_mask_hides_changes_nothing(walk, gaps):
-    _, p = walk
-    on, inputs, found = gaps
-    other = inputs.shank._replace(gyr=jnp.where(on, inputs.shank.gyr, 1e3))
-    again = RUN(p, inputs._replace(shank=other))
-    jax.tree.map(np.testing.assert_array_equal, again, found)
-
-
 def test_samples_that_are_less_sure_weigh_less(walk, gaps):
     prepared, p = walk
     on, inputs, found = gaps
@@ -204,28 +195,6 @@ def test_samples_that_are_less_sure_weigh_less(walk, gaps):
     off = ~on & ~prepared.still
     assert float(jnp.mean(sure.shank.rate_stddev[off])) < 0.6
     assert np.all(sure.shank.rate_stddev[off] < found.shank.rate_stddev[off])
-
-
-def test_what_is_not_valid_changes_nothing_before_it(walk, gaps):
-    prepared, p = walk
-    _, inputs, found = gaps
-    end = prepared.time.size - 60
-    padding = jnp.arange(prepared.time.size) >= end
-
-    def spoilt(segment):
-        return segment._replace(
-            gyr=jnp.where(padding, -50.0, segment.gyr), acc_up=jnp.where(padding, 1e4, segment.acc_up)
-        )
-
-    cut = jax.tree.map(lambda v: np.asarray(v)[:end] if np.ndim(v) else v, inputs)
-    longer = pad(cut, prepared.time.size)
-    np.testing.assert_array_equal(longer.valid, ~np.asarray(padding))
-    # A longer program would be compiled anew; the mask is what padding comes to.
-    again = RUN(
-        p, inputs._replace(valid=jnp.asarray(longer.valid), thigh=spoilt(inputs.thigh), shank=spoilt(inputs.shank))
-    )
-    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a[:end], b[:end]), again, found)
-    assert float(again.shank.angle_stddev[-1]) > float(again.shank.angle_stddev[end - 1])
 
 
 def test_sample_by_sample_is_the_same(walk, gaps):
@@ -241,33 +210,6 @@ def test_sample_by_sample_is_the_same(walk, gaps):
         ).belief  # fmt: skip
     assert float(belief.mean.angle) == pytest.approx(float(found.thigh.angle[129]), abs=1e-10)
     assert float(belief.cov.stddev().rate) == pytest.approx(float(found.thigh.rate_stddev[129]), rel=1e-8)
-
-
-def test_a_shank_alone_side_by_side_and_the_slope_of_a_loss(walk, integrated):
-    prepared, p = walk
-    inputs = inputs_of(prepared, np.arange(prepared.time.size) % 40 < 30)._replace(thigh=None)
-
-    def loss(values):
-        shank = duty_model.run(p._replace(**values), inputs).shank
-        return jnp.mean(shank.rate**2 + shank.angle**2), shank.angle
-
-    at = {
-        name: jnp.asarray(getattr(p, name))
-        for name in ("angle_noise", "swing_noise", "joint_acceleration", "velocity_closure", "shank_sensor")
-    }
-    # Forward: the reverse mode takes the compiler six times as long.
-    slopes, angle = jax.jit(jax.jacfwd(loss, has_aux=True))(at)
-    value = jax.jit(loss)
-    np.testing.assert_allclose(angle, value(at)[1], rtol=0, atol=1e-10)
-    for name, here in at.items():
-        ends = [float(value(at | {name: here * (1.0 + s)})[0]) for s in (1e-5, -1e-5)]
-        # Differences of a sum over hundreds of filter steps keep about seven digits.
-        assert float(slopes[name]) == pytest.approx((ends[0] - ends[1]) / (2e-5 * float(here)), rel=1e-4, abs=1e-7)
-    whole = inputs._replace(shank=inputs.shank._replace(gyro_on=jnp.ones_like(inputs.shank.gyro_on)))
-    both = jax.jit(jax.vmap(duty_model.run, in_axes=(None, 0)))(p, jax.tree.map(lambda *v: jnp.stack(v), whole, inputs))
-    assert both.thigh is None
-    assert rms_deg(both.shank.angle[0] - integrated[1]) < 1.0
-    np.testing.assert_allclose(both.shank.angle[1], angle, rtol=0, atol=1e-10)
 
 
 def test_bad_input_is_refused_with_the_reason(walk):

@@ -165,29 +165,6 @@ def test_gradients_are_those_of_differences(methods):
     assert float(hard[0]) == 0.0 and float(hard[1]) == 0.0 and abs(float(hard[2])) > 1e-3
 
 
-def test_padding_and_recordings_side_by_side():
-    def one(acc, mask, cycles):
-        found = updated(P, acc, cycles, DT, mask=mask, optimum=False)
-        return found.displacement[-1], found
-
-    short, both = 900, np.array([8, int(np.sum(MARKS[1:] < 900))])
-    count = int(both[1])
-    rows = jnp.stack([WALK, jnp.where(jnp.arange(SAMPLES) < short, FASTER, 50.0)])
-    mask = jnp.stack([jnp.ones(SAMPLES, bool), jnp.arange(SAMPLES) < short])
-    there = np.arange(10)[None, :] < both[:, None]
-    cycles = Cycles(*(jnp.asarray(np.where(there, at, 0)) for at in CYCLES[:2]), jnp.asarray(both))
-    (value, found), slope = jax.jit(jax.vmap(jax.value_and_grad(one, has_aux=True)))(rows, mask, cycles)
-    fewer = Cycles(CYCLES.begin[:count], CYCLES.end[:count], count)
-    alone = jax.jit(lambda acc: updated(P, acc, fewer, DT, optimum=False))(FASTER[:short])
-    np.testing.assert_allclose(found.velocity[1, :short], alone.velocity, atol=1e-12)
-    np.testing.assert_allclose(found.length[1, :count], alone.length, atol=1e-12)
-    assert not np.any(found.length[1, count:]) and not np.any(found.start[1, count:])
-    # Behind the end nobody moves, and what is read there does not count.
-    np.testing.assert_allclose(found.displacement[1, short:], alone.displacement[-1], atol=1e-12)
-    np.testing.assert_allclose(value[1], alone.displacement[-1], atol=1e-12)
-    assert np.all(np.isfinite(slope)) and not np.any(np.asarray(slope)[1, short:])
-
-
 def test_no_cycle_is_plain_integration(methods):
     none = Cycles(jnp.zeros(3, jnp.int32), jnp.zeros(3, jnp.int32), 0)
     plain = methods["integrated"](P, WALK)
