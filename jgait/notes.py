@@ -107,11 +107,7 @@ def to_json(notes: Iterable[Note]) -> str:
 
 
 def from_json(text: str) -> tuple[Note, ...]:
-    """The notes that `to_json` wrote.
-
-    Raises:
-        ValueError: if the text is not JSON of notes.
-    """
+    """The notes that `to_json` wrote. Raises ValueError if the text is not JSON of notes."""
     try:
         return tuple(map(Note.from_dict, json.loads(text)))
     except (TypeError, KeyError, AttributeError) as error:

@@ -151,11 +151,7 @@ class Prior(NamedTuple):
 
 
 def normal(mean: float, stddev: float) -> Prior:
-    """A normal prior in natural units.
-
-    Raises:
-        ValueError: if `mean` is not finite or `stddev` not positive.
-    """
+    """A normal prior in natural units. Raises ValueError if `mean` is not finite or `stddev` not positive."""
     if not (math.isfinite(mean) and math.isfinite(stddev) and stddev > 0.0):
         raise ValueError(f"normal(mean, stddev) needs a finite mean and a positive stddev; got {mean!r}, {stddev!r}")
     return Prior(f"normal({mean:g}, {stddev:g})", lambda value: 0.5 * ((value - mean) / stddev) ** 2)

@@ -127,9 +127,6 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
         rate_hz: sampling rate [Hz].
         gyr_bias: (3,) [rad/s] subtracted from the gyroscope; None: the gyroscope's median in the longest stance.
 
-    Returns:
-        The strides.
-
     Raises:
         ValueError: if the sensor has no accelerometer, or no stance or no stride is detected; the message states which.
     """
@@ -168,9 +165,7 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
 
 
 def select(path: FootPath, keep: np.ndarray) -> FootPath:
-    """The path of a foot without the strides where `keep` (n,) is False; their lengths are subtracted from the
-    distance.
-    """
+    """The path of a foot without the strides where `keep` (n,) is False and without their lengths in the distance."""
     step = np.diff(path.distance, prepend=0.0)
     for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
         step[start : end + 1] = 0.0

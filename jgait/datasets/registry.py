@@ -87,11 +87,7 @@ class Loader(Protocol):
 
 
 def loader(name: str) -> Loader:
-    """The module of a data set.
-
-    Raises:
-        ValueError: if the data set is not known.
-    """
+    """The module of a data set. Raises ValueError if the data set is not known."""
     module: PyTree = importlib.import_module(f"jgait.datasets.{info(name).name}")
     return module
 

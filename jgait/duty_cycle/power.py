@@ -116,22 +116,14 @@ class Masks(NamedTuple):
 
 
 def check_duty(duty: float) -> None:
-    """Check that a duty cycle is within (0, 1].
-
-    Raises:
-        ValueError: if the duty cycle lies outside; 40 % is 0.4.
-    """
+    """Check that a duty cycle is within (0, 1]. Raises ValueError if the duty cycle lies outside; 40 % is 0.4."""
     if not (math.isfinite(duty) and 0.0 < duty <= 1.0):
         hint = f"; {duty:g} % is {duty / 100:g}" if math.isfinite(duty) and 1.0 < duty <= 100.0 else ""
         raise ValueError(f"duty must lie in (0, 1]: the part of the time that is measured; got {duty!r}{hint}")
 
 
 def check_sensor(sensor: Sensor) -> None:
-    """Check the powers and times of a sensor.
-
-    Raises:
-        ValueError: if a power or time is negative or not finite.
-    """
+    """Check the powers and times of a sensor. Raises ValueError if a power or time is negative or not finite."""
     for name, value in (("on", sensor.on), ("off", sensor.off), ("wake", sensor.waking), ("wake_up", sensor.wake_up)):
         if not (math.isfinite(value) and value >= 0.0):
             unit = "s" if name == "wake_up" else "W"

@@ -105,11 +105,7 @@ def _followed(plan: Schedule, count: int, rate_hz: float, warm_up: float, sensor
 
 
 def check_filler(name: str) -> Filler:
-    """A filler by name.
-
-    Raises:
-        ValueError: if there is none.
-    """
+    """A filler by name. Raises ValueError if there is none."""
     every = fillers()
     if name not in every:
         raise ValueError(f"filler must be one of {', '.join(every)}; got {name!r}")
@@ -140,9 +136,7 @@ def trusted_at_once[P](params: P) -> P:
 
 
 class _Turned(NamedTuple):
-    """A sensor's signals, the rates about the axes `rows`, of which the first is that about which the sensor turns
-    most.
-    """
+    """A sensor's signals, its rates about the axes `rows`, first that about which the sensor turns most."""
 
     gyr: Float[np.ndarray, "time 3"]
     rows: Float[np.ndarray, "3 3"]

@@ -26,9 +26,7 @@ def compiled(run: Callable[..., PyTree]) -> Callable[..., PyTree]:
 
 
 def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Estimate:
-    """An estimate without its padding, as NumPy arrays; strides, and diagnostics `per_stride`, in the order of their
-    ends.
-    """
+    """An estimate without padding, as NumPy arrays; strides, and diagnostics `per_stride`, in order of their ends."""
     result = jax.tree.map(np.asarray, result)
     padded = np.size(result.time)
 

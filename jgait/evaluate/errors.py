@@ -92,9 +92,7 @@ def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
 def trajectory_errors(
     estimate: Estimate, reference: Estimate, window: Window = None, relative_to: Window = None
 ) -> "pd.DataFrame":
-    """Root mean square error of each leg's angles and foot path.
-
-    The estimate is interpolated onto the reference's times.
+    """Root mean square error of each leg's angles and foot path, at the reference's times.
 
     Args:
         estimate: the estimate.
@@ -163,16 +161,8 @@ def foot_position_error(
     """Error of one foot's position, after the estimate is turned about the vertical and shifted onto the reference.
 
     A sensor on a foot measures neither heading nor position in the laboratory, so both are fitted. If one of the two
-    trajectories has fewer instants, both are compared at these instants.
-
-    Args:
-        estimate: with `feet` as trajectories or at single instants.
-        reference: with `feet`, likewise.
-        side: "right" or "left".
-        window: interval of the reference over which the error is computed; None for all of it.
-
-    Returns:
-        The error; None where estimate or reference does not have that foot.
+    trajectories has fewer instants, both are compared at these instants, within the window of the reference. None where
+    estimate or reference does not have that foot.
 
     Raises:
         ValueError: if they have no time, or no sample of the window, in common.

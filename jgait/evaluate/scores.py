@@ -48,7 +48,7 @@ AS_FAR = 0.1
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
-    """Scores of an estimate for a cohort, with the reference where the walk has one.
+    """Scores of an estimate, on the host and without padding, for a cohort, with the reference where the walk has one.
 
     Quantities over the times at which both are valid:
         distance_m: distance walked from the first to the last of these times.
@@ -61,13 +61,6 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
             estimate, where it has standard deviations; its reference is the share of a normal distribution.
     Also every scalar diagnostic of the estimate (`nis_right`, `log_likelihood_right` …), with the reference's
     diagnostic of the same name, and every valid stride of the reference, see `stride_rows`.
-
-    Args:
-        estimate: on the host, without padding.
-        walk: the walk; its recording may have no sensor data.
-
-    Returns:
-        See `Scores`.
 
     Raises:
         ValueError: if estimate and reference have no time in common.

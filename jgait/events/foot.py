@@ -104,7 +104,7 @@ def stances(
     factor: float = 1.5,
     erosion_s: tuple[float, float] = EROSION,
 ) -> Stances:
-    """The stances of a foot, at any speed of gait.
+    """The stances of a foot, at any speed of gait; empty if the foot never moves enough, or never comes to rest.
 
     Args:
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
@@ -113,9 +113,6 @@ def stances(
         still: least threshold on the rate; a stance extends from its valley to where the rate exceeds it [rad/s].
         factor: the threshold is at least this many times the rate of the valley [1].
         erosion_s: times removed from the start and the end of a stance [s], except at the ends of the recording.
-
-    Returns:
-        The stances; empty if the foot never moves enough, or never comes to rest.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _suppressed(*_valleys(rate), sampling_rate_hz)

@@ -202,11 +202,7 @@ def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
 
 
 def check_rate(sampling_rate_hz: float) -> None:
-    """Check that the detectors support a sampling rate.
-
-    Raises:
-        ValueError: if it is outside `RATES`.
-    """
+    """Check that the detectors support a sampling rate. Raises ValueError if it is outside `RATES`."""
     if not RATES[0] <= sampling_rate_hz <= RATES[1]:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
 

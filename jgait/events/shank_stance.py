@@ -58,9 +58,6 @@ def stances(
         end: samples at which the swings end, each before the next start.
         sampling_rate_hz: sampling rate [Hz].
 
-    Returns:
-        Instants for each swing.
-
     Raises:
         ValueError: if swings overlap.
     """

@@ -145,7 +145,7 @@ def zero_velocity(
     threshold: ArrayLike | None = None, window_s: float = WINDOW_S, mask: ArrayLike | None = None,
     gravity: float = GRAVITY,
 ) -> Array:  # fmt: skip
-    """Where a foot stands still: a detector's statistic is below a threshold.
+    """Where a foot stands still: a detector's statistic is below a threshold; False where a window has no sample.
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.
@@ -156,9 +156,6 @@ def zero_velocity(
         window_s: window [s], rounded up to an odd number of samples; static under jit.
         mask: (T,) bool, False where a sample does not count; None: all count.
         gravity: reading of the accelerometer at rest [m/s²].
-
-    Returns:
-        (T,) bool; False where a window has no sample that counts.
 
     Raises:
         ValueError: if there is no such detector, the shapes do not fit, or the recording is not longer than half a

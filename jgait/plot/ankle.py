@@ -62,9 +62,7 @@ UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
 
 
 class Machine(NamedTuple):
-    """The state machine over a recording: filtered rate [rad/s], states and events; times [s] without the filter's
-    delay.
-    """
+    """The state machine over a recording: filtered rate [rad/s], states, events; times [s] without its delay."""
 
     time: np.ndarray
     rate: np.ndarray

@@ -74,9 +74,6 @@ def bland_altman(
         level: share of differences between the limits, and coverage probability of each interval [1].
         title: above the figure.
 
-    Returns:
-        A matplotlib figure.
-
     Raises:
         ValueError: if a column or the quantity is missing, or there are fewer than two subjects.
     """
@@ -143,20 +140,9 @@ def _number(value: float) -> str:
 def per_subject(
     table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = ""
 ) -> Figure:
-    """Absolute errors of each subject: all errors, the middle half, the median and the worst, sorted by median.
+    """Absolute errors of each subject: all errors, the middle half, the median and the worst, the best subject on top.
 
-    Args:
-        table: long, with columns `quantity`, `estimate`, `reference` and `by`; rows that are not finite are left out.
-        quantity: name of the quantity.
-        unit: of estimate and reference, for the axis.
-        by: column that names the subject.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure; the best subject on top.
-
-    Raises:
-        ValueError: if a column or the quantity is missing.
+    Table, quantity, unit and errors as `bland_altman`, but one subject is enough.
     """
     rows = _rows(table, quantity, by)
     size = (rows["estimate"] - rows["reference"]).abs().astype(float)
@@ -201,7 +187,7 @@ def before_after(
     seed: int = 0,
     title: str = "",
 ) -> Figure:
-    """Each subject's error before and after a change, sorted by the error before.
+    """Each subject's error before and after a change, the largest before on top, dashed where the error increased.
 
     Args:
         table: columns `by`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
@@ -210,9 +196,6 @@ def before_after(
         by: column that names the subject.
         seed: seed of the interval in the title; see `jgait.evaluate.paired_difference`.
         title: above the figure, before the numbers.
-
-    Returns:
-        A matplotlib figure; the largest error before on top, dashed where the error increased.
 
     Raises:
         ValueError: if a column is missing, a value is not finite or there are fewer than two subjects.

@@ -19,11 +19,7 @@ SERIES = (("length", "length [m]", 1.0), ("width", "width [cm]", 100.0), ("heigh
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
-    """Side → trajectory of each foot in the estimate.
-
-    Raises:
-        ValueError: if the estimate has no foot.
-    """
+    """Side → trajectory of each foot in the estimate. Raises ValueError if the estimate has no foot."""
     feet = {} if estimate.feet is None else {side: getattr(estimate.feet, side) for side in SIDES}
     feet = {side: foot for side, foot in feet.items() if foot is not None}
     if not feet:

@@ -142,11 +142,7 @@ def trunk_contacts(
 
 
 def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Side → times of its initial contacts [s].
-
-    Raises:
-        ValueError: if the estimate has no contacts.
-    """
+    """Side → times of its initial contacts [s]. Raises ValueError if the estimate has no contacts."""
     diagnostics = estimate.diagnostics
     if "initial_contact" not in diagnostics or "initial_contact_side" not in diagnostics:
         raise ValueError("the estimate has no initial contacts at the trunk; it should be an estimate of `waist`")

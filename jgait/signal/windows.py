@@ -38,11 +38,7 @@ def median_filter(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "
 
 
 def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h.
-
-    Raises:
-        ValueError: as `median_filter`.
-    """
+    """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h. Raises ValueError as `median_filter`."""
     padded = _reflected(x, size)
     window = (size,) + (1,) * (padded.ndim - 1)
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.

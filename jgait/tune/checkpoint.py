@@ -41,9 +41,7 @@ def _text(part: object) -> str:
 
 
 def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
-    """Write a pytree of arrays with the fingerprint of its fit; an existing file stays intact until the new one is
-    complete.
-    """
+    """Write a pytree of arrays with the fingerprint of its fit; an existing file stays intact until then."""
     path.parent.mkdir(parents=True, exist_ok=True)
     leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
     meta = json.dumps({"format": FORMAT, "mark": mark, "leaves": len(leaves)})

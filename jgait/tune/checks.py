@@ -135,11 +135,7 @@ def start(params: PyTree, transforms: PyTree) -> PyTree:
 
 
 def check_loss(loss: Callable[..., PyTree], params: PyTree, item: PyTree) -> PyTree:
-    """The dtype of the loss of one item.
-
-    Raises:
-        ValueError: if the loss does not return one floating-point number.
-    """
+    """The dtype of the loss of one item. Raises ValueError if the loss does not return one floating-point number."""
     out = jax.eval_shape(loss, params, item)
     leaves = jax.tree.leaves(out)
     if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):

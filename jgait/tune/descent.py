@@ -53,9 +53,7 @@ class Carry(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """The history of one step: loss and norm of the gradient before it, whether it was kept, the score after it, or
-    NaN.
-    """
+    """The history of one step: loss and norm of the gradient before it, whether it was kept, its score or NaN."""
 
     loss: Values
     norm: Values

@@ -72,9 +72,7 @@ class Fit[P](NamedTuple):
 
 
 def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float) -> PyTree:
-    """Random starts with a leading axis (count,): the first is `free`, the others have noise of deviation `spread`
-    added.
-    """
+    """Random starts with a leading axis (count,): `free` first, the others with noise of deviation `spread`."""
     if count == 1:
         return jax.tree.map(lambda leaf: leaf[None], free)
     leaves, structure = jax.tree.flatten(free)
@@ -101,11 +99,7 @@ def optimizer_mark(optimizer: optax.GradientTransformation, free: PyTree) -> PyT
 def check_settings(
     steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int
 ) -> None:
-    """Raise if a setting is not possible.
-
-    Raises:
-        ValueError: if a setting is not possible; the message names it.
-    """
+    """Raise ValueError if a setting is not possible; the message names it."""
     if steps < 1 or (chunk is not None and chunk < 1):
         raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
     if starts < 1:
@@ -142,11 +136,7 @@ def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
 
 
 def supported(optimizer: optax.GradientTransformation) -> PyTree:
-    """The optimiser with support for extra arguments.
-
-    Raises:
-        TypeError: if it is not an optax optimiser.
-    """
+    """The optimiser with support for extra arguments. Raises TypeError if it is not an optax optimiser."""
     if not isinstance(optimizer, optax.GradientTransformation):
         raise TypeError(f"optimizer must come from optax, such as optax.adam(0.05); got {optimizer!r}")
     return optax.with_extra_args_support(optimizer)

@@ -55,10 +55,6 @@ def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> C
 
 
 def check_mode(gradient: str) -> None:
-    """Raise if `gradient` is not one of `GRADIENTS`.
-
-    Raises:
-        ValueError: the message lists `GRADIENTS`.
-    """
+    """Raise ValueError if `gradient` is not one of `GRADIENTS`, which the message lists."""
     if gradient not in GRADIENTS:
         raise ValueError(f"gradient must be one of {', '.join(GRADIENTS)}; got {gradient!r}")

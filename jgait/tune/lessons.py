@@ -109,15 +109,9 @@ class _Item(NamedTuple):
 
 
 def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
-    """An estimate at other times, linear between its samples.
+    """An estimate at other times (T,) [s], linear between its samples; valid between valid samples.
 
-    Args:
-        estimate: of any source.
-        time: (T,) [s].
-
-    Returns:
-        Angles, positions and distance at `time`; valid between valid samples. Of the diagnostics only scalars are kept;
-        strides do not change.
+    Of the diagnostics only scalars are kept; strides do not change.
     """
     theirs, ours = as_float(estimate.time), as_float(time)
     # Times that differ by rounding only, at either end, count as equal.
@@ -169,11 +163,7 @@ def _item(
     windows: Callable[[Walk, Prepared[PyTree]], Windows] | None,
     reference: bool,
 ) -> _Item:
-    """A lesson of one walk.
-
-    Raises:
-        RecordingError: if the walk cannot be used.
-    """
+    """A lesson of one walk. Raises RecordingError if the walk cannot be used."""
     if reference and walk.reference is None:
         raise RecordingError("there is no reference to learn from")
     made = estimator.prepare(walk.recording)

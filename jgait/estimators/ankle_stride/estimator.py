@@ -203,12 +203,7 @@ def prepared(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[
 
 
 def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAULT) -> Estimate:
-    """Strides of the legs of one recording.
-
-    Args:
-        p: parameters.
-        recording: a sensor at one or both ankles, or on one or both shanks.
-        options: which parts are on.
+    """Strides of the legs of one recording, with a sensor at one or both ankles, or on one or both shanks.
 
     Returns:
         An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `instants_right` and `instants_left` are

@@ -59,9 +59,7 @@ __all__ = ["Marks", "StrideLengthParams", "Swung", "Travelled", "inertial", "mar
 
 
 def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
-    """Low-pass of a (T, 3) signal without delay, for the inertial methods; the paper's cut-off is 4 Hz, None has no
-    filter.
-    """
+    """Low-pass of a (T, 3) signal without delay, for the inertial methods; the paper has 4 Hz, None no filter."""
     values = jnp.asarray(signal)
     return values if cutoff_hz is None else butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz)
 

@@ -36,9 +36,7 @@ class StrideLengthParams(NamedTuple):
 
 
 class Swung(NamedTuple):
-    """A swing, at the sample at which it ends; 0 elsewhere: SL₁ and SL₂ [m], its angle θ [rad] and duration T_swing
-    [s].
-    """
+    """A swing, at the sample at which it ends; 0 elsewhere: SL₁, SL₂ [m], angle θ [rad], duration T_swing [s]."""
 
     chord: Values
     arc: Values

@@ -147,9 +147,7 @@ def initial(p: FootModelParams) -> Belief:
 def standing_belief(
     attitude: Quaternion, velocity: Vector, gyr_bias: Vector, lever: Vector, variances: AnkleError
 ) -> Belief:
-    """The belief at a stance, before its sample: the sensor's velocity in the world [m/s], its lever from the ankle
-    [m].
-    """
+    """The belief at a stance, before its sample: the sensor's velocity [m/s] and lever from the ankle [m]."""
     zero = 0.0 * gyr_bias.x
     nothing = Vector(zero, zero, zero)
     mean = AnkleState(nothing, velocity, attitude, gyr_bias, nothing, lever)

@@ -104,11 +104,7 @@ DEFAULT = AnkleOptions()
 
 
 def check_options(options: AnkleOptions) -> None:
-    """Raise an error for unknown options.
-
-    Raises:
-        ValueError: naming what there is and what came.
-    """
+    """Raise ValueError for unknown options, naming what there is and what came."""
     for name, known in (("length", LENGTHS), ("detector", DETECTORS), ("site", SITES)):
         if getattr(options, name) not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")

@@ -224,9 +224,7 @@ class PlanarSegment(NamedTuple):
 
 
 class DutyInputs(NamedTuple):
-    """Inputs of `duty_cycled_gyro.model.run`: a leg's segments with a sensor; the other fields are those of
-    `LegInputs`.
-    """
+    """Inputs of `duty_cycled_gyro.model.run`: a leg's segments with a sensor; other fields as `LegInputs`."""
 
     thigh: PlanarSegment | None
     shank: PlanarSegment | None

@@ -181,12 +181,7 @@ def prepared(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[F
 
 
 def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT) -> Estimate:
-    """Trajectories and strides of the feet of one recording.
-
-    Args:
-        p: parameters.
-        recording: sensors on one or both feet.
-        options: which parts of the method are used.
+    """Trajectories and strides of the feet of one recording, with sensors on one or both feet.
 
     Returns:
         An `Estimate`; `diagnostics["notes"]` lists decisions made in `prepare`, `footholds_right` and `footholds_left`

@@ -49,11 +49,7 @@ REACH = 0.3
 
 
 def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, ...]:
-    """The sides with a foot sensor.
-
-    Raises:
-        RecordingError: if neither foot has a sensor.
-    """
+    """The sides with a foot sensor. Raises RecordingError if neither foot has a sensor."""
     sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
     if not sides:
         raise RecordingError(

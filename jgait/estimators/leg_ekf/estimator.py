@@ -235,14 +235,11 @@ def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Le
 
 
 def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) -> Estimate:
-    """Hip and knee angles, foot position and distance of one recording.
+    """Hip and knee angles, foot position and distance of one recording, with thigh and shank sensors of one or both
+    legs.
 
-    Without accelerometers the inclination filter is not used, and a note states it.
-
-    Args:
-        p: parameters; at least the leg lengths should be measured on the person.
-        recording: thigh and shank sensors of one or both legs.
-        options: which improvements are on.
+    At least the leg lengths of the parameters should be measured on the person. Without accelerometers the inclination
+    filter is not used, and a note states it.
 
     Returns:
         An `Estimate`; `diagnostics["notes"]` lists the decisions made in `prepare`.

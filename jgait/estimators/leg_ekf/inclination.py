@@ -198,9 +198,7 @@ def run(
 
 
 def prior(bias: Vector, start_variance: Values) -> Belief:
-    """The belief before the first sample: segment vertical, gyroscope bias at rest [rad/s], variance of the direction
-    [rad²].
-    """
+    """The belief before the first sample: segment vertical [variance in rad²], gyroscope bias at rest [rad/s]."""
     zero = jnp.zeros_like(bias.z)
     spread = Vector(*(zero + start_variance,) * 3)
     mean = InclinationState(Vector(zero, zero, zero + 1.0), bias)

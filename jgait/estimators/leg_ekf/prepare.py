@@ -29,11 +29,7 @@ LONG_GAP = 0.3
 
 
 def worn_sides(recording: Recording) -> tuple[str, ...]:
-    """The sides on which both thigh and shank are measured.
-
-    Raises:
-        RecordingError: if neither side has both sensors.
-    """
+    """The sides on which both thigh and shank are measured. Raises RecordingError if neither side has both sensors."""
     sides = tuple(s for s in SIDES if f"thigh_{s}" in recording.sensors and f"shank_{s}" in recording.sensors)
     if not sides:
         missing = [p for p in ("thigh_right", "shank_right") if p not in recording.sensors]
@@ -110,11 +106,7 @@ def orient(
     perpendicular: bool = True,
     estimator: str = "leg_ekf",
 ) -> tuple[LegSignals, list[Note]]:
-    """One leg's signals in segment axes, and notes.
-
-    Raises:
-        RecordingError: if the shank never moves as in walking.
-    """
+    """One leg's signals in segment axes, and notes. Raises RecordingError if the shank never moves as in walking."""
     worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
     segments = {}
     for segment, axes in worn.rows.items():

@@ -114,9 +114,7 @@ def estimator(
     options: WidthOptions = DEFAULT, foot_params: FootParams = FootParams(),
     foot_options: FootOptions = foot_ins.DEFAULT, start_heading: tuple[float, float] | None = None,
 ) -> Estimator[WidthParams, WidthInputs]:  # fmt: skip
-    """This estimator as a record of functions; `prepare` estimates the trajectories of the feet. Arguments as
-    `estimate`.
-    """
+    """This estimator as a record of functions; `prepare` estimates the feet's trajectories. Arguments as `estimate`."""
 
     def ready(recording: Recording) -> Prepared[WidthInputs]:
         own, stances = feet_of(recording._replace(notes=()), foot_params, foot_options)
@@ -167,23 +165,12 @@ def estimate_from_feet(
     *,
     start_heading: tuple[float, float] | None = None,
 ) -> Estimate:
-    """Stride widths of one recording, given both feet's trajectories.
+    """Stride widths of one recording, given both feet's trajectories; arguments and errors as `prepare_from_feet`.
 
-    Args:
-        p: parameters; at least the range's offset should be measured on the person.
-        time: (T,) [s].
-        feet: trajectories, each in a separate world frame with a vertical z axis.
-        stances: for the right and the left foot the samples in the middle of its stances.
-        feet_range: distance from the inner side of the left ankle to the right leg, or None.
-        options: options of the width estimate.
-        start_heading: see `prepare_from_feet`.
+    At least the range's offset of the parameters should be measured on the person.
 
     Returns:
         As `run`, strides without padding; `diagnostics["notes"]` lists the decisions made in `prepare_from_feet`.
-
-    Raises:
-        RecordingError: see `prepare_from_feet`.
-        ValueError: a parameter outside its range.
     """
     params.check_params(p, TRANSFORMS)
     made = prepare_from_feet(time, feet, stances, feet_range, options, start_heading=start_heading)

@@ -144,12 +144,7 @@ def prepared(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[
 
 
 def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
-    """Contacts, strides and distance of one recording.
-
-    Args:
-        p: parameters.
-        recording: a sensor at the waist, on the lower back or on the pelvis.
-        options: which parts are on.
+    """Contacts, strides and distance of one recording with a sensor at the waist, on the lower back or on the pelvis.
 
     Returns:
         An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `initial_contact` and

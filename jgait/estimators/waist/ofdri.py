@@ -93,17 +93,10 @@ def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
 def direct(
     acc: ArrayLike, start: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0, mask: ArrayLike | None = None
 ) -> Array:
-    """OFI of one cycle, or of a whole recording: v_i + J(t).
+    """OFI of one cycle, or of a whole recording: v_i + J(t), (T,) [m/s]; in the padding, that of the last sample.
 
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        start: v_i, velocity at the first sample [m/s].
-        dt: sample time [s], or (T,) time from the sample before.
-        cutoff_hz: f_c [Hz].
-        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
-
-    Returns:
-        (T,) velocity [m/s]; in the padding, that of the last sample.
+    `acc` (T,) [m/s²] is finite, `dt` the sample time or (T,) the time from the sample before [s]; `mask` is False in
+    padding.
 
     Raises:
         ValueError: if there is no sample, they are not floating point, or dt or mask do not fit.
@@ -115,22 +108,9 @@ def direct_reverse(
     acc: ArrayLike, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
     beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
 ) -> Array:  # fmt: skip
-    """OFDRI of one cycle whose first and last velocity are known.
+    """OFDRI (T,) [m/s] of one cycle whose first and last velocity v_i and v_f [m/s] are known; in the padding, v_f.
 
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        start: v_i, velocity at the first sample [m/s].
-        end: v_f, velocity at the last sample [m/s].
-        dt: sample time [s], or (T,) time from the sample before.
-        cutoff_hz: f_c [Hz].
-        beta: β of the weight [1].
-        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
-
-    Returns:
-        (T,) velocity [m/s]; in the padding, v_f.
-
-    Raises:
-        ValueError: as `direct`.
+    Other arguments and errors as `direct`.
     """
     found = since(*signal_and_steps(acc, dt, mask), cutoff_hz)
     return start + found.change - weight(_part(found.time, found.time[-1]), beta) * (start + found.change[-1] - end)

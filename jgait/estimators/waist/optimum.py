@@ -29,20 +29,9 @@ GRID, REFINED = 16, 6
 def optimum_cutoff(
     acc: ArrayLike, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST, mask: ArrayLike | None = None
 ) -> Array:
-    """The cut-off by the optimum rule, of one cycle.
+    """The cut-off f_c [Hz] by the optimum rule, of one cycle, from 0 to f_max.
 
-    Args:
-        acc: (T,) acceleration [m/s²], finite.
-        change: v_f − v_i, known change of the velocity over the cycle [m/s].
-        dt: sample time [s], or (T,) time from the sample before.
-        highest_hz: f_max [Hz].
-        mask: (T,) bool, False in the padding behind the last sample; None: no padding.
-
-    Returns:
-        f_c [Hz], from 0 to f_max.
-
-    Raises:
-        ValueError: as `direct`.
+    `change` is v_f − v_i over the cycle [m/s]; other arguments and errors as `direct`.
     """
     values, steps = signal_and_steps(acc, dt, mask)
     data = (values, steps, jnp.asarray(change, values.dtype))

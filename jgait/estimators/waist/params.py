@@ -133,11 +133,7 @@ PAPER = WaistOptions(distance="update", detector="paper")
 
 
 def check_options(options: WaistOptions) -> None:
-    """Raise an error for unknown options.
-
-    Raises:
-        ValueError: naming what there is and what came.
-    """
+    """Raise ValueError for unknown options, naming what there is and what came."""
     for name, known in (("distance", DISTANCES), ("detector", tuple(DETECTORS)), ("site", SITES)):
         if getattr(options, name) not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")

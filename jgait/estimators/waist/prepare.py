@@ -48,11 +48,7 @@ NO_NODES = waist_bouts.nodes([])
 
 
 def placement_of(recording: Recording, site: str = "auto") -> str:
-    """The placement whose sensor is used.
-
-    Raises:
-        RecordingError: if the recording has none.
-    """
+    """The placement whose sensor is used. Raises RecordingError if the recording has none."""
     wanted = SITES[1:] if site == "auto" else (site,)
     for name in wanted:
         if name in recording.sensors:
