@@ -15,7 +15,24 @@ Severity = Literal["stop", "check", "corrected", "info"]
 SEVERITIES: tuple[Severity, ...] = ("stop", "check", "corrected", "info")
 """Gravest first: do not use the result, doubt the result, an error was corrected, a fact about the data's origin."""
 
+LONGEST = 600
+"""[characters] Longest sentence of a note; of a longer one the middle is left out."""
+
 Value = str | int | float | bool | tuple[str, ...]
+
+
+def printable(text: str, most: int | None = None) -> str:
+    """A text in which control characters are written as their codes, and whose middle is left out if it is long.
+
+    Args:
+        text: any text, such as a name in a file.
+        most: largest number of characters; None: any number.
+    """
+    if most is not None and len(text) > most:
+        text = f"{text[: 2 * most // 3]} … {text[-(most // 3 - 3) :]}"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in text)
 
 
 class Kind(NamedTuple):
@@ -73,7 +90,7 @@ class Note:
     def text(self) -> str:
         """The fact as a sentence without its full stop."""
         shown = {name: ", ".join(each) if isinstance(each, tuple) else each for name, each in self.values.items()}
-        return self.kind.text.format(**shown)
+        return printable(self.kind.text.format(**shown), LONGEST)
 
     def __str__(self) -> str:
         return self.text

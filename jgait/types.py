@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
-from jgait.notes import Note
+from jgait.notes import Note, printable
 
 AnyArray = Array | np.ndarray
 """A JAX array, or a NumPy array on the host: `Float[AnyArray, "time 3"]`."""
@@ -238,15 +238,19 @@ class RecordingError(ValueError):
         template: the message, with `{argument}` for the argument of a reader that would prevent the error.
         argument: the argument, such as "gyr_unit"; empty: no argument prevents the error.
         value: value that the argument should have; empty: only the caller can know the value.
+        LONGEST: [characters] longest message; of a longer one the middle is left out.
     """
+
+    LONGEST = 300
 
     def __init__(self, template: str, *, argument: str = "", value: str | dict[str, str] = "") -> None:
         self.template, self.argument, self.value = template, argument, value
         super().__init__(self.with_argument(f"{argument}={value!r}" if value else argument))
 
     def with_argument(self, name: str) -> str:
-        """The message with another name of the argument, such as an option of a command."""
-        return self.template.replace("{argument}", name) if self.argument else self.template
+        """The message with another name of the argument, such as an option of a command; at most `LONGEST`."""
+        text = self.template.replace("{argument}", name) if self.argument else self.template
+        return printable(text, self.LONGEST)
 
 
 def reason_of(error: BaseException) -> str:

@@ -88,6 +88,7 @@ class Source(NamedTuple):
         marks: name → the inputs of its result, so that a run that continues detects changed inputs.
         failures: (name, reason) of rows that cannot be items.
         notes: notes for the user.
+        files: files of the user that are read.
     """
 
     title: str
@@ -96,6 +97,7 @@ class Source(NamedTuple):
     marks: dict[str, str]
     failures: list[tuple[str, str]]
     notes: list[Note]
+    files: Sequence[Path] = ()
 
     def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
         """Yields the walks one by one; walks that cannot be read are added to the failures."""
@@ -275,7 +277,8 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
             rows[file] = row
     notes = _notes(names, rows, measures)
     marks = {file: _mark(path.parent / file, row) for file, row in rows.items()}
-    return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes)
+    return Source(path.name, list(rows), _Files(path.parent, rows, gyr_unit, acc_unit), marks, failures, notes,
+                  [path.parent / file for file in rows])  # fmt: skip
 
 
 def _notes(names: list[str], rows: dict[str, dict[str, str]], measures: Sequence[str]) -> list[Note]:

@@ -1,6 +1,5 @@
 """`jgait demo`: estimate, compare, tune and judge, on simulated and on real walks."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands.console import Bar, console, progress, stop, write_json
+from jgait.commands.folder import results_folder
 
 if TYPE_CHECKING:
     from jgait.commands.demo_run import Demo
@@ -57,14 +57,19 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             stop(f"neura_sparse could not be fetched: {error}")
-    parts: list[Callable[[Bar], Demo]] = [lambda bar: demo_run.simulated(out, bar, subjects=subjects, steps=steps)]
-    if dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse")):
-        parts.append(lambda bar: demo_run.neura_sparse(out, bar, steps=steps))
+    real = dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse"))
     # Most of the time goes into compiling, which two threads do side by side.
-    with progress() as bars, ThreadPoolExecutor(len(parts)) as pool:
-        running = [pool.submit(part, Bar(bars)) for part in parts]
+    with (
+        results_folder(out, "demo", None, json_file=json_file) as folder,
+        progress() as bars,
+        ThreadPoolExecutor(2) as pool,
+    ):
+        running = [pool.submit(demo_run.simulated, folder.stage, Bar(bars), subjects=subjects, steps=steps)]
+        if real:
+            running.append(pool.submit(demo_run.neura_sparse, folder.stage, Bar(bars), steps=steps))
         try:
             results = [task.result() for task in running]
+            figures = folder.publish([figure for result in results for figure in result.figures])
         except OSError as error:
             stop(f"the figures could not be written to {out}: {error}")
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")
@@ -75,6 +80,6 @@ def demo(
         console.print(
             "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
         )
-    console.print("figures: " + ", ".join(str(path) for result in results for path in result.figures), soft_wrap=True)
+    console.print("figures: " + ", ".join(map(str, figures)), soft_wrap=True)
     rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
     write_json(json_file, rows)

@@ -13,6 +13,7 @@ from rich.table import Table
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings, results
 from jgait.commands.console import Bar, console, errors, note, progress, stop, write_json
+from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import EstimatedRecording
@@ -57,7 +58,12 @@ def estimate(
     )  # fmt: skip
     about = choice.estimator.about
     table = results.printed_table(estimator + (", the paper's pipeline" if paper else ""), about)
-    numbers, failures = _each(files, read, choice, p, table, out)
+    names = _names(files)
+    planned = {output: str(file.resolve()) for file, name in names.items() for output in results.planned(about, name)}
+    if len(planned) < len(names) * len(results.planned(about, "")):
+        stop("two of these files have results of the same names; give them different --out")
+    with results_folder(out, "estimate", None, planned=planned, inputs=[*files, params], json_file=json_file) as folder:
+        numbers, failures = _each(names, read, choice, p, table, folder)
     if table.rows:
         console.print(table)
         console.print(about.caption.format(**choice.settings), style="dim")
@@ -67,14 +73,28 @@ def estimate(
         raise typer.Exit(1 if len(failures) < len(files) else 2)
 
 
+def _names(files: list[Path]) -> dict[Path, str]:
+    """File → the first part of the names of its results: its stem, after its folder's name where others share it."""
+    stems = [file.stem.casefold() for file in files]
+    names = {
+        file: file.stem if stems.count(stem) == 1 else f"{file.resolve().parent.name}_{file.stem}"
+        for file, stem in zip(files, stems, strict=True)
+    }
+    if len({name.casefold() for name in names.values()}) < len(files):
+        shared = ", ".join(str(file) for file, stem in zip(files, stems, strict=True) if stems.count(stem) > 1)
+        stop(f"the results of these files would have the same names: {shared}; estimate each into another --out")
+    return names
+
+
 def _each(
-    files: list[Path], read: Callable[[Path], Recording], choice: Choice, p: PyTree, table: Table, out: Path
-) -> tuple[dict[str, PyTree], dict[str, str]]:
+    names: dict[Path, str], read: Callable[[Path], Recording], choice: Choice, p: PyTree, table: Table,
+    folder: ResultsFolder,
+) -> tuple[dict[str, PyTree], dict[str, str]]:  # fmt: skip
     """Estimate, write and print every file: file → numbers, and file → the reason why it could not be used."""
     about = choice.estimator.about
     numbers: dict[str, Any] = {}
     failures: dict[str, str] = {}
-    for file in files:
+    for file, name in names.items():
         try:
             with progress() as bars:
                 Bar(bars)(f"{file.name}: reading and computing; the first recording takes longest", 0, None)
@@ -87,14 +107,13 @@ def _each(
             failures[str(file)] = reason
             continue
         try:
-            out.mkdir(parents=True, exist_ok=True)
             made = EstimatedRecording(recording, result, p, choice.settings)
-            written = results.written(made, about, out, file.stem)
+            written = folder.publish(results.written(made, about, folder.stage, name))
         except OSError as error:
-            stop(f"nothing more could be written to {out}: {error}")
+            stop(f"nothing more could be written to {folder.path}: {error}")
         for line in result.diagnostics["notes"]:
             note(f"{file.name}: {line}")
-        for row in results.printed_rows(result, about, file.stem):
+        for row in results.printed_rows(result, about, name):
             table.add_row(*row)
         numbers[str(file)] = results.numbers(result, about, written)
         console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)

@@ -1,9 +1,7 @@
 """`jgait evaluate`: an estimator on a whole cohort, compared with its reference."""
 
 import functools
-import json
 import math
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +12,7 @@ from rich.table import Table
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, write_json
+from jgait.commands.folder import results_folder
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.report.cohort import DRAWN
 from jgait.report.recording import CURVES, readable
@@ -22,6 +21,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from jgait.evaluate import Cohort
+
+TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
+FIGURES = ("agreement", "per_subject")
+PLANNED = (
+    *(f"{name}.csv" for name in TABLES),
+    *(f"{quantity.rpartition('_')[0]}_{figure}.png" for quantity in DRAWN for figure in FIGURES),
+)
+"""Names of the files that the command may write."""
 
 
 def evaluate(
@@ -56,63 +63,42 @@ def evaluate(
     body_of = functools.partial(cohorts.body, measures=measures)
     for line in source.notes:
         note(line)
-    _take_up(out, source.marks, fresh)
-    with progress() as bars:
-        bar, total = Bar(bars), len(source.items)
-        bar("reading and computing", 0, total)
+    read = [table, params, *source.files]
+    with results_folder(
+        out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
+    ) as folder:
+        if any((out / "run").glob("part-*-*")):
+            console.print(
+                f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
+            )
+        with progress() as bars:
+            bar, total = Bar(bars), len(source.items)
+            bar("reading and computing", 0, total)
+            try:
+                results = evaluation.cohort(
+                    pipeline, source.items, start, own=body_of, read=source.read, out=out / "run", batch=batch,
+                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+                )  # fmt: skip
+            except OtherEvaluationError as error:
+                stop(f"{error}; --fresh starts anew")
+            except (ValueError, OSError) as error:
+                stop(str(error))
+        results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
+        failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
+        say_failures(failures)
+        if not len(results.recordings):
+            stop(f"none of the {len(failures)} recordings of {source.title} could be used")
+        agreement = results.agreement()
         try:
-            results = evaluation.cohort(
-                pipeline, source.items, start, own=body_of, read=source.read, out=out / "run", batch=batch,
-                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-            )  # fmt: skip
-        except OtherEvaluationError as error:
-            stop(f"{error}; --fresh starts anew")
-        except (ValueError, OSError) as error:
-            stop(str(error))
-    results = evaluation.Cohort(*(rows[rows["recording"].isin(source.marks)] for rows in results))
-    failures = source.failures + list(zip(results.failures["recording"], results.failures["reason"], strict=True))
-    say_failures(failures)
-    if not len(results.recordings):
-        stop(f"none of the {len(failures)} recordings of {source.title} could be used")
-    agreement = results.agreement()
-    try:
-        files = _write(out, results, agreement, failures)
-    except OSError as error:
-        stop(f"nothing more could be written: {error}")
+            files = folder.publish(_write(folder.stage, results, agreement, failures))
+        except OSError as error:
+            stop(f"nothing more could be written: {error}")
     _write_json(json_file, pipeline.name, results, agreement, failures, files)
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
     console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
         raise typer.Exit(1)
-
-
-def _take_up(out: Path, marks: dict[str, str], fresh: bool) -> None:
-    """Make the folder, or check that the results in it have the same inputs; exits with code 2 if they differ."""
-    from jgait.io.atomic import write_text
-
-    kept = out / "run" / ".inputs.json"
-    if fresh and (out / "run").is_dir():
-        shutil.rmtree(out / "run")
-    try:
-        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
-        changed = [name for name, mark in marks.items() if before.get(name, mark) != mark]
-        if changed:
-            name = changed[0]
-            stop(
-                f"{out} holds results of other inputs: {name} was “{before[name]}”, now “{marks[name]}”"
-                + (f", and {len(changed) - 1} more changed" if len(changed) > 1 else "")
-                + "; give another --out, or --fresh to start anew"
-            )
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        write_text(kept, json.dumps({**before, **marks}, indent=1, ensure_ascii=False))
-    except (OSError, ValueError) as error:
-        stop(f"{out} cannot be used: {error}")
-    done = sum(1 for _ in (out / "run").glob("part-*-*"))
-    if done:
-        console.print(
-            f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
-        )
 
 
 def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:

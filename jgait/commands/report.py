@@ -12,6 +12,7 @@ from jaxtyping import PyTree
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
+from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
 from jgait.types import Estimate, Recording
@@ -60,6 +61,9 @@ def report(
     """
     if out.suffix.lower() not in ENDINGS:
         stop(f"--out is the name of a page and ends with .html; got {out.name!r}")
+    keep_inputs([out, json_file], [what, params])
+    if json_file is not None and json_file.resolve() == out.resolve():
+        stop(f"--json and --out are the same file: {out}")
     placement, placements = recordings.places_of(place)
     files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
              "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
@@ -76,7 +80,9 @@ def report(
         given = [option.option.name for option in own_options().values() if own[option.variable] is not None]
         if given:
             stop(f"{given[0]} is of one recording; for a cohort put a column into its table")
-        page, failures = _of_cohort(what, dataset, simulated, seed, estimator, paper, params, files, command)
+        page, failures = _of_cohort(
+            what, dataset, simulated, seed, estimator, paper, params, files, command, (out, json_file)
+        )
     _write(page, out, json_file)
     if show:
         webbrowser.open(out.resolve().as_uri())
@@ -156,7 +162,7 @@ def _estimated(choice: Choice, p: PyTree, walked: Recording) -> Estimate:
 
 def _of_cohort(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
-    params: Path | None, files: dict[str, Any], command: str,
+    params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
 ) -> tuple["Report", list[tuple[str, str]]]:  # fmt: skip
     """The page of a cohort whose results are computed now."""
     import functools
@@ -168,6 +174,7 @@ def _of_cohort(
     start = start_of(pipeline, params, paper)
     measures = measures_of(pipeline)
     source = cohorts.source(table, dataset, simulated, seed, files["gyr_unit"], files["acc_unit"], measures)
+    keep_inputs(outputs, source.files)
     for line in source.notes:
         note(line)
     body_of = functools.partial(cohorts.body, measures=measures)
@@ -198,6 +205,8 @@ def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, st
     from jgait.report import folder as folders
 
     try:
+        if unfinished(folder, "evaluate"):
+            stop(f"{folder} holds an evaluation that did not end; repeat it")
         results, failures = folders.read(folder)
         made = folders.made(folder)._replace(command=command)
         return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures

@@ -42,6 +42,13 @@ def _cell(value: PyTree, column: TotalColumn) -> str:
     return f"{column.scale * value:.{column.digits}f}"
 
 
+def planned(about: About, name: str) -> list[str]:
+    """The names of the files that `written` may write."""
+    return [f"{name}_{table.name}.csv" for table in about.tables] + [
+        f"{name}_{figure.file}.png" for figure in about.figures
+    ]
+
+
 def written(made: EstimatedRecording, about: About, out: Path, name: str) -> list[Path]:
     """The files of tables and figures of one recording.
 

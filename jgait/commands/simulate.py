@@ -1,6 +1,5 @@
 """`jgait simulate`: walks with known truth, as the files that a lab would record."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -12,6 +11,7 @@ from jaxtyping import PRNGKeyArray
 from rich.table import Table
 
 from jgait.commands.console import Bar, console, count, progress, stop, write_json
+from jgait.commands.folder import results_folder
 from jgait.types import Recording
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ class SimulatedWalk(NamedTuple):
 
 
 PROTOCOLS = ("bennett", "udaya_shankar", "silva", "potter", "kose")
-KEPT = "simulation.json"
 HIGHEST_RATE_HZ = 1000.0
 
 
@@ -58,10 +57,8 @@ def simulate(
         typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Random seed of people, their steps and the errors of the sensors.")] = 0,
-    out: Annotated[Path, typer.Option(help="Folder for the files; files that exist are not made again.")] = Path(
-        "jgait-simulation"
-    ),
-    fresh: Annotated[bool, typer.Option("--fresh", help="Overwrite the files of another simulation in the folder.")] = (
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("jgait-simulation"),
+    fresh: Annotated[bool, typer.Option("--fresh", help="Delete the files of another simulation in the folder.")] = (
         False
     ),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the list of files here.")] = None,
@@ -77,23 +74,22 @@ def simulate(
         "rate": rate, "placements": worn and list(worn), "seed": seed,
     }  # fmt: skip
     walks = _walks(people, route, protocol, _options(sensors, rate, worn), seed)
-    made = _folder(out, asked, fresh)
     written: dict[str, Any] = {}
-    with progress() as bars:
-        bar = Bar(bars)
+    with (
+        results_folder(out, "simulate", asked, planned=["cohort.csv"], json_file=json_file, fresh=fresh) as folder,
+        progress() as bars,
+    ):
+        bar, files = Bar(bars), list[Path]()
         bar("simulating (the first walk compiles)", 0, people)
         try:
             for number, walk in enumerate(walks(), 1):
-                written[walk.recording.name] = _written(walk, out, made)
+                written[walk.recording.name] = _written(walk, folder.stage, files)
                 bar("simulating", number, people)
+            folder.publish([*files, _cohort(folder.stage / "cohort.csv", written)])
         except ValueError as error:
             stop(str(error))
         except OSError as error:
             stop(f"nothing more could be written to {out}: {error}")
-    try:
-        _cohort(out / "cohort.csv", written)
-    except OSError as error:
-        stop(f"nothing more could be written: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
     console.print(
@@ -177,34 +173,17 @@ def _route(text: str) -> "Route":
     return getattr(simulation, name)(*metres)
 
 
-def _folder(out: Path, asked: dict[str, Any], fresh: bool) -> bool:
-    """Make the folder; True if its files are of this simulation. Exits with code 2 if they are of another one."""
-    kept = out / KEPT
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
-        if before not in (None, asked) and not fresh:
-            stop(f"{out} holds another simulation ({kept} says which); give another --out, or --fresh to overwrite it")
-        kept.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
-    except (OSError, ValueError) as error:
-        stop(f"{out} cannot be used: {error}")
-    return before == asked
-
-
-def _written(walk: SimulatedWalk, out: Path, made: bool) -> dict[str, Any]:
-    """Write the files of a walk that do not exist yet; returns the numbers of the walk."""
+def _written(walk: SimulatedWalk, out: Path, files: list[Path]) -> dict[str, Any]:
+    """Write the files of a walk, and add them to the list; returns the numbers of the walk."""
     from jgait import io
 
     recording, truth, person, distance = walk
     name = recording.name
-    files = {
-        out / f"{name}.csv": lambda: recording,
-        out / f"{name}_truth.csv": lambda: truth.estimate,
-        out / f"{name}_strides.csv": lambda: io.strides_to_dataframe(truth.estimate),
-    }
-    for file, what in files.items():
-        if not (made and file.exists()):
-            io.write_csv(what(), file)
+    files += [
+        io.write_csv(recording, out / f"{name}.csv"),
+        io.write_csv(truth.estimate, out / f"{name}_truth.csv"),
+        io.write_csv(io.strides_to_dataframe(truth.estimate), out / f"{name}_strides.csv"),
+    ]
     time = next(iter(recording.sensors.values())).time
     return {
         "file": f"{name}.csv",
@@ -219,14 +198,14 @@ def _written(walk: SimulatedWalk, out: Path, made: bool) -> dict[str, Any]:
     }
 
 
-def _cohort(file: Path, written: dict[str, Any]) -> None:
+def _cohort(file: Path, written: dict[str, Any]) -> Path:
     """Write the table of the cohort for `jgait evaluate`."""
     import pandas as pd
 
     from jgait import io
 
     columns = ["file", "subject", "thigh_length_m", "shank_length_m", "distance_m", "sampling_rate_hz"]
-    io.write_csv(pd.DataFrame(list(written.values()))[columns], file)
+    return io.write_csv(pd.DataFrame(list(written.values()))[columns], file)
 
 
 def _show(written: dict[str, Any], most: int = 20) -> None:

@@ -1,6 +1,5 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
-import shutil
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +11,7 @@ from jaxtyping import PyTree
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
+from jgait.commands.folder import results_folder
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.estimators import Estimator
 from jgait.types import Walk
@@ -70,30 +70,37 @@ def tune(
     made = _lessons(pipeline, source, start, names, failures, {loss, judge or loss} != {"likelihood"})
     say_failures(failures)
     _check_reference(made, {loss, judge or loss}, source.title)
-    _make_room(out, fresh)
-    job = tune_run.job_of(
-        pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run"
-    )  # fmt: skip
-    with progress() as bars, warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            results = tune_run.learned(job, Bar(bars), cross, loss)
-        except OtherFitError as error:
-            stop(f"{error}; --fresh starts anew")
-        except (ValueError, TypeError) as error:
-            stop(str(error))
-    for message in dict.fromkeys(str(warning.message) for warning in caught):
-        note(message)
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)),
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
-    try:
-        tune_report.report(title, job, results, how, out, failures, json_file)
-    except OSError as error:
-        stop(f"nothing more could be written: {error}")
+    asked = {
+        **how, "estimator": pipeline.name, "judge": judge or loss, "folds": folds, "cross_validation": cross,
+        "params": None if params is None else str(params), **source.marks,
+    }  # fmt: skip
+    read = [table, params, *source.files]
+    with results_folder(
+        out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
+    ) as folder:
+        job = tune_run.job_of(
+            pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run"
+        )  # fmt: skip
+        with progress() as bars, warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                results = tune_run.learned(job, Bar(bars), cross, loss)
+            except OtherFitError as error:
+                stop(f"{error}; --fresh starts anew")
+            except (ValueError, TypeError, OSError) as error:
+                stop(str(error))
+        for message in dict.fromkeys(str(warning.message) for warning in caught):
+            note(message)
+        try:
+            tune_report.report(title, job, results, how, folder, failures, json_file)
+        except OSError as error:
+            stop(f"nothing more could be written: {error}")
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)
@@ -155,13 +162,3 @@ def _check_reference(made: "Lessons", losses: set[str], title: str) -> None:
         stop(f"trajectory errors need joint angles, and the reference of {title} has none: --loss distance")
     if "distance" in losses and truth.distance is None:
         stop(f"distance errors need a distance, and the reference of {title} has none: --loss trajectory")
-
-
-def _make_room(out: Path, fresh: bool) -> None:
-    """Make the folder of the results, empty with --fresh; exits with code 2 if this is not possible."""
-    try:
-        if fresh and (out / "run").is_dir():
-            shutil.rmtree(out / "run")
-        (out / "run").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        stop(f"{out} cannot be used: {error}")

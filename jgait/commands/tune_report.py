@@ -11,6 +11,7 @@ from rich.table import Table
 
 from jgait.commands.console import console, count, note, write_json
 from jgait.commands.evaluate import number
+from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.tune.words import OFF
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from jgait.evaluate import PairedDifference
+
+PLANNED = ("tuned.json", "training.png", "held_out.csv", "before_after.png")
+"""Names of the files that the command may write."""
 
 MOST = 30
 """Largest number of people in the table on the terminal; the file has all people."""
@@ -47,8 +51,8 @@ class LearnedNumber(NamedTuple):
 
 
 def report(
-    title: str, job: Job, results: TuningResults, how: dict[str, Any], out: Path, failures: list[tuple[str, str]],
-    json_file: Path | None,
+    title: str, job: Job, results: TuningResults, how: dict[str, Any], folder: ResultsFolder,
+    failures: list[tuple[str, str]], json_file: Path | None,
 ) -> None:  # fmt: skip
     """Write and print everything.
 
@@ -57,7 +61,7 @@ def report(
         job: the task, a `jgait.commands.tune_run.Job`.
         results: results of the tuning.
         how: the settings, for the file of parameters.
-        out: folder.
+        folder: folder of the results.
         failures: recordings that could not be used.
         json_file: file for the numbers, or None.
     """
@@ -65,6 +69,7 @@ def report(
     from jgait.plot import cohort as plot_cohort
     from jgait.plot import tuning as plot_tuning
 
+    out = folder.stage
     values = _values(job, results)
     spreads = {name: row.stderr for name, row in values.items() if row.stderr is not None}
     files = [
@@ -83,6 +88,7 @@ def report(
             rows, unit=job.unit, name=job.judged, title="each person judged by parameters learned from other people"
         )
         files.append(plot.save(drawn, out / "before_after.png"))
+    files = folder.publish(files)
     console.print(
         f"{escape(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
         f"{count(how['people'], 'person', 'people')}, {count(how['steps'], 'step', 'steps')}", highlight=False,

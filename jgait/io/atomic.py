@@ -1,6 +1,8 @@
 """Atomic writing of files: a file is written completely or not at all."""
 
 import contextlib
+import fcntl
+import glob
 import os
 import secrets
 from collections.abc import Iterator
@@ -12,7 +14,8 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A hidden temporary file that replaces the target file when the block ends without an exception.
 
     A reader never reads half a file; after an exception or on a full disk, the old file is unchanged and the temporary
-    file is removed. The new file has the permissions of the user's umask.
+    file is removed. The next writer removes the temporary file of a killed process. The new file has the permissions of
+    the user's umask.
 
     Args:
         path: of the file; its folder must exist.
@@ -27,15 +30,35 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist")
+    _remove_left(target)
     part = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
-    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    descriptor = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
     try:
+        _lock(descriptor)
         yield part
         with part.open("rb+") as written:
             os.fsync(written.fileno())  # without it, a crash after the renaming may leave an empty file
         os.replace(part, target)
     finally:
+        os.close(descriptor)
         part.unlink(missing_ok=True)
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock a file until it is closed or the process ends; False if another process holds it, or there are no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_left(target: Path) -> None:
+    """Remove the temporary files of a target whose writers were killed: nobody holds their lock."""
+    for left in target.parent.glob(f".{glob.escape(target.stem)}.*.part{glob.escape(target.suffix)}"):
+        with contextlib.suppress(OSError), left.open("rb") as file:
+            if _lock(file.fileno()):
+                left.unlink()
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

@@ -12,6 +12,7 @@ MIN_SAMPLES = 10
 LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact ms
 SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
+MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 
 
@@ -98,6 +99,18 @@ def make_clock(
     return SampleTimes(filled, rows, float(sampling_rate_hz or rate), tuple(notes))
 
 
+def check_inserted(samples: int, rows: int, name: str) -> None:
+    """Refuse a recording that would consist of inserted samples.
+
+    Raises:
+        RecordingError: if there are more than `MOST_INSERTED` samples for each row.
+    """
+    if samples > MOST_INSERTED * max(rows, MIN_SAMPLES):
+        raise RecordingError(
+            f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
+        )
+
+
 def check_order(stamps: np.ndarray, name: str) -> None:
     """Refuse time stamps that are missing or do not increase.
 
@@ -157,6 +170,7 @@ def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[Note]) -
             f"{LONGEST_GAP_S:g} s; split the recording there"
         )
     position = np.concatenate([[0], np.cumsum(counts)])
+    check_inserted(int(position[-1]) + 1, len(seconds), name)
     rows = np.full(position[-1] + 1, -1)
     rows[position] = np.arange(len(seconds))
     notes.append(

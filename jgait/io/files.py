@@ -1,6 +1,8 @@
 """Functions for all readers of files: check that a file exists and is not empty, import a library, convert strings."""
 
+import contextlib
 import importlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -8,10 +10,52 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.types import RecordingError
+from jgait.types import RecordingError, reason_of
 
 type Tree = dict[str, Any]
 """Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
+
+
+MOST_COLUMNS = 4096
+"""Largest number of columns of a table."""
+
+LONGEST_NAME = 300
+"""[characters] Longest name of a column."""
+
+
+@contextlib.contextmanager
+def reading(path: Path, expected: str) -> Iterator[None]:
+    """Errors of a library in the block become a `RecordingError` with file, expected content and reason.
+
+    Args:
+        path: the file.
+        expected: description of the expected file.
+
+    Raises:
+        RecordingError: for any error but those of a file that does not exist or may not be read, and of a library that
+            is not installed.
+    """
+    try:
+        yield
+    except (RecordingError, FileNotFoundError, PermissionError, ImportError):
+        raise
+    except MemoryError as error:
+        raise RecordingError(f"{path.name} needs more memory than its size explains; expected {expected}") from error
+    except Exception as error:
+        raise RecordingError(f"{path.name} cannot be read; expected {expected}: {reason_of(error)}") from error
+
+
+def check_columns(names: Sequence[str], name: str) -> None:
+    """Refuse a table with more columns, or with longer names of columns, than any recording has.
+
+    Raises:
+        RecordingError: with the number or the length.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise RecordingError(f"{name} has {len(names)} columns; expected at most {MOST_COLUMNS}")
+    longest = max(map(len, names), default=0)
+    if longest > LONGEST_NAME:
+        raise RecordingError(f"{name} has a column name of {longest} characters; expected at most {LONGEST_NAME}")
 
 
 def check_file(path: Path, expected: str) -> None:

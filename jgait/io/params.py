@@ -10,7 +10,9 @@ import jax
 from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
+from jgait.io.files import reading
 from jgait.params import units
+from jgait.types import RecordingError
 from jgait.version import __version__
 
 FORMAT = 1
@@ -64,23 +66,21 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if the file has no parameters, is of another estimator, or has an unknown parameter.
+        RecordingError: if the file has no parameters, is of another estimator, or has an unknown parameter.
     """
     file = Path(path)
-    try:
+    with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
         rows = {name: float(row["value"]) for name, row in whole["parameters"].items()}
-        of, version = str(whole["estimator"]), whole["format"]
-    except (UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{file} is no file of parameters ({type(error).__name__}: {error})") from error
+        of, version, made = str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))
     if version != FORMAT:
-        raise ValueError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
+        raise RecordingError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
     if of != estimator:
-        raise ValueError(f"{file} holds parameters of {of}; {estimator} is wanted")
+        raise RecordingError(f"{file} holds parameters of {of}; {estimator} is wanted")
     flat, structure = jax.tree_util.tree_flatten_with_path(params)
     names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in flat]
     unknown = [name for name in rows if name not in names]
     if unknown:
-        raise ValueError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
+        raise RecordingError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
-    return jax.tree.unflatten(structure, values), dict(whole.get("made", {}))
+    return jax.tree.unflatten(structure, values), made

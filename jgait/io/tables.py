@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
+from jgait.io.files import check_columns, reading
 from jgait.io.names import CHANNELS, recognised
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
@@ -287,21 +288,21 @@ def read_csv(
         RecordingError: if the file is empty, no text, has no rows, lacks columns, or its recording is unusable.
     """
     file = Path(path)
-    table = read_table(file)
-    return recording_from_dataframe(
-        table,
-        columns=columns,
-        placement=placement,
-        needs=needs,
-        sampling_rate_hz=sampling_rate_hz,
-        time_unit=time_unit,
-        gyr_unit=gyr_unit,
-        acc_unit=acc_unit,
-        range_unit=range_unit,
-        name=file.stem if name is None else name,
-        subject=subject,
-        check_sizes=check_sizes,
-    )
+    with reading(file, "a table"):
+        return recording_from_dataframe(
+            read_table(file),
+            columns=columns,
+            placement=placement,
+            needs=needs,
+            sampling_rate_hz=sampling_rate_hz,
+            time_unit=time_unit,
+            gyr_unit=gyr_unit,
+            acc_unit=acc_unit,
+            range_unit=range_unit,
+            name=file.stem if name is None else name,
+            subject=subject,
+            check_sizes=check_sizes,
+        )
 
 
 def read_table(file: Path) -> "pd.DataFrame":
@@ -333,6 +334,7 @@ def read_table(file: Path) -> "pd.DataFrame":
         raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
         raise RecordingError(f"{file.name} is no table: {error}") from error
+    check_columns([str(column) for column in table.columns], file.name)
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
     return table

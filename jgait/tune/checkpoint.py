@@ -45,7 +45,7 @@ def save(path: Path, mark: dict[str, str], state: PyTree) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     leaves: dict[str, Any] = {f"leaf{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(state))}
     meta = json.dumps({"format": FORMAT, "mark": mark, "leaves": len(leaves)})
-    new = path.with_name(f"{path.name}.{os.getpid()}.part")
+    new = path.with_name(f"{path.name}.part")  # one name: what a killed process left is overwritten
     try:
         with new.open("wb") as file:
             np.savez(file, meta=np.asarray(meta), **leaves)

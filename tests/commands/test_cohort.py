@@ -186,7 +186,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
         "5 of 9 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
-    names = {path.name for path in out.iterdir()}
+    names = {path.name for path in out.glob("[!.]*")}
     assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "run"}
     held = pd.read_csv(out / "held_out.csv")
     assert sorted(held["recording"]) == [row["file"] for row in walks[1]]

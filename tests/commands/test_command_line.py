@@ -46,7 +46,7 @@ def test_estimate_writes_a_table_and_figures(csv, tmp_path):
     code, said = run("estimate", csv(), "--out", out)
     assert code == 0, said
     assert "wrote" in said
-    names = {path.name for path in out.iterdir()}
+    names = {path.name for path in out.glob("[!.]*")}
     assert names == {"walk_legs.csv", "walk_angles.png", "walk_foot_path.png", "walk_distance.png"}
     import pandas as pd
 

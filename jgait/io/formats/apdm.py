@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
+from jgait.io.apart import apart, largest
 from jgait.io.files import check_file, library, plain, three_columns
 from jgait.io.formats.part import Measured, Part
 from jgait.notes import DEDUCED, Kind, Note
@@ -60,6 +61,11 @@ def measured(path: Path) -> Measured:
         RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
     """
     check_file(path, EXPECTED)
+    return apart(_measured, path, EXPECTED, "h5py")
+
+
+def _measured(path: Path) -> Measured:
+    """As `measured`, in the process that reads binary files."""
     h5py = library("h5py", EXPECTED)
     try:
         file = h5py.File(path, "r")
@@ -67,6 +73,7 @@ def measured(path: Path) -> Measured:
         raise RecordingError(f"{path.name} is no whole HDF5 file; expected {EXPECTED}: {error}") from error
     notes: list[Note] = []
     with file:
+        _check_links(file, h5py, path.name)
         try:
             sensors = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
         except OSError as error:  # h5py raises it for incomplete data
@@ -80,6 +87,28 @@ def measured(path: Path) -> Measured:
 
 Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 """A sensor, its time stamps as the file has them, and its rate."""
+
+
+def _check_links(file: "h5py.File", h5py: ModuleType, name: str) -> None:
+    """Refuse a file whose content lies in other files: reading it would read any file of the user."""
+
+    def check(link: str, kind: object) -> None:
+        if isinstance(kind, h5py.ExternalLink):
+            raise RecordingError(f"{name}: {link} links to another file; expected a file that holds its data itself")
+
+    file.visititems_links(check)
+
+
+def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:
+    """The values of a dataset that lie in this file, and are not more than its size explains."""
+    if not hasattr(dataset, "external"):
+        raise RecordingError(f"{where} must be a dataset; it is a group")
+    if dataset.external or dataset.is_virtual:
+        raise RecordingError(f"{where} lies in another file; expected a file that holds its data itself")
+    most = largest(Path(dataset.file.filename))
+    if dataset.nbytes > most:
+        raise RecordingError(f"{where} holds {dataset.nbytes} bytes; expected at most {most} in a file of this size")
+    return np.asarray(dataset[()])
 
 
 def _new(file: "h5py.File", h5py: ModuleType, name: str) -> list[Sensor]:
@@ -124,7 +153,7 @@ def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> l
 
 def _strings(file: "h5py.File", key: str) -> list[str]:
     """An attribute of the file, or, in the oldest ones, a dataset of it, of many strings."""
-    values = file.attrs[key] if key in file.attrs else file[key][()] if key in file else []
+    values = file.attrs[key] if key in file.attrs else _values(file[key], key) if key in file else []
     return [plain(value) for value in np.atleast_1d(values)]
 
 
@@ -134,11 +163,13 @@ def _sensor(
     rates, force = signals
     if rates not in group:
         raise RecordingError(f"{where} has no {rates}; it has {', '.join(group) or 'nothing'}")
-    gyr = three_columns(group[rates][()], f"{where}/{rates}")
-    acc = three_columns(group[force][()], f"{where}/{force}", len(gyr)) if force in group else None
+    gyr = three_columns(_values(group[rates], f"{where}/{rates}"), f"{where}/{rates}")
+    acc = None
+    if force in group:
+        acc = three_columns(_values(group[force], f"{where}/{force}"), f"{where}/{force}", len(gyr))
     stamps = None
     if "Time" in timed:
-        stamps = np.asarray(timed["Time"][()]).ravel()
+        stamps = _values(timed["Time"], f"{where}: Time").ravel()
         if stamps.shape != (len(gyr),):
             raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")
     part = Part(label, gyr, acc, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.files import Tree, check_file, library
+from jgait.io.apart import apart
+from jgait.io.files import Tree, check_columns, check_file, library
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
@@ -134,6 +135,10 @@ def _nearest(path: Path, stem: str, kind: str) -> Path:
 
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
     """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
+    return apart(_rows, file, EXPECTED, "pandas", **options) if file.suffix == ".gz" else _rows(file, **options)
+
+
+def _rows(file: Path, **options: Any) -> "pd.DataFrame":
     pandas = library("pandas", EXPECTED)
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
@@ -200,6 +205,7 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     table = _table(path, header=None, skiprows=1 if header else 0)
     if header:
         notes.append(HEADER_SKIPPED())
+    check_columns(names, path.name)
     if table.shape[1] != len(names):
         raise RecordingError(
             f"{path.name} has {table.shape[1]} columns, its channels.tsv {len(names)} rows; they must agree"

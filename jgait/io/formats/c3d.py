@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.io.files import Tree, check_file, library, plain
+from jgait.io.apart import apart
+from jgait.io.files import Tree, check_file, library, plain, reading
 from jgait.io.formats.c3d_axes import UPRIGHT, told_unit, told_up
 from jgait.io.formats.capture import Capture, CaptureEvent
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
@@ -95,7 +96,14 @@ def read_c3d(
     if up is not None and up not in UPRIGHT:
         raise ValueError(f"up must be one of {', '.join(UPRIGHT)}; got {up!r}")
     file = Path(path)
-    raw = _load(file)
+    check_file(file, EXPECTED)
+    raw = apart(_load, file, EXPECTED, "ezc3d")
+    with reading(file, EXPECTED):
+        return _capture(file, raw, unit, up, name, subject)
+
+
+def _capture(file: Path, raw: Tree, unit: str | None, up: str | None, name: str | None, subject: str | None) -> Capture:
+    """The capture in ezc3d's tree; arguments as of `read_c3d`."""
     parameters = raw["parameters"]
     notes: list[Note] = []
     rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
@@ -122,7 +130,6 @@ def read_c3d(
 
 def _load(file: Path) -> Tree:
     """ezc3d's tree, once the file is known to be whole: ezc3d itself gives what a truncated file still holds."""
-    check_file(file, EXPECTED)
     stored = _frames_in_header(file)
     ezc3d = library("ezc3d", EXPECTED)
     try:
@@ -132,7 +139,8 @@ def _load(file: Path) -> Tree:
     frames = raw["data"]["points"].shape[2]
     if stored is not None and frames < stored and raw["data"]["points"].shape[1]:
         raise RecordingError(f"{file.name} is truncated: its header states {stored} frames, {frames} are there")
-    return raw
+    data = {key: raw["data"][key] for key in ("points", "analogs")}
+    return {"header": dict(raw["header"]), "parameters": dict(raw["parameters"]), "data": data}
 
 
 def _frames_in_header(file: Path) -> int | None:

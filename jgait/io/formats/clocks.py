@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jgait.io.clock import LONGEST_GAP_S, check_order
+from jgait.io.clock import LONGEST_GAP_S, check_inserted, check_order
 from jgait.notes import LOSSES, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
@@ -110,6 +110,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             notes.append(PACKETS_LOST(placement=where, lost=lost))
         if not kept.all():
             notes.append(PACKETS_AT_ENDS(placement=where, packets=(~kept).sum()))
+        check_inserted(end + 1 - begin, len(packets), f"{name}, {where}")
         rows = packets[kept] - begin
         result[where] = part._replace(
             gyr=_spread(part.gyr, kept, rows, end + 1 - begin),

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.io.apart import apart, largest
 from jgait.io.clock import LONGEST_STEP_S, TIME_UNITS
-from jgait.io.files import check_file, library
+from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
@@ -113,11 +114,9 @@ def _table(path: Path) -> "pd.DataFrame":
     import pandas as pd
 
     if path.suffix.lower() in PARQUET:
-        library("pyarrow", "or writing Parquet files")
-        try:
-            return pd.read_parquet(path)
-        except (ValueError, OSError) as error:
-            raise RecordingError(f"{path.name} is no Parquet file: {str(error)[:200]}") from error
+        table = apart(_parquet, path, EXPECTED, "pyarrow.parquet")
+        check_columns([str(column) for column in table.columns], path.name)
+        return table
     table = read_table(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     rows = [row for row, line in enumerate(lines) if line.strip()]
@@ -134,3 +133,18 @@ def _table(path: Path) -> "pd.DataFrame":
         body = [lines[row] for row in rows[1:]]
         check_lengths(body, separator, lines[rows[0]].count(separator) + 1, rows[1] + 1, path.name)
     return table
+
+
+def _parquet(path: Path) -> "pd.DataFrame":
+    """A Parquet file, whose numbers may take little room there and much in memory."""
+    import pandas as pd
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path) as file:
+            size = 8 * file.metadata.num_rows * file.metadata.num_columns
+    except (ValueError, OSError) as error:
+        raise RecordingError(f"{path.name} is no Parquet file: {error}") from error
+    if size > largest(path):
+        raise RecordingError(f"{path.name} holds {size} bytes; expected at most {largest(path)} in a file of this size")
+    return pd.read_parquet(path, use_threads=False)

@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import PyTree
 from numpy.typing import ArrayLike
 
-from jgait.io.files import Tree, check_file, library, three_columns
+from jgait.io.apart import apart
+from jgait.io.files import Tree, check_file, library, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.settle import settle
@@ -71,7 +72,8 @@ def mobilised_trials(path: str | os.PathLike[str]) -> tuple[str, ...]:
         OSError: if the file does not exist, or may not be read.
         RecordingError: if the file is not in this format, or holds no sensor.
     """
-    return tuple(_trials(Path(path)))
+    with reading(Path(path), EXPECTED):
+        return tuple(_trials(Path(path)))
 
 
 def read_mobilised(
@@ -103,8 +105,10 @@ def read_mobilised(
         ValueError: for an unknown device.
         RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.
     """
-    content = _measured(Path(path), trial, device)
-    return settle(content, name=name, subject=subject, check_sizes=check_sizes)
+    _check_device(device)
+    with reading(Path(path), EXPECTED):
+        content = _measured(Path(path), trial, device)
+        return settle(content, name=name, subject=subject, check_sizes=check_sizes)
 
 
 def read_all_mobilised(
@@ -127,10 +131,17 @@ def read_all_mobilised(
         RecordingError: if the file is not in this format, or a trial holds no usable recording.
     """
     file = Path(path)
-    return {
-        trial: settle(_of_trial(file, trial, tree, device), subject=subject, check_sizes=check_sizes)
-        for trial, tree in _trials(file).items()
-    }
+    _check_device(device)
+    with reading(file, EXPECTED):
+        return {
+            trial: settle(_of_trial(file, trial, tree, device), subject=subject, check_sizes=check_sizes)
+            for trial, tree in _trials(file).items()
+        }
+
+
+def _check_device(device: str | None) -> None:
+    if device is not None and device not in DEVICES:
+        raise ValueError(f"device must be one of {', '.join(DEVICES)}; got {device!r}")
 
 
 def _measured(path: Path, trial: str | None, device: str | None = None) -> Measured:
@@ -154,7 +165,8 @@ def _measured(path: Path, trial: str | None, device: str | None = None) -> Measu
 
 def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
-    data = _load(path).get("data")
+    check_file(path, EXPECTED)
+    data = apart(_load, path, EXPECTED, "scipy.io")
     if not isinstance(data, dict):
         raise RecordingError(
             f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {_is(data)}"
@@ -169,8 +181,8 @@ def _trials(path: Path) -> dict[str, Tree]:
     return trials
 
 
-def _load(path: Path) -> Tree:
-    check_file(path, EXPECTED)
+def _load(path: Path) -> PyTree:
+    """The variable `data`."""
     with path.open("rb") as stream:
         head = stream.read(16)
     if head.startswith(HEADS[1]):
@@ -188,7 +200,7 @@ def _load(path: Path) -> Tree:
         raise RecordingError(
             f"{path.name} is not {EXPECTED}: it has no variable 'data', but {', '.join(there) or 'none'}"
         )
-    return content
+    return content["data"]
 
 
 def _is(value: ArrayLike | None) -> str:
@@ -207,8 +219,6 @@ def _descend(tree: Tree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
 
 def _of_trial(path: Path, trial: str, tree: Tree, device: str | None) -> Measured:
     """The sensors of one trial."""
-    if device is not None and device not in DEVICES:
-        raise ValueError(f"device must be one of {', '.join(DEVICES)}; got {device!r}")
     where = f"{path.name}, {trial}"
     worn = [each for each in DEVICES if isinstance(tree.get(each), dict)]
     if device is not None and device not in worn:

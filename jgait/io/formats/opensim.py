@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_file, library
+from jgait.io.files import check_columns, check_file, library, reading
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
@@ -86,6 +86,11 @@ def read_opensim(
     """
     file = Path(path)
     check_file(file, EXPECTED)
+    with reading(file, EXPECTED):
+        return _motion(file, degrees, name)
+
+
+def _motion(file: Path, degrees: bool | None, name: str | None) -> OpenSimMotion:
     header, skipped, names = _header(file)
     kind = header.get("datatype", "double").lower()
     if kind != "double":
@@ -196,6 +201,7 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
         raise RecordingError(
             f"{file.name}: the first column must be time; the columns are {', '.join(names) or 'none'}"
         )
+    check_columns(names, file.name)
     return header, at + 1, names
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from jgait.io.files import reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
 from jgait.notes import ORIGIN, Kind
@@ -139,16 +140,17 @@ def read(
         placements = None
     else:
         content = _one(path, format, placement)
-    return settle(
-        content,
-        placements=placements,
-        gyr_unit=gyr_unit,
-        acc_unit=acc_unit,
-        sampling_rate_hz=sampling_rate_hz,
-        name=name,
-        subject=subject,
-        check_sizes=check_sizes,
-    )
+    with reading(Path(content.name), "a recording"):
+        return settle(
+            content,
+            placements=placements,
+            gyr_unit=gyr_unit,
+            acc_unit=acc_unit,
+            sampling_rate_hz=sampling_rate_hz,
+            name=name,
+            subject=subject,
+            check_sizes=check_sizes,
+        )
 
 
 def _one(path: str | os.PathLike[str], format: str | None, placement: str | None) -> Measured:
@@ -168,7 +170,8 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
             f"{file.name} is in no format that jgait reads ({', '.join(FORMATS)}); state which by {{argument}}",
             argument="format",
         )
-    content = _module(format_name)[1](file)
+    with reading(file, FORMATS[format_name].title):
+        content = _module(format_name)[1](file)
     content = content._replace(notes=(*content.notes, READ_AS(format=FORMATS[format_name].title)))
     if placement is None:
         return content

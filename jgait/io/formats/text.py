@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_file
+from jgait.io.files import LONGEST_NAME, check_columns, check_file
 from jgait.types import RecordingError
 
 SEPARATORS = (",", ";", "\t")
@@ -152,6 +152,7 @@ def read_rows(
         raise RecordingError(f"{path.name} has no such header: expected {expected}; it begins with {begins!r}")
     row, separator = header_at
     header = split(lines[row], separator)
+    check_columns(header, path.name)
     units: tuple[str, ...] = ()
     first = row + 1
     while first < len(lines) and not lines[first].strip():
@@ -170,7 +171,8 @@ def read_rows(
         io.StringIO("\n".join(body)), sep=separator, decimal=decimal, header=None, index_col=False,
         skipinitialspace=True, skip_blank_lines=False, low_memory=False,
     )  # fmt: skip
-    return Rows(path.name, tuple(lines[:row]), header, first + 1, units, cells)
+    before = tuple(line[:LONGEST_NAME] for line in lines[:row])
+    return Rows(path.name, before, header, first + 1, units, cells)
 
 
 def _lines(path: Path, expected: str) -> list[str]:

@@ -1,0 +1,204 @@
+"""The folder of a command's results: one writer at a time, results of one set of arguments, no other file touched."""
+
+import contextlib
+import errno
+import fcntl
+import filecmp
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jgait.commands.console import stop
+from jgait.io.atomic import write_text
+
+STAGE = ".jgait.part"
+"""Folder within the folder of results in which files lie until all are written."""
+
+
+class ResultsFolder:
+    """A folder of results that this process alone writes.
+
+    Its manifest `.jgait-COMMAND.json` holds the arguments, the files that the command wrote, each with the recording
+    that it is of, and whether the command ended. Files are written into `stage` and moved by `publish`.
+
+    Attributes:
+        path: the folder.
+        stage: folder for files until `publish` moves them.
+    """
+
+    def __init__(
+        self, path: Path, command: str, arguments: Mapping[str, Any] | None, planned: Mapping[str, str]
+    ) -> None:
+        """Read the manifest.
+
+        Args:
+            path: the folder, which exists.
+            command: name of the command.
+            arguments: as of `results_folder`.
+            planned: as of `results_folder`.
+        """
+        self.path, self.stage = path, path / STAGE
+        self._manifest = path / f".jgait-{command}.json"
+        self._planned = planned
+        self._bound = arguments is not None
+        self._now: dict[str, Any] = json.loads(json.dumps(arguments or {}))
+        before: dict[str, Any] = {}
+        if self._manifest.exists():
+            before = json.loads(self._manifest.read_text(encoding="utf-8"))
+        self._known = bool(before)
+        self._before: dict[str, Any] = dict(before.get("arguments", {}))
+        self._files: dict[str, str] = dict(before.get("files", {}))
+        self._finished: bool = before.get("finished", True)
+        if any(name != Path(name).name for name in self._files):
+            raise ValueError(f"{self._manifest.name} lists files of other folders")
+
+    def begin(self, fresh: bool) -> None:
+        """Bind the folder to the arguments; exits with code 2 if it holds results of others, or files of a user."""
+        changed = [key for key, value in self._now.items() if self._before.get(key, value) != value]
+        if fresh and self._known and self._bound:
+            # The old manifest stays until all that it lists is gone: no old file is ever under new arguments.
+            for name in self._files:
+                (self.path / name).unlink(missing_ok=True)
+            if (self.path / "run").is_dir():
+                shutil.rmtree(self.path / "run")
+            self._before, self._files, self._finished = {}, {}, False
+        elif changed:
+            key = changed[0]
+            more = f", and {len(changed) - 1} more changed" if len(changed) > 1 else ""
+            stop(
+                f"{self.path} holds results of other arguments or inputs: {key} was “{self._before[key]}”, now "
+                f"“{self._now[key]}”{more}; give another --out, or --fresh to delete these results"
+            )
+        self._check(self._planned)
+        if self._bound:
+            self._before |= self._now
+            self._write(self._finished and self._known)
+        self.stage.mkdir()
+
+    def publish(self, files: Sequence[Path]) -> list[Path]:
+        """Move files from `stage` into the folder; of a bound folder, all that this command wrote before goes.
+
+        A file that is there already with the same content stays as it is.
+
+        Args:
+            files: in `stage`.
+
+        Returns:
+            The files in the folder, in the same order.
+        """
+        new = {file.name: self._planned.get(file.name, "") for file in files}
+        self._check(new)
+        gone = sorted(self._files.keys() - new.keys()) if self._bound else []
+        self._files = {**self._files, **new}
+        self._write(False)
+        for file in files:
+            target = self.path / file.name
+            if not (target.exists() and filecmp.cmp(file, target, shallow=False)):
+                os.replace(file, target)
+        for name in gone:
+            (self.path / name).unlink(missing_ok=True)
+            del self._files[name]
+        self._write(True)
+        return [self.path / file.name for file in files]
+
+    def _check(self, planned: Mapping[str, str]) -> None:
+        """Exit with code 2 if a file exists that this command did not write, or wrote for another recording."""
+        for name, source in planned.items():
+            if not (self.path / name).exists():
+                continue
+            if name not in self._files:
+                stop(f"{self.path / name} is there, and this command did not write it; move it, or give another --out")
+            if self._files[name] != source:
+                stop(f"{self.path / name} is of {self._files[name]}; give another --out for {source}")
+
+    def _write(self, finished: bool) -> None:
+        whole = {"arguments": self._before, "files": self._files, "finished": finished}
+        write_text(self._manifest, json.dumps(whole, indent=1, ensure_ascii=False, sort_keys=True) + "\n")
+
+
+def unfinished(path: Path, command: str) -> bool:
+    """Whether a folder holds results of a command that did not end."""
+    try:
+        return not json.loads((path / f".jgait-{command}.json").read_text(encoding="utf-8"))["finished"]
+    except FileNotFoundError:
+        return False
+
+
+@contextlib.contextmanager
+def results_folder(
+    out: Path,
+    command: str,
+    arguments: Mapping[str, Any] | None,
+    *,
+    planned: Mapping[str, str] | Iterable[str] = (),
+    inputs: Iterable[Path | None] = (),
+    json_file: Path | None = None,
+    fresh: bool = False,
+) -> Iterator[ResultsFolder]:
+    """The folder of a command's results, made and locked; exits with code 2 if it cannot be used.
+
+    Args:
+        out: the folder.
+        command: name of the command.
+        arguments: what the results depend on, JSON values; the folder holds results of one set of arguments. A key
+            that is absent counts as unchanged. None: results of different arguments may lie side by side.
+        planned: names of the files that will be written, if known; or name → recording that the file is of.
+        inputs: files that the command reads; None is left out.
+        json_file: a further output, or None.
+        fresh: delete results of other arguments, and the folder `run` with intermediate results.
+    """
+    sources = dict(planned) if isinstance(planned, Mapping) else dict.fromkeys(planned, "")
+    keep_inputs([*(out / name for name in sources), json_file], inputs)
+    if json_file is not None and json_file.resolve() in {(out / name).resolve() for name in sources}:
+        stop(f"--json {json_file} is one of the files that this command writes; give another name")
+    with contextlib.ExitStack() as stack:
+        try:
+            if not out.exists():
+                stack.callback(_remove_empty, out)
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(_locked(out))
+            shutil.rmtree(out / STAGE, ignore_errors=True)
+            folder = ResultsFolder(out, command, arguments, sources)
+            stack.callback(shutil.rmtree, folder.stage, ignore_errors=True)
+            folder.begin(fresh)
+        except (OSError, ValueError, AttributeError, TypeError) as error:
+            stop(f"{out} cannot be used: {error}")
+        yield folder
+
+
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def keep_inputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Exit with code 2 if an output would overwrite an input.
+
+    Args:
+        outputs: files to be written; None is left out.
+        inputs: files to be read; None is left out.
+    """
+    read = [path for path in inputs if path is not None and os.path.isfile(path)]
+    for output in outputs:
+        if output is not None and os.path.isfile(output) and any(output.samefile(path) for path in read):
+            stop(f"{output} is read by this command, which would overwrite it; write to another place")
+
+
+@contextlib.contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    """The folder, locked until the block or the process ends, however it ends."""
+    descriptor = os.open(out, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            stop(f"another jgait command is writing to {out}; wait until it ends, or give another --out")
+        except OSError as error:
+            if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.EBADF):  # a file system without locks
+                raise
+        yield
+    finally:
+        os.close(descriptor)

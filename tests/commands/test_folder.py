@@ -1,0 +1,159 @@
+"""Folders of results: no input and no file of a user is overwritten, one writer, results of one set of arguments."""
+
+import contextlib
+import fcntl
+import json
+import os
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from jgait.cli import app
+from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
+from jgait.io.atomic import write_text
+
+
+def put(out, arguments, *names, content="a", fresh=False, command="make", **more):
+    with results_folder(out, command, arguments, fresh=fresh, **more) as folder:
+        return folder.publish([write_text(folder.stage / name, content) for name in names])
+
+
+@contextlib.contextmanager
+def refused(capsys, *words):
+    with pytest.raises(typer.Exit) as left:
+        yield
+    assert left.value.exit_code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    for word in words:
+        assert word in said
+
+
+def names_in(out):
+    return sorted(path.name for path in out.iterdir())
+
+
+def test_results_of_other_arguments_are_refused_and_with_fresh_deleted(tmp_path, capsys):
+    assert put(tmp_path, {"seed": 0}, "a.csv", "b.csv") == [tmp_path / "a.csv", tmp_path / "b.csv"]
+    with refused(capsys, "seed was “0”, now “1”", "--fresh"):
+        put(tmp_path, {"seed": 1}, "a.csv")
+    assert names_in(tmp_path) == [".jgait-make.json", "a.csv", "b.csv"]
+    put(tmp_path, {"seed": 1}, "a.csv", fresh=True)
+    assert names_in(tmp_path) == [".jgait-make.json", "a.csv"]
+
+
+def test_no_file_of_other_arguments_outlives_a_killed_run(tmp_path):
+    put(tmp_path, {"seed": 0}, "a.csv", "b.csv")
+    with contextlib.suppress(KeyboardInterrupt), results_folder(tmp_path, "make", {"seed": 1}, fresh=True) as folder:
+        write_text(folder.stage / "a.csv", "half")
+        raise KeyboardInterrupt
+    assert names_in(tmp_path) == [".jgait-make.json"]
+    assert unfinished(tmp_path, "make")
+    put(tmp_path, {"seed": 1}, "a.csv", fresh=True)
+    assert not unfinished(tmp_path, "make")
+
+
+def test_what_was_not_written_again_goes_and_what_is_equal_stays(tmp_path):
+    put(tmp_path, {}, "a.csv", "b.csv")
+    before = (tmp_path / "a.csv").stat().st_mtime_ns
+    put(tmp_path, {}, "a.csv")
+    assert names_in(tmp_path) == [".jgait-make.json", "a.csv"]
+    assert (tmp_path / "a.csv").stat().st_mtime_ns == before
+    put(tmp_path, {}, "a.csv", content="other")
+    assert (tmp_path / "a.csv").read_text() == "other"
+
+
+def test_files_of_the_user_and_of_other_commands_are_kept(tmp_path, capsys):
+    (tmp_path / "a.csv").write_text("mine")
+    with refused(capsys, "a.csv is there", "did not write it"):
+        put(tmp_path, {}, "a.csv")
+    with refused(capsys, "a.csv is there"):  # before anything is computed
+        put(tmp_path, {}, planned=["a.csv"])
+    with refused(capsys, "is read by this command"):
+        put(tmp_path, {}, planned=["a.csv"], inputs=[tmp_path / "a.csv"])
+    put(tmp_path, {}, "b.csv")
+    with refused(capsys, "b.csv is there"):
+        put(tmp_path, {}, "b.csv", command="other")
+    assert (tmp_path / "a.csv").read_text() == "mine"
+    put(tmp_path, {"seed": 1}, "c.csv", fresh=True)
+    assert names_in(tmp_path) == [".jgait-make.json", ".jgait-other.json", "a.csv", "c.csv"]
+
+
+def test_results_of_two_recordings_of_one_name(tmp_path, capsys):
+    put(tmp_path, None, "walk.csv", planned={"walk.csv": "/a/walk.csv"})
+    put(tmp_path, None, "walk.csv", planned={"walk.csv": "/a/walk.csv"})
+    with refused(capsys, "is of /a/walk.csv", "another --out for /b/walk.csv"):
+        put(tmp_path, None, "walk.csv", planned={"walk.csv": "/b/walk.csv"})
+
+
+def test_a_second_writer_is_refused(tmp_path, capsys):
+    descriptor = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with refused(capsys, "another jgait command is writing to"):
+        put(tmp_path, {}, "a.csv")
+    os.close(descriptor)
+    put(tmp_path, {}, "a.csv")
+
+
+def test_an_unusable_folder_and_a_damaged_manifest(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    with refused(capsys, "cannot be used"):
+        put(tmp_path / "file", {}, "a.csv")
+    for text in ("{", "[3]", "3", '{"files": 3}', '{"files": {"../b": ""}}'):
+        (tmp_path / ".jgait-make.json").write_text(text)
+        with refused(capsys, "cannot be used"):
+            put(tmp_path, {}, "a.csv", planned=["a.csv"])
+        assert not (tmp_path / STAGE).exists()
+
+
+def test_a_link_to_an_input_counts_as_the_input(tmp_path, capsys):
+    (tmp_path / "walk.csv").write_text("")
+    os.link(tmp_path / "walk.csv", tmp_path / "page.html")
+    with refused(capsys, "page.html is read by this command"):
+        keep_inputs([None, tmp_path / "page.html"], [None, tmp_path / "walk.csv"])
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path):
+    (tmp_path / ".page.12345678.part.html").write_text("half")
+    (tmp_path / ".other.12345678.part.html").write_text("of another file")
+    write_text(tmp_path / "page.html", "whole")
+    assert names_in(tmp_path) == [".other.12345678.part.html", "page.html"]
+
+
+@pytest.fixture
+def tables(tmp_path, monkeypatch):
+    """Two files of one name, and the user's own table, in the folder in which the commands run."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a/walk.csv", "b/walk.csv", "recordings.csv", "report.html"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("file\na/walk.csv\n")
+
+
+@pytest.mark.usefixtures("tables")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("evaluate recordings.csv --out .", "recordings.csv is read by this command"),
+        ("evaluate recordings.csv --out o --json o/quantities.csv", "is one of the files that this command writes"),
+        ("evaluate recordings.csv --out o --json recordings.csv", "recordings.csv is read by this command"),
+        ("evaluate recordings.csv --out o --json a/walk.csv", "walk.csv is read by this command"),
+        ("estimate a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
+        ("estimate a/walk.csv a/walk.csv", "would have the same names: a/walk.csv, a/walk.csv"),
+        ("report report.html --out report.html", "report.html is read by this command"),
+        ("report a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
+        ("report recordings.csv --json a/walk.csv", "walk.csv is read by this command"),
+        ("report a/walk.csv --out p.html --json p.html", "--json and --out are the same file"),
+    ],
+)
+def test_commands_stop_before_they_overwrite(words, message):
+    result = CliRunner(env={"COLUMNS": "300"}).invoke(app, words.split())
+    assert result.exit_code == 2, result.output
+    assert message in " ".join(result.output.split())
+
+
+@pytest.mark.usefixtures("tables")
+def test_files_of_one_stem_are_called_by_their_folders(tmp_path):
+    result = CliRunner().invoke(app, ["estimate", "a/walk.csv", "b/walk.csv", "--out", "o", "--json", "n.json"])
+    assert result.exit_code == 2  # they hold no walk
+    assert "would have the same names" not in result.output
+    assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == {"a/walk.csv", "b/walk.csv"}
