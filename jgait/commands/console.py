@@ -1,6 +1,7 @@
 """Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
 
@@ -9,13 +10,25 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from jgait.notes import printable
+
 console = Console()
 errors = Console(stderr=True)
 
 
+def visible(text: object) -> str:
+    """A text, perhaps with names from files, as the terminal shows it: without markup and control characters."""
+    return escape(printable(str(text)))
+
+
+def wrote(files: Iterable[Path]) -> None:
+    """Print the files that were written."""
+    console.print("wrote " + visible(", ".join(map(str, files))), soft_wrap=True, highlight=False)
+
+
 def stop(message: str) -> NoReturn:
     """Print the reason of a failure, and exit with code 2."""
-    errors.print(f"[bold red]jgait:[/] {escape(message)}", highlight=False, soft_wrap=True)
+    errors.print(f"[bold red]jgait:[/] {visible(message)}", highlight=False, soft_wrap=True)
     raise typer.Exit(2)
 
 
@@ -46,7 +59,7 @@ class Bar:
 
     def __call__(self, what: str, done: int, total: int | None) -> None:
         """Show the name of the task, and the finished part of the total."""
-        self.progress.update(self.task, description=escape(what), completed=done, total=total)
+        self.progress.update(self.task, description=visible(what), completed=done, total=total)
 
 
 def progress() -> Progress:
@@ -59,14 +72,14 @@ def progress() -> Progress:
 def say_failures(failures: list[tuple[str, str]], most: int = 20) -> None:
     """Print the recordings that could not be used, with their reasons."""
     for name, reason in failures[:most]:
-        errors.print(f"[bold red]{escape(name)}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
+        errors.print(f"[bold red]{visible(name)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
     if len(failures) > most:
         errors.print(f"… and {len(failures) - most} more", highlight=False)
 
 
 def note(message: object) -> None:
     """Print a note that is no error."""
-    errors.print(escape(str(message)), highlight=False, style="yellow", soft_wrap=True)
+    errors.print(visible(message), highlight=False, style="yellow", soft_wrap=True)
 
 
 def count(number: int, one: str, many: str) -> str:

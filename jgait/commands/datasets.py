@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from jgait.commands.console import console, stop, write_json
+from jgait.commands.console import console, stop, visible, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
@@ -38,7 +38,7 @@ def path_of_set(name: str, json_file: Json = None) -> None:
         folder = str(datasets.path(name))
     except (datasets.DatasetUnavailable, ValueError) as error:
         stop(str(error))
-    console.print(folder, soft_wrap=True)
+    console.print(visible(folder), soft_wrap=True)
     write_json(json_file, {name: folder})
 
 
@@ -51,5 +51,5 @@ def fetch_set(name: str, json_file: Json = None) -> None:
         folder = str(datasets.fetch(name, progress=True))
     except Exception as error:
         stop(f"{name} could not be fetched: {error}")
-    console.print(folder, soft_wrap=True)
+    console.print(visible(folder), soft_wrap=True)
     write_json(json_file, {name: folder})

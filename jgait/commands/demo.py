@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from jgait.commands.console import Bar, console, progress, stop, write_json
+from jgait.commands.console import Bar, console, progress, stop, write_json, wrote
 from jgait.commands.folder import results_folder
 
 if TYPE_CHECKING:
@@ -80,6 +80,6 @@ def demo(
         console.print(
             "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
         )
-    console.print("figures: " + ", ".join(map(str, figures)), soft_wrap=True)
+    wrote(figures)
     rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
     write_json(json_file, rows)

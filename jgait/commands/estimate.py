@@ -7,12 +7,11 @@ from typing import Annotated, Any
 
 import typer
 from jaxtyping import PyTree
-from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings, results
-from jgait.commands.console import Bar, console, errors, note, progress, stop, write_json
+from jgait.commands.console import Bar, console, errors, note, progress, stop, visible, write_json, wrote
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.pipeline import Choice, chosen
@@ -103,7 +102,7 @@ def _each(
             result = _with_notes(result, recording)
         except (ValueError, OSError) as error:
             reason = str(error)
-            errors.print(f"[bold red]{escape(str(file))}:[/] {escape(reason)}", highlight=False, soft_wrap=True)
+            errors.print(f"[bold red]{visible(file)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
             failures[str(file)] = reason
             continue
         try:
@@ -116,7 +115,7 @@ def _each(
         for row in results.printed_rows(result, about, name):
             table.add_row(*row)
         numbers[str(file)] = results.numbers(result, about, written)
-        console.print("wrote " + ", ".join(str(path) for path in written), soft_wrap=True)
+        wrote(written)
     return numbers, failures
 
 

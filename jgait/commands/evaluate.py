@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, write_json
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import results_folder
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.report.cohort import DRAWN
@@ -95,7 +94,7 @@ def evaluate(
             stop(f"nothing more could be written: {error}")
     _write_json(json_file, pipeline.name, results, agreement, failures, files)
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
-    console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
+    wrote(files)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
         raise typer.Exit(1)
@@ -156,7 +155,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def _label(name: str) -> str:
     words, _, unit = name.rpartition("_")
-    return escape(f"{words.replace('_', ' ')} [{unit}]") if words else name
+    return visible(f"{words.replace('_', ' ')} [{unit}]") if words else name
 
 
 def _span(low: float, high: float) -> str:
@@ -167,7 +166,7 @@ def _show(title: str, results: "Cohort", agreement: "pd.DataFrame") -> None:
     """Print the results in tables that fit a terminal."""
     recordings = results.recordings
     console.print(
-        f"{escape(title)}: {count(len(recordings), 'recording', 'recordings')} of "
+        f"{visible(title)}: {count(len(recordings), 'recording', 'recordings')} of "
         f"{count(recordings['subject'].nunique(), 'person', 'people')}, "
         f"{recordings['seconds'].sum():.0f} s recorded", highlight=False,
     )  # fmt: skip
@@ -213,5 +212,5 @@ def _show_shapes(rows: "pd.DataFrame", names: list[str]) -> None:
         errors = rows.loc[rows["quantity"] == name, "estimate"].dropna()
         word = CURVES.get(part, part)
         numbers = (number(v) for v in (errors.median(), errors.mean(), errors.max()))
-        shown.add_row(escape(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
+        shown.add_row(visible(f"{word}, {side} [{units[unit]}]"), str(len(errors)), *numbers)
     console.print(shown)

@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
-from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop
+from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
@@ -223,4 +223,4 @@ def _write(page: "Report", out: Path, json_file: Path | None) -> None:
             save(path)
         except OSError as error:
             stop(f"{path} could not be written: {error}")
-    console.print("wrote " + ", ".join(str(path) for _, path in written), soft_wrap=True, highlight=False)
+    wrote(path for _, path in written)

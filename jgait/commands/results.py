@@ -8,6 +8,7 @@ from jaxtyping import PyTree
 from rich.markup import escape
 from rich.table import Table
 
+from jgait.commands.console import visible
 from jgait.estimators.about import About, EstimatedRecording, EstimateTable, TotalColumn
 from jgait.estimators.stride_flags import marks
 from jgait.types import Estimate
@@ -28,7 +29,7 @@ def printed_table(title: str, about: About) -> Table:
 
 def printed_rows(estimate: Estimate, about: About, name: str) -> list[list[str]]:
     """The rows of one recording in the printed table."""
-    return [[name, *(_cell(row.get(c.name), c) for c in about.columns)] for row in about.totals(estimate)]
+    return [[visible(name), *(_cell(row.get(c.name), c) for c in about.columns)] for row in about.totals(estimate)]
 
 
 def _cell(value: PyTree, column: TotalColumn) -> str:

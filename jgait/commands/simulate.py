@@ -10,7 +10,7 @@ import typer
 from jaxtyping import PRNGKeyArray
 from rich.table import Table
 
-from jgait.commands.console import Bar, console, count, progress, stop, write_json
+from jgait.commands.console import Bar, console, count, progress, stop, visible, write_json
 from jgait.commands.folder import results_folder
 from jgait.types import Recording
 
@@ -92,9 +92,10 @@ def simulate(
             stop(f"nothing more could be written to {out}: {error}")
     write_json(json_file, {"asked": asked, "walks": written})
     _show(written)
+    table = visible(out / "cohort.csv")
     console.print(
-        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {out / 'cohort.csv'} "
-        f"(jgait evaluate {out / 'cohort.csv'})",
+        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {table} "
+        f"(jgait evaluate {table})",
         soft_wrap=True, highlight=False,
     )  # fmt: skip
 
@@ -214,7 +215,7 @@ def _show(written: dict[str, Any], most: int = 20) -> None:
         table.add_column(name, justify="left" if name in ("recording", "sensors") else "right")
     for name, row in list(written.items())[:most]:
         cells = (f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", str(row["strides"]), str(len(row["sensors"])))
-        table.add_row(name, *cells)
+        table.add_row(visible(name), *cells)
     console.print(table)
     if len(written) > most:
         console.print(f"… and {len(written) - most} more", highlight=False)

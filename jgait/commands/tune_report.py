@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 from jaxtyping import PyTree
-from rich.markup import escape
 from rich.table import Table
 
-from jgait.commands.console import console, count, note, write_json
+from jgait.commands.console import console, count, note, visible, write_json, wrote
 from jgait.commands.evaluate import number
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
@@ -90,19 +89,19 @@ def report(
         files.append(plot.save(drawn, out / "before_after.png"))
     files = folder.publish(files)
     console.print(
-        f"{escape(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
+        f"{visible(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
         f"{count(how['people'], 'person', 'people')}, {count(how['steps'], 'step', 'steps')}", highlight=False,
     )  # fmt: skip
     if change is not None:
         _show_held_out(table, job, change)
     _show_values(values)
     for line in [] if results.known is None else results.known.sentences:
-        console.print(escape(f"· {line}"), highlight=False)
+        console.print(visible(f"· {line}"), highlight=False)
     if results.known is not None and results.known.decrement > OFF:
         note("more --steps, or another --learning-rate, may reach the optimum more closely")
     for line in results.left_out:
         note(line)
-    console.print("wrote " + ", ".join(map(str, files)), soft_wrap=True, highlight=False)
+    wrote(files)
     write_json(json_file, {
         **how, "values": {name: row._asdict() for name, row in values.items()},
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
@@ -137,14 +136,14 @@ def _name(path: tuple[PyTree, ...]) -> str:
 def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
     """Print each person's error before and after learning from other people, and the verdict."""
     title = f"\n{job.judged} [{job.unit}] of people left out of the tuning, worst first"
-    console.print(escape(title), style="italic")
+    console.print(visible(title), style="italic")
     shown = Table()
     for name in ("person", "recordings", "before", "after", "change"):
-        shown.add_column(escape(name), justify="left" if name == "person" else "right")
+        shown.add_column(visible(name), justify="left" if name == "person" else "right")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
-        shown.add_row(escape(str(subject)), f"{row['n']:.0f}", *numbers)
+        shown.add_row(visible(str(subject)), f"{row['n']:.0f}", *numbers)
     if len(table) > MOST:
         shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
     shown.add_section()
@@ -166,7 +165,7 @@ def _show_values(values: dict[str, LearnedNumber]) -> None:
     console.print("\nlearned from all people", style="italic")
     shown = Table()
     for name in ("parameter", "unit", "before", "after", "standard error", "95 % interval"):
-        shown.add_column(escape(name), justify="left" if name in ("parameter", "unit") else "right")
+        shown.add_column(visible(name), justify="left" if name in ("parameter", "unit") else "right")
     for name, row in values.items():
         spread = "–" if row.stderr is None else number(row.stderr, 2)
         ends = "–" if row.low is None or row.high is None else f"{number(row.low)} … {number(row.high)}"

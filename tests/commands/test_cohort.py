@@ -273,7 +273,7 @@ def test_parameters_in_a_file(tmp_path):
     with pytest.raises(ValueError, match="names a parameter 'angel_noise' that leg_ekf does not have"):
         io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
     file.write_text("[1, 2]")
-    with pytest.raises(ValueError, match="is no file of parameters"):
+    with pytest.raises(ValueError, match="expected a file of parameters"):
         io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
 
 
