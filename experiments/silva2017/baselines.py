@@ -13,7 +13,7 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from jgait.events.shank import check_rate
-from jgait.signal.windows import median_filter, moving_std, window_size
+from jgait.signal.windows import moving_mean, window_size
 from jgait.types import Scalar
 
 SPREAD_S = 0.25
@@ -62,7 +62,9 @@ def jimenez(acc: ArrayLike, sampling_rate_hz: float, swinging: Scalar = SWINGING
         ValueError: if the sampling rate is not supported, or the recording is shorter than half a window.
     """
     check_rate(sampling_rate_hz)
-    spread = moving_std(_norm(acc), window_size(SPREAD_S, sampling_rate_hz))
+    size, values = window_size(SPREAD_S, sampling_rate_hz), _norm(acc)
+    values = values - jnp.mean(values)
+    spread = jnp.sqrt(jnp.maximum(moving_mean(values * values, size) - moving_mean(values, size) ** 2, 0.0))
 
     def one(swing: Array, value: Array) -> tuple[Array, Array]:
         over = swing & (value < standing)
@@ -86,5 +88,7 @@ def feliz(gyr: ArrayLike, sampling_rate_hz: float, turning: Scalar = TURNING) ->
         ValueError: as `jimenez`.
     """
     check_rate(sampling_rate_hz)
-    turns = median_filter(_norm(gyr), window_size(MEDIAN_S, sampling_rate_hz)) > turning
+    size, values = window_size(MEDIAN_S, sampling_rate_hz), _norm(gyr)
+    padded = jnp.pad(values, size // 2, mode="reflect")
+    turns = jnp.median(jnp.stack([padded[k : k + values.shape[0]] for k in range(size)]), axis=0) > turning
     return jnp.concatenate([jnp.zeros_like(turns[:1]), turns[:-1] & ~turns[1:]])

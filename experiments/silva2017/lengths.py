@@ -71,9 +71,22 @@ def reference_lengths(leg: Leg, end: np.ndarray, stood: shank_stance.ShankStance
     return length, full
 
 
+def nearest_axes(axes: shank_axes.Axes) -> np.ndarray:
+    """(3, 3) the sensor axes nearest to forward, left and up: a mounting assumed to be straight, as in the paper."""
+    rows = axes.rows
+    left = np.zeros(3)
+    left[np.argmax(np.abs(rows[1]))] = 1.0
+    left = left * np.sign(rows[1] @ left)
+    above = np.where(left != 0.0, 0.0, rows[2])
+    up = np.zeros(3)
+    up[np.argmax(np.abs(above))] = 1.0
+    up = up * np.sign(rows[2] @ up)
+    return np.stack([np.cross(left, up), left, up])
+
+
 def signals(leg: Leg, turn: np.ndarray | None = None) -> Signals:
     """A leg ready for the methods; `turn` (3, 3) turns the sensor on the leg, unknown to the method."""
-    nearest = shank_axes.nearest_axes(leg.axes)
+    nearest = nearest_axes(leg.axes)
     if turn is not None:
         imu = leg.imu._replace(gyr=np.asarray(leg.imu.gyr) @ turn.T, acc=np.asarray(leg.imu.acc) @ turn.T)
         axes = shank_axes.functional_axes(imu)

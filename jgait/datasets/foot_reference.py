@@ -119,13 +119,8 @@ def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
     return [run for run in true_runs(still) if run[1] - run[0] >= STANCE_TIME * rate_hz]
 
 
-def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -> FootPath:
-    """Strides of a foot from standing to standing.
-
-    Args:
-        imu: sensor on the foot; gyroscope [rad/s], accelerometer [m/s²].
-        rate_hz: sampling rate [Hz].
-        gyr_bias: (3,) [rad/s] subtracted from the gyroscope; None: the gyroscope's median in the longest stance.
+def foot_path(imu: Imu, rate_hz: float) -> FootPath:
+    """Strides of a foot from standing to standing; the gyroscope's bias is its median in the longest stance.
 
     Raises:
         ValueError: if the sensor has no accelerometer, or no stance or no stride is detected; the message states which.
@@ -135,10 +130,8 @@ def foot_path(imu: Imu, rate_hz: float, *, gyr_bias: np.ndarray | None = None) -
     standing = stances(imu, rate_hz)
     if len(standing) < 2:
         raise ValueError(f"the foot stands {len(standing)} times; a stride needs two stances")
-    if gyr_bias is None:
-        start, end = max(standing, key=lambda run: run[1] - run[0])
-        gyr_bias = np.median(imu.gyr[start:end], axis=0)
-    gyr = imu.gyr - gyr_bias
+    start, end = max(standing, key=lambda run: run[1] - run[0])
+    gyr = imu.gyr - np.median(imu.gyr[start:end], axis=0)
     rows = []
     distance = np.zeros(len(gyr))
     current = 0

@@ -257,13 +257,3 @@ def _rates(rate: ArrayLike) -> Array:
     if values.ndim != 1 or values.shape[0] < 2:
         raise ValueError(f"rate must be (T,), the sagittal rate, with T >= 2; got shape {values.shape}")
     return values
-
-
-def gathered(found: ShankEvents, capacity: int) -> ShankEvents:
-    """The first `capacity` samples that report a stride, as rows in order of time; works under `vmap`.
-
-    In a row without a stride, `stride` is False and the other fields are 0.
-    """
-    index = jnp.nonzero(found.stride, size=capacity, fill_value=-1)[0]
-    there = index >= 0
-    return ShankEvents(there, *(jnp.where(there, values[index], 0.0) for values in found[1:]))

@@ -115,51 +115,8 @@ def logarithm(q: Quaternion) -> Vector:
 
 
 def as_array(q: Quaternion) -> Float[Array, "*batch 4"]:
-    """The components along a last axis, w first; `from_array` is the inverse."""
+    """The components along a last axis, w first."""
     return jnp.stack(q, axis=-1)
-
-
-def from_array(values: Float[AnyArray, "..."]) -> Quaternion:
-    """The quaternion of an array (..., 4), w first, as in `FootTrajectory.orientation`.
-
-    Raises:
-        ValueError: if the last axis has not four components.
-    """
-    if values.ndim == 0 or values.shape[-1] != 4:
-        raise ValueError(f"a quaternion's array must be (..., 4), w first; got {values.shape}")
-    return Quaternion(*(values[..., i] for i in range(4)))
-
-
-def matrix(q: Quaternion) -> Float[Array, "*batch 3 3"]:
-    """The rotation matrix of a unit quaternion; its columns are the sensor's axes in the world."""
-    w, x, y, z = q
-    rows = (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-    )
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def quaternion(m: Float[AnyArray, "*batch 3 3"]) -> Quaternion:
-    """The quaternion of a rotation matrix, w ≥ 0: the longest row of 4 q qᵀ, whose entries are linear in the matrix.
-
-    Args:
-        m: orthonormal and right-handed.
-
-    Source: S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1(3), 1978.
-    """
-    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    ww, xx, yy, zz = 1.0 + a + b + c, 1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c
-    best, longest = Quaternion(ww, wx, wy, wz), ww
-    for row, square in (((wx, xx, xy, xz), xx), ((wy, xy, yy, yz), yy), ((wz, xz, yz, zz), zz)):
-        better = square > longest
-        best = Quaternion(*(jnp.where(better, new, old) for new, old in zip(row, best, strict=True)))
-        longest = jnp.where(better, square, longest)
-    back = best.w < 0.0
-    return normalised(Quaternion(*(jnp.where(back, -part, part) for part in best)))
 
 
 def between(a: Vector, b: Vector) -> Quaternion:
@@ -189,11 +146,3 @@ def between(a: Vector, b: Vector) -> Quaternion:
 
 def _direction(v: Vector) -> Vector:
     return scale(1.0 / jnp.sqrt(dot(v, v)), v)
-
-
-def heading(q: Quaternion) -> Values:
-    """The direction of the sensor's x axis in the horizontal plane, from the world's x axis to the left [rad], −π to π.
-
-    The heading has no meaning, and no gradient, where the sensor's x axis is vertical.
-    """
-    return jnp.arctan2(2.0 * (q.x * q.y + q.w * q.z), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -5,7 +5,7 @@ a recording unusable raise `RecordingError`; doubtful properties become notes.
 """
 
 from jgait.io.arrays import recording_from_arrays
-from jgait.io.checks import quality_notes, validate
+from jgait.io.checks import quality_notes
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
 from jgait.io.formats.c3d import read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
@@ -49,7 +49,6 @@ __all__ = [
     "to_gaitmap_parameters",
     "to_mobgap",
     "units",
-    "validate",
     "write_csv",
     "write_params",
     "write_table",

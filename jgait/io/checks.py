@@ -1,7 +1,5 @@
 """Checks of a recording: errors if it is unusable, notes if it is doubtful (units, dead channels, clipping)."""
 
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
@@ -203,57 +201,3 @@ def check_alive(imu: Imu, placement: str, name: str) -> None:
         raise RecordingError(
             f"{name}: the gyroscope of {placement} is constant at ({reading}) rad/s; it recorded nothing"
         )
-
-
-def validate(
-    recording: Recording, needs: Sequence[str] = (), *, caller: str = "this estimator", acc: Iterable[str] = ()
-) -> None:
-    """Refuse a recording that lacks a required sensor, or whose records are malformed.
-
-    Args:
-        recording: the recording.
-        needs: required placements, all on one clock.
-        caller: name of the estimator, the subject of the message.
-        acc: placements among `needs` that must have an accelerometer.
-
-    Raises:
-        TypeError: if `recording` is no `Recording`.
-        RecordingError: for example "leg_ekf needs 'thigh_right'; the recording has ['waist']".
-    """
-    if not isinstance(recording, Recording):
-        raise TypeError(f"{caller} needs a jgait.types.Recording; got {type(recording).__name__}")
-    has = list(recording.sensors)
-    for placement in needs:
-        if placement not in recording.sensors:
-            raise RecordingError(f"{caller} needs '{placement}'; the recording has {has}")
-    for placement in acc:
-        if placement not in recording.sensors or recording.sensors[placement].acc is None:
-            raise RecordingError(f"{caller} needs the accelerometer of '{placement}'; the recording has none there")
-    if not (np.isfinite(recording.sampling_rate_hz) and recording.sampling_rate_hz > 0):
-        raise RecordingError(f"{recording.name}: sampling_rate_hz must be positive; got {recording.sampling_rate_hz}")
-    used = {placement: recording.sensors[placement] for placement in needs or has}
-    for placement, imu in used.items():
-        _check_shapes(imu, placement, recording.name)
-        check_alive(imu, placement, recording.name)
-    lengths = {placement: len(imu.time) for placement, imu in used.items()}
-    if len(set(lengths.values())) > 1:
-        raise RecordingError(f"{caller} needs sensors on one clock; {recording.name} has samples {lengths}")
-
-
-def _check_shapes(imu: Imu, placement: str, name: str) -> None:
-    samples = len(np.atleast_1d(imu.time))
-    expected = {"time": (samples,), "gyr": (samples, 3), "acc": (samples, 3), "mask": (samples,)}
-    for field, shape in expected.items():
-        value = getattr(imu, field)
-        if field == "acc" and value is None:
-            continue
-        if np.shape(value) != shape:
-            raise RecordingError(f"{name}: {field} of {placement} must have shape {shape}; got {np.shape(value)}")
-        if field != "mask" and not np.isfinite(np.asarray(value)).all():
-            raise RecordingError(f"{name}: {field} of {placement} must be finite; missing samples belong in the mask")
-    if np.asarray(imu.mask).dtype != bool:
-        raise RecordingError(f"{name}: mask of {placement} must be bool; got {np.asarray(imu.mask).dtype}")
-    step = np.diff(np.asarray(imu.time))
-    if (step <= 0).any():
-        row = int(np.argmax(step <= 0)) + 1
-        raise RecordingError(f"{name}: time of {placement} must increase; it does not at sample {row} (the first is 0)")

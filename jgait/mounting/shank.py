@@ -34,12 +34,10 @@ class Axes(NamedTuple):
 
     Attributes:
         rows: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` is in the segment's axes.
-        sagittal_share: share of the squared angular rate about the axis to the left [1]; walking has 0.6 to 0.97.
         asymmetry: skewness of the sagittal rate [1], negative: the forward swing is faster than backward rotation.
     """
 
     rows: np.ndarray
-    sagittal_share: float
     asymmetry: float
 
 
@@ -75,8 +73,7 @@ def functional_axes(imu: Imu) -> Axes | None:
     rate = gyr @ left
     skew = asymmetry(rate)
     left = -np.sign(skew) * left if skew != 0.0 else left
-    share = float(np.sum((gyr[moving] @ left) ** 2) / np.sum(gyr[moving] ** 2))
-    return Axes(np.stack([np.cross(left, up), left, up]), share, -abs(skew))
+    return Axes(np.stack([np.cross(left, up), left, up]), -abs(skew))
 
 
 def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
@@ -116,25 +113,6 @@ def asymmetry(rate: Float[AnyArray, "time"]) -> float:
     values = as_float(rate)
     power = float(np.mean(values**2)) if values.size else 0.0
     return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
-
-
-def swing_sign(rate: Float[AnyArray, "time"]) -> int:
-    """The sign that makes the forward swing of a sagittal rate [rad/s] negative: 1, −1, or 0 if it is uncertain."""
-    skew = asymmetry(rate)
-    return 0 if abs(skew) < LEAST_ASYMMETRY else int(-np.sign(skew))
-
-
-def nearest_axes(axes: Axes) -> np.ndarray:
-    """(3, 3) the sensor axes nearest to forward, left and up: a mounting assumed to be straight, as in the paper."""
-    rows = axes.rows
-    left = np.zeros(3)
-    left[np.argmax(np.abs(rows[1]))] = 1.0
-    left = left * np.sign(rows[1] @ left)
-    above = np.where(left != 0.0, 0.0, rows[2])
-    up = np.zeros(3)
-    up[np.argmax(np.abs(above))] = 1.0
-    up = up * np.sign(rows[2] @ up)
-    return np.stack([np.cross(left, up), left, up])
 
 
 UPSIDE_DOWN = Kind("sensor_upside_down", "check", "{placement}: the sensor is upside down", WRONG_PLACE)
@@ -214,19 +192,3 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     if swing[thigh] > swing[shank]:
         return thigh, LABELS_EXCHANGED(thigh=thigh, shank=shank)
     return shank, None
-
-
-def clipped(imu: Imu, rows: Float[AnyArray, "3 3"], *, samples: int = 3) -> int:
-    """Number of swings that reach the gyroscope's range: runs of samples at the limit of one axis in swing direction.
-
-    Args:
-        imu: the sensor.
-        rows: forward, left and up in the sensor's axes; the sensor axis with most of the sagittal rate is used.
-        samples: least length of a run [samples].
-    """
-    axis = int(np.argmax(np.abs(as_float(rows)[1])))
-    rate = as_float(imu.gyr)[:, axis]
-    swing = rate * -np.sign(as_float(rows)[1, axis])
-    top = np.concatenate([[False], (swing >= swing.max() - 1e-9) & np.asarray(imu.mask, bool), [False]])
-    edges = np.flatnonzero(np.diff(top.astype(np.int8)))
-    return int(np.sum(edges[1::2] - edges[::2] >= samples))

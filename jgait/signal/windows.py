@@ -1,8 +1,6 @@
-"""Medians and moving statistics over centred windows.
+"""Moving means over centred windows of an odd number of samples, and stretches of True.
 
-Everything except `true_runs` is JAX: usable under `jit` and `vmap`, along the first axis, and differentiable wherever
-the operation itself is (a median has the gradient of the median sample; a comparison has none). Windows are centred,
-of an odd number of samples, and the ends are continued by reflection that does not repeat the edge.
+The ends are continued by reflection that does not repeat the edge. Everything except `true_runs` is JAX.
 """
 
 from collections.abc import Sequence
@@ -26,41 +24,17 @@ def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "pad
     return jnp.pad(values, [(half, half)] + [(0, 0)] * (values.ndim - 1), mode="reflect")
 
 
-def median_filter(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Median over a centred window, y_k = median(x_{k-h} … x_{k+h}) with h = (size-1)/2; size [samples] is odd.
+def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
+    """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h with h = (size-1)/2; size [samples] is odd.
 
     Raises:
         ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
     """
     padded = _reflected(x, size)
-    count = padded.shape[0] - size + 1
-    return jnp.median(jnp.stack([padded[shift : shift + count] for shift in range(size)]), axis=0)
-
-
-def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h. Raises ValueError as `median_filter`."""
-    padded = _reflected(x, size)
     window = (size,) + (1,) * (padded.ndim - 1)
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
     zero = np.zeros((), padded.dtype)
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
-
-
-def moving_std(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
-    """Standard deviation over a centred window, y_k = √(mean x² - (mean x)²), divided by n (not n-1).
-
-    The gradient is zero where the window is constant.
-
-    Raises:
-        ValueError: as `median_filter`.
-    """
-    values = jnp.asarray(x)
-    centred = values - values.mean(axis=0, keepdims=True)
-    mean = moving_mean(centred, size)
-    variance = moving_mean(centred * centred, size) - mean * mean
-    # The two terms cancel: a difference below their rounding error is set to 0.
-    positive = variance > jnp.finfo(variance.dtype).eps * (mean * mean)
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
 
 
 def window_size(window_s: float, sampling_rate_hz: float) -> int:

@@ -14,11 +14,9 @@ from made.notes import note, texts
 
 from jgait import evaluate
 from jgait.estimators import leg_ekf
-from jgait.estimators.leg_ekf import prepare as leg_calibration
 from jgait.evaluate import buckets, devices, scores, store
 from jgait.evaluate.store import Folder, described
 from jgait.notes import from_json
-from jgait.signal import windows as signal
 from jgait.simulate import protocols
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Strides, Walk
 
@@ -413,12 +411,6 @@ def test_refusals_state_what_was_wrong():
     with pytest.raises(AttributeError, match="missing") as caught:
         evaluate.cohort(broken, [walk(1)])
     assert "in a batch of 1 recordings from 'walk_001'" in caught.value.__notes__
-
-
-@pytest.mark.parametrize("size", [1, 3, 5, 9])
-def test_the_leg_estimator_s_median_on_the_host_is_that_of_the_library(size):
-    values = np.random.default_rng(size).normal(size=(200, 3))
-    np.testing.assert_array_equal(leg_calibration._median(values, size), signal.median_filter(values, size))
 
 
 def test_the_leg_estimator_on_simulated_walks_is_itself():

@@ -11,7 +11,7 @@ from made.frames import NEEDED, RATE, signals, table
 from made.notes import texts
 
 from jgait import io
-from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, RecordingError
+from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
 
 
 def read(frame, **options):
@@ -348,58 +348,12 @@ def test_arrays_that_do_not_fit():
     arrays_fail(r"time must have one value a sample, \(600,\); got shape \(5,\)", {"waist": good}, time=np.arange(5))
 
 
-# --- validate ---
-
-
-@pytest.mark.usefixtures("unchecked")
-def test_validate_names_who_needs_what():
-    recording = read(table(placements=("waist",)))
-    with pytest.raises(RecordingError, match=r"^leg_ekf needs 'thigh_right'; the recording has \['waist'\]$"):
-        io.validate(recording, needs=["thigh_right"], caller="leg_ekf")
-    with pytest.raises(TypeError, match="leg_ekf needs a jgait.types.Recording; got dict"):
-        io.validate({}, caller="leg_ekf")
-    bare = recording._replace(sensors={"waist": recording.sensors["waist"]._replace(acc=None)})
-    with pytest.raises(RecordingError, match="waist_ofdri needs the accelerometer of 'waist'; the recording has none"):
-        io.validate(bare, needs=["waist"], acc=["waist"], caller="waist_ofdri")
-    io.validate(recording, needs=["waist"], acc=["waist"])
-
-
-def spoilt(**changes):
-    recording = read(table())
-    imu = recording.sensors["thigh_right"]._replace(**changes)
-    return recording._replace(sensors={**recording.sensors, "thigh_right": imu})
-
-
-@pytest.mark.parametrize(
-    "changes, message",
-    [
-        ({"gyr": np.ones((600, 2))}, r"gyr of thigh_right must have shape \(600, 3\); got \(600, 2\)"),
-        ({"mask": np.ones(600)}, "mask of thigh_right must be bool; got float64"),
-        ({"acc": np.full((600, 3), np.nan)}, "acc of thigh_right must be finite; missing samples belong in the mask"),
-        ({"time": np.r_[0.0, 0.0, np.arange(598) + 1.0]}, "time of thigh_right must increase; it does not at sample 1"),
-        ({"mask": np.zeros(600, bool)}, "thigh_right has no usable sample"),
-        ({"gyr": np.ones((600, 3))}, "gyroscope of thigh_right is constant"),
-    ],
-)
-def test_validate_refuses_malformed_sensors(changes, message):
-    with pytest.raises(RecordingError, match=message):
-        io.validate(spoilt(**changes), needs=NEEDED)
-
-
-def test_validate_wants_one_clock():
+def test_a_table_wants_one_clock():
     recording = read(table())
     short = Imu(*(part[:300] for part in recording.sensors["shank_right"]))
     mixed = recording._replace(sensors={**recording.sensors, "shank_right": short})
-    with pytest.raises(RecordingError, match="leg_ekf needs sensors on one clock"):
-        io.validate(mixed, needs=NEEDED, caller="leg_ekf")
-    io.validate(mixed, needs=["thigh_right"])
     with pytest.raises(ValueError, match="a table needs sensors on one clock"):
         io.recording_to_dataframe(mixed)
-
-
-def test_validate_wants_a_rate():
-    with pytest.raises(RecordingError, match="sampling_rate_hz must be positive; got 0"):
-        io.validate(Recording({}, 0.0))
 
 
 # --- estimates out ---

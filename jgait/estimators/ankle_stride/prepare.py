@@ -144,7 +144,7 @@ def _leg(
     start = end = np.zeros(0)
     if axes is None:
         notes.append(NO_STEPS(placement=name))
-        axes = Axes(np.eye(3), 0.0, 0.0)
+        axes = Axes(np.eye(3), 0.0)
     else:
         start, end = swings_of(at_rest, axes, rate_hz, options.detector)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:

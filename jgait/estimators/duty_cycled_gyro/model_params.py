@@ -2,14 +2,11 @@
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
 from jgait import filtering
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.estimators.leg_ekf.inputs import Segment
 from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
-from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Counts, Values
 
 
@@ -47,10 +44,6 @@ class DutyParams(NamedTuple):
         "how far the segment swings from the vertical, as white noise; used while its gyroscope is off, so "
         "that no gap turns it over",
     )] = 0.13  # fmt: skip
-
-
-TRANSFORMS = ranges(DutyParams())
-"""The range of every parameter."""
 
 
 class DutyOptions(NamedTuple):
@@ -266,25 +259,3 @@ class DutyEstimate(NamedTuple):
 
     thigh: SegmentEstimate | None
     shank: SegmentEstimate | None
-
-
-def planar(segment: Segment, gyro_on: Values | None = None, excess: Values | None = None) -> PlanarSegment:
-    """The signals of a segment in the sagittal plane; `gyro_on` and `excess` are the (T,) fields of `PlanarSegment`.
-
-    Raises:
-        ValueError: if a mask does not have the length of the signals.
-    """
-    samples = segment.gyr.shape[0]
-    for name, values in (("gyro_on", gyro_on), ("excess", excess)):
-        if values is not None and np.shape(values) != (samples,):
-            raise ValueError(f"{name} must have shape ({samples},), one for each sample; got {np.shape(values)}")
-    return PlanarSegment(
-        -segment.gyr[:, 1],
-        segment.acc[:, 0],
-        segment.acc[:, 2],
-        segment.measured,
-        np.ones(samples, bool) if gyro_on is None else gyro_on,
-        np.zeros(samples, segment.gyr.dtype) if excess is None else excess,
-        -segment.bias[1],
-        segment.variance,
-    )

@@ -48,12 +48,12 @@ REACH = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
 
 
-def worn_sides(recording: Recording, estimator: str = "foot_ins") -> tuple[str, ...]:
+def worn_sides(recording: Recording) -> tuple[str, ...]:
     """The sides with a foot sensor. Raises RecordingError if neither foot has a sensor."""
     sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
     if not sides:
         raise RecordingError(
-            f"{estimator} needs 'foot_right' or 'foot_left'; the recording has {sorted(recording.sensors)}"
+            f"foot_ins needs 'foot_right' or 'foot_left'; the recording has {sorted(recording.sensors)}"
         )
     return sides
 

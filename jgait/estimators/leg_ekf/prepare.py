@@ -83,7 +83,7 @@ def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) 
 
 
 def _median(values: AnyArray, size: int) -> np.ndarray:
-    """`windows.median_filter` in NumPy: JAX would compile for the length of every recording.
+    """The median over a centred window of an odd number of samples; both ends are reflected.
 
     Raises:
         RecordingError: if there are not enough samples for a window.

@@ -90,32 +90,6 @@ def weight(part: ArrayLike, beta: ArrayLike = 0.1) -> Array:
     return 0.5 + 0.5 * jnp.arctan((s - 0.5) / beta) / jnp.arctan(jnp.asarray(0.5 / beta, s.dtype))
 
 
-def direct(
-    acc: ArrayLike, start: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0, mask: ArrayLike | None = None
-) -> Array:
-    """OFI of one cycle, or of a whole recording: v_i + J(t), (T,) [m/s]; in the padding, that of the last sample.
-
-    `acc` (T,) [m/s²] is finite, `dt` the sample time or (T,) the time from the sample before [s]; `mask` is False in
-    padding.
-
-    Raises:
-        ValueError: if there is no sample, they are not floating point, or dt or mask do not fit.
-    """
-    return start + since(*signal_and_steps(acc, dt, mask), cutoff_hz).change
-
-
-def direct_reverse(
-    acc: ArrayLike, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
-    beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
-) -> Array:  # fmt: skip
-    """OFDRI (T,) [m/s] of one cycle whose first and last velocity v_i and v_f [m/s] are known; in the padding, v_f.
-
-    Other arguments and errors as `direct`.
-    """
-    found = since(*signal_and_steps(acc, dt, mask), cutoff_hz)
-    return start + found.change - weight(_part(found.time, found.time[-1]), beta) * (start + found.change[-1] - end)
-
-
 def direct_reverse_cycles(
     acc: ArrayLike, cycles: Cycles, start: ArrayLike, end: ArrayLike, dt: ArrayLike, cutoff_hz: ArrayLike = 0.0,
     beta: ArrayLike = 0.1, mask: ArrayLike | None = None,
@@ -126,7 +100,7 @@ def direct_reverse_cycles(
         (T,) velocity [m/s] after the begin of each cycle, up to and including its end; 0 elsewhere.
 
     Raises:
-        ValueError: as `direct`, or if the cycles do not fit.
+        ValueError: if the signal is empty or not floating point, or dt, mask or cycles do not fit.
     """
     values, steps = signal_and_steps(acc, dt, mask)
     at = placed(cycles, values.shape[0])
@@ -159,11 +133,6 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     `steps` (T,) is the time from the sample before [s], 0 at the first sample and in padding; `cutoff_hz` one value, or
     one for the interval that ends at each sample; without marks only the first sample is one.
     """
-    return scanned(acc, steps, cutoff_hz, restart)[1]
-
-
-def scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> tuple[Array, Since]:
-    """As `since`, preceded by J after the last sample; a caller that uses only this J stores no other values."""
     anew = jnp.zeros(acc.shape, bool) if restart is None else jnp.asarray(restart)
     shares = _share(cutoff_hz, steps)
 
@@ -177,8 +146,7 @@ def scanned(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike |
 
     nothing = jnp.zeros_like(acc[0])
     samples = (acc, shares, steps, anew)
-    (_, last, _, _), found = lax.scan(one, (nothing, nothing, nothing, acc[0]), samples, unroll=UNROLL)
-    return last, found
+    return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples, unroll=UNROLL)[1]
 
 
 def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:

@@ -1,6 +1,6 @@
 """The cut-off of the high-pass over a gait cycle that makes the integral fit the known change of velocity.
 
-Optimum rule (`optimum_cutoff`): the cut-off in [0, f_max] that minimises |g|, g = v_i + J(T) − v_f; if several make g
+Optimum rule (`optimum_cutoffs`): the cut-off in [0, f_max] that minimises |g|, g = v_i + J(T) − v_f; if several make g
 zero, the lowest. The cut-off's gradient is that of the implicit function: −g_θ / g_f where g = 0, −g_fθ / g_ff where
 |g| has a minimum above zero inside the range; it is zero at 0, and that of f_max at f_max. First derivatives only.
 
@@ -16,7 +16,7 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.estimators.waist.ofdri import Cycles, per_sample, placed, scanned, signal_and_steps, since
+from jgait.estimators.waist.ofdri import Cycles, per_sample, placed, signal_and_steps, since
 from jgait.types import Values
 
 HIGHEST = 1.0
@@ -26,29 +26,14 @@ GRID, REFINED = 16, 6
 """Number of intervals that the search checks for a change of sign; number of Newton steps in the interval found."""
 
 
-def optimum_cutoff(
-    acc: ArrayLike, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST, mask: ArrayLike | None = None
-) -> Array:
-    """The cut-off f_c [Hz] by the optimum rule, of one cycle, from 0 to f_max.
-
-    `change` is v_f − v_i over the cycle [m/s]; other arguments and errors as `direct`.
-    """
-    values, steps = signal_and_steps(acc, dt, mask)
-    data = (values, steps, jnp.asarray(change, values.dtype))
-
-    def residual(cutoff: Values, given: Values) -> Values:
-        return scanned(given[0], given[1], cutoff)[0] - given[2]
-
-    return _least(residual, data, (), highest_hz)
-
-
 def optimum_cutoffs(
     acc: ArrayLike, cycles: Cycles, change: ArrayLike, dt: ArrayLike, highest_hz: ArrayLike = HIGHEST,
     mask: ArrayLike | None = None,
 ) -> Array:  # fmt: skip
     """The cut-off f_c (K,) [Hz] by the optimum rule, of every cycle of a recording; 0 where there is no cycle.
 
-    `change` is v_f − v_i, one or (K,) [m/s]; the others as of `optimum_cutoff`.
+    `change` is v_f − v_i, one or (K,) [m/s]; the search ends at `highest_hz`, other arguments as of
+    `direct_reverse_cycles`.
 
     Raises:
         ValueError: as `direct_reverse_cycles`.

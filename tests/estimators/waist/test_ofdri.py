@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.estimators.waist.ofdri import Cycles, direct, direct_reverse, direct_reverse_cycles, placed, since, weight
-from jgait.estimators.waist.optimum import _least, optimum_cutoff, optimum_cutoffs
+from jgait.estimators.waist.ofdri import Cycles, direct_reverse_cycles, placed, signal_and_steps, since, weight
+from jgait.estimators.waist.optimum import _least, optimum_cutoffs
 
 DT, SAMPLES = 0.01, 111
 TIME = np.arange(SAMPLES) * DT
@@ -28,8 +28,22 @@ def both():
 ALL = jnp.ones(SAMPLES, bool)
 
 
+def direct(acc, start, dt, cutoff=0.0, mask=None):
+    """OFI of one cycle."""
+    return start + since(*signal_and_steps(acc, dt, mask), cutoff).change
+
+
+def direct_reverse(acc, start, end, dt, cutoff=0.0, beta=0.1, mask=None):
+    """OFDRI of one cycle whose first and last velocity are known."""
+    found = since(*signal_and_steps(acc, dt, mask), cutoff)
+    part = weight(found.time / found.time[-1], beta)
+    return start + found.change - part * (start + found.change[-1] - end)
+
+
 def cutoff_of(acc, change, highest, mask):
-    return optimum_cutoff(acc, change, DT, highest, mask)
+    """The cut-off by the optimum rule, of one cycle."""
+    data = (*signal_and_steps(acc, DT, mask), jnp.asarray(change, acc.dtype))
+    return _least(lambda cutoff, given: since(*given[:2], cutoff).change[-1] - given[2], data, (), highest)
 
 
 @pytest.fixture(scope="module")
