@@ -170,9 +170,6 @@ def schedule_of_duty(
         ahead: see `Schedule`.
         sensor: the sensor that follows the schedule.
 
-    Returns:
-        The schedule.
-
     Raises:
         ValueError: if `duty` is outside (0, 1] or no such fraction, or the sensor cannot follow the schedule.
     """

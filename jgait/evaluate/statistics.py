@@ -136,17 +136,9 @@ def cluster_bootstrap(
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of a statistic of a table, drawing whole subjects with all their rows.
 
-    Args:
-        table: any number of rows a subject.
-        statistic: table → scalar. In a resampled table, column `by` is the number of the draw (0 … n − 1): a subject
-            drawn twice is two subjects, also for a statistic that groups by subject.
-        by: column that names the subject.
-        seed: seed of the resampling; the same seed gives the same interval.
-        level: coverage probability of the interval [1].
-        resamples: number of resamples.
-
-    Returns:
-        Lower and upper end of the interval, in the unit of the statistic.
+    `by` is the column that names the subject. In a resampled table it has the number of the draw (0 … n − 1): a subject
+    drawn twice is two subjects, also for a statistic that groups by subject. Other arguments and the result are as of
+    `bootstrap_interval`.
 
     Raises:
         ValueError: if column `by` is missing, there are fewer than two subjects, or a statistic is not finite.
@@ -180,14 +172,9 @@ def paired_difference(
 ) -> PairedDifference:
     """Paired change of errors, with an interval over subjects; every subject has the same weight.
 
-    Args:
-        before: (n,) sizes of errors, finite.
-        after: (n,) sizes of errors of the same recordings in the same order.
-        subjects: (n,) the subject of each row; the changes of a subject's rows are averaged.
-        seed: seed of the resampling of subjects.
-        statistic: changes of the subjects → scalar; `np.median` or `np.mean`.
-        level: coverage probability of the interval [1].
-        resamples: number of resamples.
+    `before` and `after` (n,) are sizes of errors of the same recordings, `subjects` (n,) the subject of each, whose
+    changes are averaged. `statistic` maps them to a scalar, `np.median` or `np.mean`; other arguments as of
+    `bootstrap_interval`.
 
     Raises:
         ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
@@ -212,8 +199,7 @@ def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
 
 
 def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
-    """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (error / reference; NaN for
-    0).
+    """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (over the reference, or NaN).
 
     Raises:
         ValueError: if column `estimate` or `reference` is missing.

@@ -131,8 +131,7 @@ class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
     def __init__(self, path: Path, description: dict[str, str], rank: int = 0) -> None:
-        """Make the folder, or continue that of an earlier run with the same settings; `rank` numbers the processes that
-        write.
+        """Make the folder, or continue that of an earlier run with the same settings, as the process with this rank.
 
         Raises:
             ValueError: if the folder holds results of another description, or other files.

@@ -89,23 +89,8 @@ def shoe(
     """Stance hypothesis optimal estimation, a likelihood ratio: √(⟨|ω|²⟩ + (σ_ω/σ_a)² ⟨|f − g u|²⟩), u = ⟨f⟩/|⟨f⟩|.
 
     The likelihood ratio of the source is this statistic squared over σ_ω²; so only the threshold and the ratio of the
-    scales matter. The force's part is computed as ⟨|f − ⟨f⟩|²⟩ + (|⟨f⟩| − g)², which is equal and loses no precision.
-
-    Args:
-        gyr: (T, 3) angular rate [rad/s], finite.
-        acc: (T, 3) specific force [m/s²], finite.
-        sampling_rate_hz: as in `ared`.
-        window_s: as in `ared`.
-        mask: as in `ared`.
-        gravity: reading of the accelerometer at rest [m/s²]; not gravity if its scale has an error.
-        gyr_scale: σ_ω, the rate that weighs as much as a force of σ_a [rad/s].
-        acc_scale: σ_a [m/s²].
-
-    Returns:
-        (T,) [rad/s], never below `ared`; infinite where a window has no sample that counts.
-
-    Raises:
-        ValueError: as `ared`.
+    scales σ_ω [rad/s] and σ_a [m/s²] matter. The force's part is computed as ⟨|f − ⟨f⟩|²⟩ + (|⟨f⟩| − g)², which is
+    equal and loses no precision. As `ared` and `magnitude`; (T,) [rad/s], never below `ared`.
 
     Source: as `ared`, with scales in place of the sensors' noise.
     """

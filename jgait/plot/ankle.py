@@ -80,12 +80,8 @@ def swing_states(
 ) -> Figure:
     """The sagittal rate at an ankle or on a shank with the state machine's states, events and thresholds.
 
-    Args:
-        recording: with a sensor at an ankle or on a shank.
-        side: 'right' or 'left'; None: the first side with a sensor.
-        detector: settings; None: `events.shank.MACHINE`. `events.shank.PAPER` has the paper's settings.
-        seconds: from and to [s]; None: four seconds about the middle stride.
-        title: above the figure.
+    The side is 'right', 'left' or the first with a sensor; the settings are `events.shank.MACHINE`, or for example
+    `events.shank.PAPER`; the window [s] is four seconds about the middle stride, unless `seconds` has another.
 
     Raises:
         ValueError: if that side was not measured, or no sample lies in the window.
@@ -135,21 +131,12 @@ def stride_integration(
     stride: int | None = None,
     title: str = "",
 ) -> Figure:
-    """One stride integrated in three dimensions: the ankle's acceleration, velocity and displacement.
+    """One stride integrated in three dimensions: the ankle's acceleration, velocity and displacement forward, left and
+    up.
 
     Strapdown integration from one stance to the next, rotated to the direction of the stride. Thin dotted lines are
-    uncorrected, with the first specific force as gravity; the others are corrected by the velocity at both ends.
-
-    Args:
-        recording: with a sensor at an ankle or on a shank.
-        p: parameters of `ankle_stride`, mainly its lever and cut-off; None: the default parameters.
-        options: of `ankle_stride`; None: the default options.
-        side: 'right' or 'left'; None: the first side with a sensor.
-        stride: number of the leg's stride, from 0; None: the middle stride.
-        title: above the stride's number, length, rise and time.
-
-    Returns:
-        A matplotlib figure: forward, to the left and up, over time.
+    uncorrected, with the first specific force as gravity; the others are corrected by the velocity at both ends. The
+    stride is that of a number from 0, or the middle one, of a side, 'right', 'left' or the first with a sensor.
 
     Raises:
         ValueError: if that side was not measured, or there is no such stride.

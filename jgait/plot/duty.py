@@ -130,17 +130,10 @@ def filtered_rates(
 ) -> Figure:
     """The Kalman filter's rate of each segment and the gyroscope's; or the rates with and without sleep, and the error.
 
-    Args:
-        estimate: of `duty_cycled_gyro`.
-        awake: estimate of the same recording with the gyroscopes always on, drawn behind `estimate`, with their
-            difference below. None: the gyroscope's rate, measured or filled, is drawn behind `estimate`.
-        placement: a single sensor, such as "shank_right"; None: all.
-        seconds: from and to [s]; None: everything.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure. Errors are divided by the root mean square of the rate without sleep, as in the paper,
-        within the time shown.
+    Behind the estimate of `duty_cycled_gyro` the gyroscope's rate is drawn, measured or filled; or, of the same
+    recording with the gyroscopes always on, the estimate `awake`, with the difference below. A placement, such as
+    "shank_right", shows one sensor alone; `seconds` is from and to [s]. Errors are divided by the root mean square of
+    the rate without sleep, as in the paper, within the time shown.
 
     Raises:
         ValueError: if an estimate has no such gyroscope, or both have different times, or no sample lies in the

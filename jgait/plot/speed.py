@@ -47,18 +47,9 @@ def forward_speed(
 ) -> Figure:
     """Forward acceleration, speed and distance of the trunk: by each method of integration, and as estimated.
 
-    Args:
-        recording: the recording of the estimate.
-        estimate: of `waist`: its distance, and its speed from contact to contact.
-        reference: with a distance, dashed.
-        p: parameters of the estimate; None: the default parameters.
-        options: options of the estimate; None: the default options.
-        seconds: from and to [s]; None: everything. Distances begin with 0 at the start of the window.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure. Vertical lines mark every fifth integrated cycle. An integral that diverges leaves the
-        axes.
+    The estimate is of `waist` for this recording, with these parameters and options; a reference with a distance is
+    dashed. Distances begin with 0 at the start of the window `seconds`, from and to [s]. Vertical lines mark every
+    fifth integrated cycle. An integral that diverges leaves the axes.
 
     Raises:
         ValueError: if the estimate has no distance or no contacts, or no sample lies in the window.

@@ -93,22 +93,13 @@ def trunk_contacts(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """The trunk's accelerations, their reconstruction from wavelet details, and the initial contacts of both feet.
+    """The trunk's accelerations forward, up and left, their reconstruction from wavelet details, and the contacts of
+    both feet.
 
-    Grey background marks the interval of interest, in which the paper searches the largest forward acceleration.
-
-    Args:
-        recording: the recording of the estimate.
-        estimate: of `waist`.
-        reference: with strides, whose contacts are drawn dotted.
-        p: parameters of the estimate; None: the default parameters.
-        options: options of the estimate; None: the default options.
-        rule: settings of the wavelet and of the interval; None: the paper's settings.
-        seconds: from and to [s]; None: four seconds about the middle contact.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure: forward, upward and sideways acceleration.
+    The estimate is of `waist` for this recording, with these parameters and options; contacts of a reference are
+    dotted. Grey background marks the interval of interest, in which the paper searches the largest forward
+    acceleration; wavelet and interval follow `rule`, by default the paper's. The window `seconds`, from and to [s], is
+    by default four seconds about the middle contact.
 
     Raises:
         ValueError: if the estimate has no contacts, or no sample lies in the window.

@@ -69,19 +69,12 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
     """Both feet in one world frame with the widths of their strides: from above, in sections, and over time.
 
     A width is the line from a foothold to the line between the two footholds of the other foot. In the sections the
-    walking direction points to the right, and lateral distances are drawn at a larger scale.
-
-    Args:
-        estimate: of `stride_width_ekf`: with `feet` on both sides, and `strides` with widths.
-        sections: from and to [s] of each section; None: up to three of the longest straight parts.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure: trajectories, sections, the width over time with bars of two standard deviations, and its
-        standard deviation over the last ten strides.
+    walking direction points to the right, and lateral distances are drawn at a larger scale; their times from and to
+    [s] are by default up to three of the longest straight parts. The width over time has bars of two standard
+    deviations; below it is its standard deviation over the last ten strides.
 
     Raises:
-        ValueError: if the estimate lacks a foot or has no width.
+        ValueError: if the estimate lacks a foot or has no width; estimates of `stride_width_ekf` have both.
     """
     feet = feet_of(estimate)
     if len(feet) < 2:
@@ -196,19 +189,10 @@ def feet_apart(
     """The distances z₁ and z₂ between the feet, across and along the left foot's heading, and the feet's σ.
 
     Dots with bars are at double support, where the paper evaluates both; the line contains every instant at which a
-    foot stands or a range is measured.
-
-    Args:
-        estimate: of `stride_width_ekf`: its diagnostics have `z1`, `z2` and their deviations.
-        recording: with the measured ranges, drawn with their offset.
-        reference: whose diagnostics have `z1` and `z2`, drawn at the estimate's double supports.
-        range_offset: added to a measured range to give z₁ [m].
-        seconds: from and to [s]; None: everything.
-        title: above the figure.
-
-    Returns:
-        A matplotlib figure: z₁, z₂, and, where the estimate has it, the standard deviation of each foot's position:
-        with `stride_width_ekf.estimate` since the last stance, with `estimate_from_feet` in the common world frame.
+    foot stands or a range is measured. The diagnostics of the estimate, of `stride_width_ekf`, have both distances;
+    those of a reference are drawn at the same double supports, the measured ranges of a recording with `range_offset`
+    [m] added. The window `seconds` is from and to [s]. The standard deviation of each foot's position is, with
+    `stride_width_ekf.estimate`, since the last stance, with `estimate_from_feet` in the common world frame.
 
     Raises:
         ValueError: if the estimate lacks a foot, or has no distances between the feet.

@@ -242,24 +242,11 @@ def profile(
 ) -> Profile:
     """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
-    A profile needs no curvature; unlike a standard error it shows intervals that are not symmetric or have no end.
-    One program fits all values in parallel, each from `params`, which should be the best parameters. Steps follow
-    the gradient of the mean loss over the items, as in `fit`.
-
-    Args:
-        loss: (params, item) → the item's total negative log-likelihood [nat]; pure JAX.
-        params: NamedTuple in natural units.
-        transforms: the same type, holding a `Transform` for each.
-        data: pytree of arrays with a leading axis of items; one item without that axis if not `batched`.
-        name: name of the number, as in `Identifiability.names`.
-        values: (V,) at which the number is held, in natural units.
-        optimizer: from optax, for the other free parameters.
-        steps: number of steps for each value.
-        batched: whether `data` has an axis of items.
-        gradient: how to differentiate, see `value_and_grad`.
-
-    Returns:
-        The profile.
+    A profile needs no curvature; unlike a standard error it shows intervals that are not symmetric or have no end. One
+    program fits all values in parallel, each from `params`, which should be the best parameters. Steps follow the
+    gradient of the mean loss over the items, as in `fit`. Loss, parameters and data are as of `identifiability`; `name`
+    is one of `Identifiability.names`, `values` (V,) are those at which this number is held, in natural units, and the
+    optimizer, from optax, takes `steps` steps for each.
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.

@@ -78,13 +78,8 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
         D_l ← γ D_l + u_t u_{t−l} (ω_t − ω_{t−l})² / s_ω² + ‖a_t − a_{t−l}‖² / s_a²,
 
     each sum is divided by its mean, and their total by the total weight; the period is the lag of the smallest result,
-    refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the
-    gyroscope is off.
-
-    Args:
-        s: from `check_signals`.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        memory_s: time constant of forgetting [s]; static.
+    refined by a parabola through the neighbouring lags. Without accelerometer nothing is forgotten while the gyroscope
+    is off.
     """
     dt, dtype = 1.0 / sampling_rate_hz, s.rate.dtype
     lags = np.arange(int(PERIODS[0] * sampling_rate_hz), int(np.ceil(PERIODS[1] * sampling_rate_hz)) + 1)

@@ -162,12 +162,12 @@ def run(
     standing: bool = True,
     execution: Execution = "auto",
 ) -> Inclination:
-    """Filter (and smooth) one segment's inclination over a recording.
+    """Filter, and smooth, one segment's inclination over a recording, from signals in segment axes.
 
     Args:
         params: noise, see `InclinationNoise`.
-        gyr: (T,) components [rad/s] in segment axes.
-        acc: (T,) components [m/s²] in segment axes.
+        gyr: (T,) components [rad/s].
+        acc: (T,) components [m/s²].
         still: (T,) bool, the person stands.
         measured: (T,) bool, False for a lost sample.
         dt: (T,) time since the previous sample [s]; 0 at the first.
@@ -176,9 +176,6 @@ def run(
         smooth: Rauch–Tung–Striebel smoothing after the filter.
         standing: correct direction and bias at the still samples.
         execution: see `jgait.filtering`.
-
-    Returns:
-        The inclination at every sample.
     """
     mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
     observations, mask = observe(gyr, acc, still if standing else None, measured)

@@ -76,7 +76,7 @@ def _incline(
 
 @partial(jax.jit, static_argnames=("options",))
 def step(p: LegParams, state: LegOnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
-    """One sample of one leg.
+    """One sample of one leg: the state for the next step, the leg at this sample, and its standard deviations.
 
     Args:
         p: parameters of this leg, see `one_side`.
@@ -84,9 +84,6 @@ def step(p: LegParams, state: LegOnlineState, sample: LegSignals, inputs: LegInp
         sample: gyr (3,) [rad/s] and acc (3,) [m/s²] in segment axes, measured; bias and variance from the calibration.
         inputs: dt [s], still and valid of this sample; its legs are not used.
         options: as of `leg_ekf`.
-
-    Returns:
-        The state for the next step, joint angles and foot position of the leg, and their standard deviations.
     """
     thigh, shank, inclinations = state.thigh, state.shank, None
     if options.gravity:
