@@ -145,7 +145,7 @@ def source(
         if table is not None:
             return _of_table(table, gyr_unit, acc_unit, measures)
         return _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
-    except (datasets.DatasetUnavailable, ValueError, OSError) as error:
+    except (datasets.DatasetUnavailable, ValueError, OSError, csv.Error) as error:
         stop(str(error))
 
 

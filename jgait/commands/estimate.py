@@ -16,7 +16,7 @@ from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.pipeline import Choice, chosen
 from jgait.estimators.about import EstimatedRecording
-from jgait.types import Estimate, Recording
+from jgait.types import Estimate, Recording, reason_of
 
 
 @with_own_options
@@ -100,8 +100,8 @@ def _each(
                 recording = read(file)
                 result = choice.estimate(p, recording)
             result = _with_notes(result, recording)
-        except (ValueError, OSError) as error:
-            reason = str(error)
+        except Exception as error:  # whatever a damaged file leads to must not stop the others
+            reason = reason_of(error)
             errors.print(f"[bold red]{visible(file)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
             failures[str(file)] = reason
             continue

@@ -15,7 +15,7 @@ from jgait.commands.console import Bar, console, count, note, progress, say_fail
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
-from jgait.types import Estimate, Recording
+from jgait.types import Estimate, Recording, reason_of
 
 if TYPE_CHECKING:
     from jgait.report import Report
@@ -139,16 +139,18 @@ def _of_one(
             known = cohorts.body(walks[0], measures_of(estimator))
         else:
             walked = recordings.recording_of(Path(str(file)), **files)
-    except (datasets.DatasetUnavailable, ValueError, OSError) as error:
-        stop(f"{file or dataset}: {error}")
+    except typer.Exit:
+        raise
+    except Exception as error:
+        stop(f"{file or dataset}: {reason_of(error)}")
     p, missing = choice.personal(known)
     for line in missing:
         note(line)
     try:
         check_params(p, estimator.transforms)
         result = _estimated(choice, p, walked)
-    except (ValueError, OSError) as error:
-        stop(f"{file or name}: {error}")
+    except Exception as error:
+        stop(f"{file or name}: {reason_of(error)}")
     for line in result.diagnostics["notes"]:
         note(line)
     pipeline, data = "the paper's" if choice.paper else "", str(file or f"{dataset}: {name}")
@@ -210,8 +212,10 @@ def _of_folder(folder: Path, command: str) -> tuple["Report", list[tuple[str, st
         results, failures = folders.read(folder)
         made = folders.made(folder)._replace(command=command)
         return reports.of_cohort(results, title=folder.resolve().name, failures=failures, made=made), failures
-    except (ValueError, OSError) as error:
-        stop(f"{folder} is no folder that jgait evaluate wrote: {error}")
+    except typer.Exit:
+        raise
+    except Exception as error:
+        stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
 
 
 def _write(page: "Report", out: Path, json_file: Path | None) -> None:

@@ -4,13 +4,15 @@ Estimates are red, references black and dashed; right is black, left is light bl
 figure is drawn, and needs no display.
 """
 
-from collections.abc import Iterable
+import contextlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jgait.io.atomic import replaced
+from jgait.notes import printable
 from jgait.types import AnyArray, as_float
 
 if TYPE_CHECKING:
@@ -107,8 +109,24 @@ def over_time(axes: Iterable[Axes]) -> None:
     axis.set_xlabel("time [s]")
 
 
+@contextlib.contextmanager
+def literal(figure: Figure) -> Iterator[None]:
+    """In the block texts of the figure are shown as they are: names may hold dollar signs or control characters."""
+    import matplotlib
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+        text.set_text(printable(text.get_text()))
+    with matplotlib.rc_context({"text.parse_math": False}):
+        yield
+
+
 def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
-    """Write a figure to a file, completely or not at all; the ending gives the format. Returns the path."""
-    with replaced(path) as part:
+    """Write a figure, its texts without formulas, to a file, completely or not at all; returns the path.
+
+    The ending gives the format.
+    """
+    with literal(figure), replaced(path) as part:
         figure.savefig(part, dpi=dpi)
     return Path(path)

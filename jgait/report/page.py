@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
+from jgait.notes import printable
+from jgait.plot.style import literal
 from jgait.types import Values
 
 if TYPE_CHECKING:
@@ -160,6 +162,7 @@ def rendered(content: Content) -> str:
         loader=jinja2.PackageLoader("jgait.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
+        finalize=lambda value: printable(value) if type(value) is str else value,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -177,12 +180,13 @@ def picture(figure: "Figure", alt: str, caption: str) -> Picture:
     import matplotlib
 
     stream = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "jgait"}):  # the same figure gives the same bytes
+    with literal(figure), matplotlib.rc_context({"svg.hashsalt": "jgait"}):  # the same figure gives the same bytes
         figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     kind, data = "svg+xml", stream.getvalue()
     if len(data) > LARGEST_SVG:
         stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        with literal(figure):
+            figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
         kind, data = "png", _few_colours(stream)
     return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", alt, caption)
 

@@ -5,13 +5,16 @@ import fcntl
 import json
 import os
 
+import jax
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from jgait import io
 from jgait.cli import app
 from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
 from jgait.io.atomic import write_text
+from jgait.simulate import protocols
 
 
 def put(out, arguments, *names, content="a", fresh=False, command="make", **more):
@@ -157,3 +160,19 @@ def test_files_of_one_stem_are_called_by_their_folders(tmp_path):
     assert result.exit_code == 2  # they hold no walk
     assert "would have the same names" not in result.output
     assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == {"a/walk.csv", "b/walk.csv"}
+
+
+NASTY = "a$_{$[bold]\x1b[2J"
+
+
+def test_names_with_markup_formulas_and_control_characters(tmp_path, monkeypatch):
+    """A file and its columns are called so that a terminal, a figure or a page could take them for orders."""
+    monkeypatch.chdir(tmp_path)
+    walk = protocols.bennett(jax.random.key(3), 1)[0].recording
+    io.recording_to_dataframe(walk).assign(**{f"<script>{NASTY}": 1.0}).to_csv(f"{NASTY}.csv", index=False)
+    for words in (["estimate", f"{NASTY}.csv"], ["report", f"{NASTY}.csv"]):
+        result = CliRunner(env={"COLUMNS": "200"}).invoke(app, words)
+        assert result.exit_code == 0, result.output
+        assert "\x1b[2J" not in result.output and r"\x1b[2J" in result.output and "[bold]" in result.output
+    page = (tmp_path / "report.html").read_text()
+    assert f"<script>{NASTY[:3]}" not in page and "&lt;script&gt;a$" in page and "\x1b" not in page

@@ -91,12 +91,9 @@ Sensor = tuple[Part, "np.ndarray | None", "float | None"]
 
 def _check_links(file: "h5py.File", h5py: ModuleType, name: str) -> None:
     """Refuse a file whose content lies in other files: reading it would read any file of the user."""
-
-    def check(link: str, kind: object) -> None:
-        if isinstance(kind, h5py.ExternalLink):
-            raise RecordingError(f"{name}: {link} links to another file; expected a file that holds its data itself")
-
-    file.visititems_links(check)
+    link = file.visititems_links(lambda link, kind: link if isinstance(kind, h5py.ExternalLink) else None)
+    if link is not None:
+        raise RecordingError(f"{name}: {link} links to another file; expected a file that holds its data itself")
 
 
 def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:
