@@ -116,7 +116,7 @@ class ResultsFolder:
 
     def _write(self, finished: bool) -> None:
         whole = {"arguments": self._before, "files": self._files, "finished": finished}
-        write_text(self._manifest, json.dumps(whole, indent=1, ensure_ascii=False, sort_keys=True) + "\n")
+        write_text(self._manifest, json.dumps(whole, indent=1, sort_keys=True) + "\n")
 
 
 def unfinished(path: Path, command: str) -> bool:

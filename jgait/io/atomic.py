@@ -62,7 +62,7 @@ def _remove_left(target: Path) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a text in UTF-8, whole or not at all; see `replaced`.
+    """Write a text in UTF-8, whole or not at all; see `replaced`. Bytes of a file's name that are no text become codes.
 
     Args:
         path: of the file; its folder must exist.
@@ -72,5 +72,5 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
         The path.
     """
     with replaced(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
     return Path(path)

@@ -58,6 +58,17 @@ def check_columns(names: Sequence[str], name: str) -> None:
         raise RecordingError(f"{name} has a column name of {longest} characters; expected at most {LONGEST_NAME}")
 
 
+def check_width(line: str, separator: str, name: str) -> None:
+    """Refuse a table by its first line, before a library makes a column of each cell.
+
+    Raises:
+        RecordingError: if the line has more cells than `MOST_COLUMNS`.
+    """
+    cells = line.count(separator) + 1
+    if cells > MOST_COLUMNS:
+        raise RecordingError(f"{name} has a row of {cells} cells; expected at most {MOST_COLUMNS}")
+
+
 def check_file(path: Path, expected: str) -> None:
     """Refuse a path that is no file, a file without permission to read, and an empty file.
 

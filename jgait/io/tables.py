@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
-from jgait.io.files import check_columns, reading
+from jgait.io.files import check_columns, check_width, reading
 from jgait.io.names import CHANNELS, recognised
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
@@ -25,6 +25,10 @@ CELLS_WITHOUT_NUMBER = Kind(
     "cells_without_number", "check",
     "{column}: {cells} cells are no numbers and count as missing, the first {value} in data row {row}", LOSSES,
 )  # fmt: skip
+
+
+SHORT_CELLS = 1_000_000
+"""Number of cells that rows of a table may lack."""
 
 
 class Columns(NamedTuple):
@@ -322,6 +326,9 @@ def read_table(file: Path) -> "pd.DataFrame":
     if not lines:
         raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
     separator = max((",", ";", "\t"), key=lines[0].count)
+    for line in lines:
+        check_width(line, separator, file.name)
+    _check_rows(file, lines[0].count(separator) + 1)
     decimal = "," if separator != "," and "," in lines[-1] else "."
     try:
         with warnings.catch_warnings():
@@ -338,3 +345,11 @@ def read_table(file: Path) -> "pd.DataFrame":
     if not len(table):
         raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
     return table
+
+
+def _check_rows(file: Path, columns: int) -> None:
+    """Refuse a file of more rows than it can have cells: each cell or its separator is a byte."""
+    with file.open("rb") as stream:
+        rows = sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
+    if rows * columns > file.stat().st_size + SHORT_CELLS:
+        raise RecordingError(f"{file.name} has {columns} columns and {rows} rows, most of which are cut off or empty")

@@ -162,15 +162,16 @@ def test_files_of_one_stem_are_called_by_their_folders(tmp_path):
     assert set(json.loads((tmp_path / "n.json").read_text())["failures"]) == {"a/walk.csv", "b/walk.csv"}
 
 
-NASTY = "a$_{$[bold]\x1b[2J"
+NASTY = "a$_{$[bold]\x1b[2J\udcff"  # the last is a byte that is no text
 
 
 def test_names_with_markup_formulas_and_control_characters(tmp_path, monkeypatch):
     """A file and its columns are called so that a terminal, a figure or a page could take them for orders."""
     monkeypatch.chdir(tmp_path)
     walk = protocols.bennett(jax.random.key(3), 1)[0].recording
-    io.recording_to_dataframe(walk).assign(**{f"<script>{NASTY}": 1.0}).to_csv(f"{NASTY}.csv", index=False)
+    io.recording_to_dataframe(walk).assign(**{f"<script>{NASTY[:-1]}": 1.0}).to_csv(f"{NASTY}.csv", index=False)
     for words in (["estimate", f"{NASTY}.csv"], ["report", f"{NASTY}.csv"]):
+        words += ["--json", "numbers.json"]
         result = CliRunner(env={"COLUMNS": "200"}).invoke(app, words)
         assert result.exit_code == 0, result.output
         assert "\x1b[2J" not in result.output and r"\x1b[2J" in result.output and "[bold]" in result.output

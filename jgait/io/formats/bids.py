@@ -135,7 +135,7 @@ def _nearest(path: Path, stem: str, kind: str) -> Path:
 
 def _table(file: Path, **options: Any) -> "pd.DataFrame":
     """A table with tabs, its cells as text or numbers; `n/a` is NaN."""
-    return apart(_rows, file, EXPECTED, "pandas", **options) if file.suffix == ".gz" else _rows(file, **options)
+    return apart(_rows, file, EXPECTED, "pandas", **options)
 
 
 def _rows(file: Path, **options: Any) -> "pd.DataFrame":

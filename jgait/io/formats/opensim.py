@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, library, reading
+from jgait.io.files import check_columns, check_file, check_width, library, reading
 from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
@@ -189,6 +189,9 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
             lines = list(itertools.islice(stream, HEADER_LINES))
     except UnicodeDecodeError as error:
         raise RecordingError(f"{file.name} is not {EXPECTED}, but no text: {error}") from error
+    for line in lines:
+        check_width(line, "\t", file.name)
+        check_width(line, " ", file.name)
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
         raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines is endheader")
