@@ -72,7 +72,7 @@ def walkers(seed: int, first: int, last: int, seconds: tuple[float, float]) -> I
         try:
             fit = simulate.fitted(keys[number], person, along)
             simulate.check_person(fit)
-            lasts, left = limits(keys[number], fit, along)
+            _, lasts, left = limits(keys[number], fit, along)
             check_slack(fit, left, f"on the way of {name}")
         except ValueError as error:
             yield f"{name}: {error}"

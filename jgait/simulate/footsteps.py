@@ -137,7 +137,10 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     starts = k < -0.5
     contact = gait.quiet_before + jnp.cumsum(jnp.where(k > 0.5, times, 0.0))
     contact = jnp.where(starts, gait.quiet_before - 0.5 * gait.stride_time, contact)
-    curves = _pelvis(person, k, (x, y, place.heading, distance), jnp.sqrt(speed))
+    paths, moving = _pelvis(person, k, (x, y, place.heading, distance), jnp.sqrt(speed))
+    knots = jnp.stack([contact, takes.astype(k.dtype), *paths])
+    moving = jnp.stack([jnp.ones_like(k), jnp.zeros_like(k), *[moving] * len(paths)])
+    time_curve, walking_curve, x_curve, y_curve, heading_curve, distance_curve = pieces(knots, moving)
     return Plan(
         x=x,
         y=y,
@@ -151,12 +154,15 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         leave=jnp.where(starts, 1.0 + HEEL_RISES, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(k < n - 0.5, gait.swing_lift + jnp.maximum(riser, 0.0), 0.0),
         contact=contact,
-        time_curve=pieces(contact, jnp.ones_like(k)),
+        time_curve=time_curve,
+        x_curve=x_curve,
+        y_curve=y_curve,
         z_curve=jnp.zeros((capacity + 3, CURVE), k.dtype),
         dip=jnp.zeros((capacity + 3,), k.dtype),
-        walking_curve=pieces(takes.astype(k.dtype), jnp.zeros_like(k)),
+        heading_curve=heading_curve,
+        distance_curve=distance_curve,
+        walking_curve=walking_curve,
         end=n + 2.0,
-        **curves,
     )
 
 
@@ -165,20 +171,16 @@ def _pelvis(
     k: Float[Array, "foothold"],
     feet: tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]],
     pace: Float[Array, "foothold"],
-) -> dict[str, Float[Array, "interval coefficient"]]:
-    """Curves of the pelvis in the horizontal plane: at each contact a little ahead of the middle of both feet."""
+) -> tuple[tuple[Float[Array, "foothold"], ...], Float[Array, "foothold"]]:
+    """Path of the pelvis (x, y, heading, distance) at each contact, a little ahead of both feet; 1 where it moves."""
     gait = person.gait
     x, y, heading, distance = (0.5 * (values + _before(values)) for values in feet)
     standing, walking = standing_ahead(person), gait.hip_ahead * pace
     ahead = jnp.where((k > 0.5) & (k < gait.steps + 0.5), walking, standing)
     ahead = jnp.where(jnp.abs(k - gait.steps - 1.0) < 0.5, 0.5 * (walking + standing), ahead)
     passing = ((k > 0.5) & (k < gait.steps + 1.5)).astype(k.dtype)
-    return {
-        "x_curve": pieces(x + ahead * jnp.cos(heading), passing),
-        "y_curve": pieces(y + ahead * jnp.sin(heading), passing),
-        "heading_curve": pieces(heading, passing),
-        "distance_curve": pieces(distance + ahead - standing, passing),
-    }
+    path = (x + ahead * jnp.cos(heading), y + ahead * jnp.sin(heading), heading, distance + ahead - standing)
+    return path, passing
 
 
 def _before(values: Float[Array, "foothold"]) -> Float[Array, "foothold"]:

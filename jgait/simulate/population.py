@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from jgait.geometry.vectors import kept
 from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, Body, Gait, Person
@@ -119,8 +120,8 @@ def paced(person: Person, factor: Values) -> Person:
 
 def _adult(key: PRNGKeyArray) -> Person:
     """One adult; see `population`."""
-    even = iter(jax.random.uniform(key, (8,)))
-    normal = iter(jax.random.truncated_normal(jax.random.fold_in(key, 1), -2.0, 2.0, (48,)))
+    even = iter(kept(jax.random.uniform(key, (8,))))
+    normal = iter(kept(jax.random.truncated_normal(jax.random.fold_in(key, 1), -2.0, 2.0, (48,))))
 
     def around(mean: Values, deviation: Values) -> Values:
         return mean + deviation * next(normal)
@@ -224,7 +225,7 @@ def _able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     """The person with knees bent just enough that no leg is overstretched; see `fitted`."""
     knee, able = person.gait.knee_stance, person
     for _ in range(4):
-        _, left = limits(key, able, along)
+        *_, left = limits(key, able, along)
         if left.stretched > 0.0:
             return able
         # A leg whose knee bends by a small angle k is shorter than a straight one by about k² / 8.

@@ -101,30 +101,26 @@ def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
 
     On an arc of length L that turns by θ:  chord = L sinc(θ/2), in the direction of the arc's middle.
     """
-    length, turn = jnp.asarray(along.length), jnp.asarray(along.turn)
-    starts = jnp.concatenate([jnp.zeros_like(length[:1]), jnp.cumsum(length)])
-    covered = jnp.clip(distance[:, None] - starts[None, :-1], 0.0, length[None, :])
-    x, y, z = jnp.zeros_like(distance), jnp.zeros_like(distance), jnp.zeros_like(distance)
-    heading = jnp.zeros_like(distance)
-    for piece in range(length.shape[0]):
-        bend = turn[piece] * covered[:, piece] / length[piece]
-        half = 0.5 * bend
-        chord = covered[:, piece] * jnp.sinc(half / jnp.pi)
-        x, y = x + chord * jnp.cos(heading + half), y + chord * jnp.sin(heading + half)
-        z = z + covered[:, piece] * jnp.asarray(along.slope)[piece]
-        heading = heading + bend
-    outside = jnp.minimum(distance, 0.0) + jnp.maximum(distance - starts[-1], 0.0)
-    return Place(x + outside * jnp.cos(heading), y + outside * jnp.sin(heading), z, heading)
+    length, turn, slope = (jnp.asarray(values)[None, :] for values in (along.length, along.turn, along.slope))
+    ends = jnp.cumsum(jnp.asarray(along.length))
+    total = ends[-1]
+    covered = jnp.clip(distance[:, None] - (ends[None, :] - length), 0.0, length)
+    bend = turn * covered / length
+    headings = jnp.cumsum(bend, axis=1)
+    middle = headings - 0.5 * bend
+    chord = covered * jnp.sinc(0.5 * bend / jnp.pi)
+    outside = jnp.minimum(distance, 0.0) + jnp.maximum(distance - total, 0.0)
+    heading = headings[:, -1]
+    x = jnp.sum(chord * jnp.cos(middle), axis=1) + outside * jnp.cos(heading)
+    y = jnp.sum(chord * jnp.sin(middle), axis=1) + outside * jnp.sin(heading)
+    return Place(x, y, jnp.sum(covered * slope, axis=1), heading)
 
 
 def value_at(
     along: Route, field: Float[AnyArray, "piece"], distance: Float[AnyArray, "*shape"]
 ) -> Float[Array, "*shape"]:
     """A field of the route at distances (K,) [m]; at each border of pieces it changes over half a metre."""
-    borders = jnp.cumsum(jnp.asarray(along.length))[:-1]
     values = jnp.asarray(field)
-    total = jnp.full_like(distance, 1.0) * values[0]
-    for border, jump in zip(borders, jnp.diff(values), strict=True):
-        share = jnp.clip((distance - border) / 0.5 + 0.5, 0.0, 1.0)
-        total = total + jump * share * share * (3.0 - 2.0 * share)
-    return total
+    borders, jumps = jnp.cumsum(jnp.asarray(along.length))[None, :-1], jnp.diff(values)[None, :]
+    share = jnp.clip((distance[:, None] - borders) / 0.5 + 0.5, 0.0, 1.0)
+    return values[0] + jnp.sum(jumps * share * share * (3.0 - 2.0 * share), axis=1)

@@ -5,11 +5,11 @@ differentiable, so that sums over samples converge fast to integrals.
 """
 
 import math
-from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jgait.types import AnyArray, Values
@@ -60,14 +60,14 @@ def _ramp_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values
 
 def glide(u: Values, gather: Values, lose: Values) -> Values:
     """From 0 at u ≤ 0 to 1 at u ≥ 1: acceleration in the first share `gather`, deceleration in the last, `lose`."""
-    way = gather * ramp(u / gather) - lose * ramp((u - 1.0 + lose) / lose)
-    return way / (1.0 - 0.5 * (gather + lose))
+    begins, ends = ramp(jnp.stack([u / gather, (u - 1.0 + lose) / lose]))
+    return (gather * begins - lose * ends) / (1.0 - 0.5 * (gather + lose))
 
 
 def bump(u: Values) -> Values:
     """From 0 to 1 at u = 1/2 and back to 0: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
-    x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
-    return (1.0 - x * x) ** ORDER
+    height = 4.0 * u * (1.0 - u)
+    return jnp.where(height > 0.0, height, 0.0) ** ORDER
 
 
 CURVE = 10
@@ -75,7 +75,7 @@ CURVE = 10
 
 
 def _hermite() -> np.ndarray:
-    """(CURVE, 6): coefficients of 1, r … from value, slope and curvature at r = 0 and 1; higher derivatives are 0."""
+    """(CURVE, 6): coefficients of 1, r … from value, slope and curvature at 0 and rise, slope and curvature at 1."""
     half = CURVE // 2
     powers = np.arange(CURVE)
     rows = []
@@ -84,57 +84,64 @@ def _hermite() -> np.ndarray:
             falling = np.array([math.perm(int(p), order) if p >= order else 0 for p in powers], float)
             rows.append(falling * np.where(powers == order, 1.0, at))
     inverse = np.linalg.inv(np.array(rows))
-    return np.round(inverse[:, [0, 1, 2, half, half + 1, half + 2]], 10)
+    table = np.round(inverse[:, [0, 1, 2, half, half + 1, half + 2]], 10)
+    # The rise is the value at r = 1 relative to that at r = 0, so that no precision is lost far from the start.
+    table[1:, 0] = 0.0
+    return table
 
 
 HERMITE = _hermite()
 
 
 def pieces(
-    values: Float[Array, "knot"], moving: Float[Array, "knot"], *, monotone: bool = False
-) -> Float[Array, "interval coefficient"]:
-    """A curve through given points, four times continuously differentiable, at rest where nothing moves.
+    values: Float[Array, "*curve knot"], moving: Float[Array, "*curve knot"], *, monotone: bool = False
+) -> Float[Array, "*curve interval coefficient"]:
+    """Curves through given points, four times continuously differentiable, at rest where nothing moves.
 
     Slope and curvature at each point are central differences; the third and fourth derivative are 0.
 
     Args:
-        values: (K,) at r = 0, 1 … K − 1.
-        moving: (K,) 1 where the curve moves through the point, 0 where it rests at the point.
+        values: (…, K) at r = 0, 1 … K − 1.
+        moving: (…, K) 1 where the curve moves through the point, 0 where it rests at the point.
         monotone: keep the curve between its points: curvature 0 at all points, slope 0 at the extreme points.
 
     Returns:
-        (K − 1, CURVE) coefficients of 1, r … in each interval.
+        (…, K − 1, CURVE) coefficients of 1, r … in each interval.
     """
-    before = jnp.concatenate([values[:1], values[:-1]])
-    after = jnp.concatenate([values[1:], values[-1:]])
-    back, on = values - before, after - values
+    rise = values[..., 1:] - values[..., :-1]
+    none = jnp.zeros_like(values[..., :1])
+    back, on = jnp.concatenate([none, rise], axis=-1), jnp.concatenate([rise, none], axis=-1)
     if monotone:
         slope = moving * jnp.maximum(back * on, 0.0) * (back + on) / (back * back + on * on + 1e-9)
         curvature = jnp.zeros_like(slope)
     else:
         slope, curvature = moving * (back + on) / 2.0, moving * (on - back)
-    ends = jnp.stack([values, slope, curvature], axis=1)
-    # Relative to the interval's first value, so that no precision is lost far from the start.
-    both = jnp.concatenate([ends[:-1], ends[1:]], axis=1)
-    both = both.at[:, 3].add(-values[:-1]).at[:, 0].set(0.0)
+    ends = (values[..., :-1], slope[..., :-1], curvature[..., :-1], rise, slope[..., 1:], curvature[..., 1:])
+    hermite = jnp.asarray(HERMITE, values.dtype).reshape((1,) * values.ndim + HERMITE.shape)
     # Explicit sums: a matrix product would lose precision on some devices.
-    inside = jnp.sum(both[:, None, :] * jnp.asarray(HERMITE, both.dtype)[None, :, :], axis=2)
-    return inside.at[:, 0].add(values[:-1])
+    return jnp.sum(jnp.stack(ends, axis=-1)[..., None, :] * hermite, axis=-1)
 
 
-def curve_at(table: Float[AnyArray, "interval coefficient"], entry: Int[Array, "..."], r: Values) -> Values:
-    """A curve (see `pieces`) in the intervals `entry` (T,), at the shares r (T,) of the intervals."""
-    return polynomial([table[:, i][entry] for i in range(CURVE)], r)
+def coefficients(
+    table: Float[AnyArray, "*curve interval coefficient"], entry: Int[Array, "*shape"]
+) -> Float[Array, "coefficient ..."]:
+    """The coefficients of 1, r … of curves (see `pieces`) in the intervals `entry`, (CURVE, *curve, *shape)."""
+    return jnp.moveaxis(table, -1, 0)[..., entry]
 
 
-def polynomial(coefficients: Float[AnyArray, "..."] | Sequence[Values], r: Values) -> Values:
-    """Σ cᵢ rⁱ with the coefficients along the last axis, or in a list."""
-    total = coefficients[-1]
-    for c in reversed(coefficients[:-1]):
-        total = total * r + c
-    return total
+def curve_at(table: Float[AnyArray, "*curve interval coefficient"], entry: Int[Array, "..."], r: Values) -> Values:
+    """Curves (see `pieces`) in the intervals `entry` (T,), at the shares r (T,) of the intervals: (*curve, T)."""
+    return polynomial(coefficients(table, entry), jnp.expand_dims(r, tuple(range(table.ndim - 2))))[0]
 
 
-def slope(coefficients: Float[AnyArray, "..."] | Sequence[Values], r: Values) -> Values:
-    """Σ i cᵢ rⁱ⁻¹, the derivative of `polynomial`."""
-    return polynomial([i * c for i, c in enumerate(coefficients)][1:], r)
+def polynomial(coefficients: Float[AnyArray, "coefficient ..."], r: Values) -> tuple[Values, Values, Values]:
+    """Value, first and second derivative of Σ cᵢ rⁱ, with the coefficients along the first axis."""
+
+    def onward(now: tuple[Values, Values, Values], c: Values) -> tuple[tuple[Values, Values, Values], None]:
+        value, slope, half = now
+        return (value * r + c, slope * r + value, half * r + slope), None
+
+    none = jnp.zeros_like(coefficients[0] * r)
+    # A loop, because the compiler takes as long for each power as for the loop.
+    (value, slope, half), _ = lax.scan(onward, (none, none, none), coefficients, reverse=True)
+    return value, slope, 2.0 * half

@@ -12,14 +12,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jgait.geometry.segments import Frame, Motion, Segments, differentiated
-from jgait.geometry.trigonometry import sincos
+from jgait.geometry.segments import Frame, Motion, Segments, differentiated, separated
 from jgait.geometry.vectors import Vector, add, cross, dot, kept, scale, subtract
-from jgait.simulate.feet import Foot, Foothold, moving_foot, standing_foot
+from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import CURVE, bump, curve_at, pieces, polynomial, slope
+from jgait.simulate.smooth import bump, coefficients, curve_at, pieces, polynomial
 from jgait.types import AnyArray, Values
 
 
@@ -29,105 +28,104 @@ def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*sha
     The curve of time over the clock is inverted by Newton's method; two steps that are differentiated make the first
     three derivatives exact.
     """
+    entry, moving = ticks(plan, time)
+    return entry, moving.pose
+
+
+def ticks(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Motion[Float[Array, "*shape"]]]:
+    """As `clock`, the share with its first and second derivative with respect to time."""
     last = plan.end.astype(jnp.int32) - 1 + FIRST
-    entry = jnp.searchsorted(plan.contact, time, side="right") - 1
+    entry = jnp.searchsorted(plan.contact, time, side="right", method="compare_all") - 1
     entry = jnp.clip(entry, FIRST, last)
-    curve = [plan.time_curve[:, i][entry] for i in range(CURVE)]
-    begin, end = plan.contact[entry], plan.contact[entry + 1]
-    fixed = [lax.stop_gradient(c) for c in curve]
-    held = lax.stop_gradient(jnp.clip(time, begin, end))
-    r = (held - lax.stop_gradient(begin)) / lax.stop_gradient(end - begin)
-    for _ in range(3):
-        r = r - (polynomial(fixed, r) - held) / slope(fixed, r)
-    now = jnp.clip(time, plan.contact[FIRST], plan.contact[last + 1])
-    r = lax.stop_gradient(r)
+    curve = coefficients(plan.time_curve, entry)
+    begin, end = plan.contact[FIRST], plan.contact[last + 1]
+    now = jnp.clip(time, begin, end)
+
+    def nearer(r: Values, curve: Values, now: Values) -> Values:
+        value, pace, _ = polynomial(curve, r)
+        return r - (value - now) / pace
+
+    fixed, held = lax.stop_gradient((curve, now))
+    # Over a step, the curve rises by the sum of its other coefficients.
+    r = lax.fori_loop(0, 3, lambda _, r: nearer(r, fixed, held), (held - fixed[0]) / jnp.sum(fixed[1:], axis=0))
     for _ in range(2):
-        r = r - (polynomial(curve, r) - now) / slope(curve, r)
-    return entry, kept(r)
-
-
-def _hip_height(body: Body, hip: Vector, ankle: Vector, knee: Values) -> Values:
-    """Height of the middle of the hips [m] over this leg; `hip`: x and y in the world, z relative to that middle."""
-    ahead, aside = hip.x - ankle.x, hip.y - ankle.y
-    r = reach(body, knee)
-    return ankle.z - hip.z + jnp.sqrt(jnp.maximum(r * r - ahead * ahead - aside * aside, 1e-4))
+        r = nearer(r, curve, now)
+    r = kept(r)
+    _, pace, bend = polynomial(curve, r)
+    rate = jnp.where((begin < time) & (time < end), 1.0 / pace, 0.0)
+    return entry, Motion(r, rate, -bend * rate * rate * rate)
 
 
 def _axes(yaw: Values, pitch: Values, roll: Values) -> tuple[Vector, Vector, Vector]:
     """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
-    (sy, cy), (sp, cp), (sr, cr) = kept((sincos(yaw), sincos(pitch), sincos(roll)))
+    angles = jnp.stack([yaw, pitch, roll])
+    (sy, sp, sr), (cy, cp, cr) = jnp.sin(angles), jnp.cos(angles)
     x = Vector(cy * cp, sy * cp, sp)
     y = Vector(-sy * cr - cy * sp * sr, cy * cr - sy * sp * sr, cp * sr)
     return x, y, cross(x, y)
 
 
-def _leg(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Frame]:
-    """Thigh and shank between a hip and an ankle, the knee bent forward in the direction of a yaw."""
+def _legs(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Frame]:
+    """Thighs and shanks between hips and ankles, the knees bent forward in the direction of a yaw."""
     a, b = body.thigh_length, body.shank_length
     line = subtract(hip, ankle)
     d2 = dot(line, line)
     d = jnp.sqrt(d2)
     up = scale(1.0 / d, line)
-    s, c = sincos(yaw)
+    s, c = jnp.sin(yaw), jnp.cos(yaw)
     left = cross(up, Vector(c, s, jnp.zeros_like(c)))
     up, left = kept((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
     ahead = kept(cross(left, up))
     # Distance of the knee from the hip along the line from hip to ankle, and distance of the knee ahead of this line.
     along = (d2 + a * a - b * b) / (2.0 * d)
-    out = jnp.sqrt(jnp.maximum(a * a - along * along, 1e-9))
+    square = a * a - along * along
+    out = jnp.sqrt(jnp.where(square > 1e-9, square, 1e-9))
     d, along, out = kept((d, along, out))
-    thigh_up = add(scale(along / a, up), scale(-out / a, ahead))
-    shank_up = add(scale((d - along) / b, up), scale(out / b, ahead))
-    thigh_up, shank_up = kept((thigh_up, shank_up))
-    knee = subtract(hip, scale(a, thigh_up))
-    return (
-        Frame(hip, cross(left, thigh_up), left, thigh_up),
-        Frame(knee, cross(left, shank_up), left, shank_up),
-    )
+
+    def turned(c: Values, s: Values) -> tuple[Vector, Vector, Vector]:
+        """Axes of a segment that leans ahead of the line by an angle with this sine and cosine."""
+        return subtract(scale(c, ahead), scale(s, up)), left, add(scale(c, up), scale(s, ahead))
+
+    thigh, shank = turned(along / a, -out / a), turned((d - along) / b, out / b)
+    return Frame(hip, *thigh), Frame(subtract(hip, scale(a, thigh[2])), *shank)
 
 
 class Carried(NamedTuple):
-    """Feet and pelvis, without the height of the pelvis.
+    """FootPair, pelvis and hips.
 
     Attributes:
-        new: the foot that landed last.
-        old: the other foot.
-        middle: middle of the hips; z is relative to the even path of the pelvis.
-        axes: forward, left and up axis of the pelvis.
-        to_new: vector from the middle of the hips to the hip of the foot that landed last.
-        to_old: vector from the middle of the hips to the other hip.
+        feet: both feet.
+        pelvis: the pelvis, from the middle of the hips.
+        hips: both hips, right and left.
         turn: yaw of the plane of the legs.
     """
 
-    new: Foot
-    old: Foot
-    middle: Vector
-    axes: tuple[Vector, Vector, Vector]
-    to_new: Vector
-    to_old: Vector
+    feet: FootPair
+    pelvis: Frame
+    hips: Vector
     turn: Values
 
 
 def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> Carried:
-    """Feet and pelvis at the share r (T,) of a step after the contact of foothold `entry` (T,)."""
+    """FootPair and pelvis at the share r (T,) of a step after the contact of foothold `entry` (T,)."""
     body, gait = person.body, person.gait
-
-    def foothold(ahead: int) -> Foothold:
-        return kept(Foothold(*(getattr(plan, field)[entry + ahead] for field in Foothold._fields)))
-
-    def curve(table: Float[AnyArray, "interval coefficient"]) -> Values:
-        return kept(curve_at(table, entry, r))
-
+    sides = jnp.asarray((-1.0, 1.0), r.dtype).reshape((2,) + (1,) * r.ndim)
     side = plan.side[entry]  # of the foot that landed last
-    new = standing_foot(body, gait, foothold(0), r)
-    old = moving_foot(body, gait, foothold(-1), foothold(1), 1.0 + r)
-    walking, heading = curve(plan.walking_curve), curve(plan.heading_curve)
-    (ahead, aside, up), (yaw, pitch, roll) = kept(_pelvis_oscillation(gait, side, walking, r))
-    s, c = kept(sincos(heading))
-    middle = Vector(curve(plan.x_curve) + c * ahead - s * aside, curve(plan.y_curve) + s * ahead + c * aside, up)
-    middle, axes = kept((middle, _axes(heading + yaw, pitch, roll)))
-    half = 0.5 * body.hip_width * side
-    return Carried(new, old, middle, axes, scale(half, axes[1]), scale(-half, axes[1]), heading + 0.5 * yaw)
+    moves = sides * side[None] < 0.0
+    before = moves.astype(entry.dtype)
+    table = jnp.stack([getattr(plan, field) for field in Foothold._fields])
+    origin, target = (Foothold(*kept(table[:, at])) for at in (entry[None] - before, entry[None] + before))
+    both = feet(body, gait, origin, target, moves, r[None] + before.astype(r.dtype))
+    curves = jnp.stack([plan.x_curve, plan.y_curve, plan.z_curve, plan.heading_curve, plan.walking_curve])
+    x, y, z, heading, walking = kept(curve_at(curves, entry, r))
+    (ahead, aside, up), (yaw, pitch, roll) = _pelvis_oscillation(gait, side, walking, r)
+    s, c = jnp.sin(heading), jnp.cos(heading)
+    height = z - plan.dip[entry] * _dip(r) + up
+    place = Vector(x + c * ahead - s * aside, y + s * ahead + c * aside, height)
+    pelvis = Frame(place, *_axes(heading + yaw, pitch, roll))
+    middle, left = (Vector(*(part[None] for part in axis)) for axis in kept((pelvis.origin, pelvis.y)))
+    hips = add(middle, scale(0.5 * body.hip_width * sides, left))
+    return Carried(both, pelvis, hips, heading + 0.5 * yaw)
 
 
 def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
@@ -146,20 +144,12 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     """
     body, gait = person.body, person.gait
     laid = footholds(key, person, along, capacity)
-    entries = jnp.arange(FIRST, capacity + 3)
-
-    def height(entry: Int[Array, "..."], r: Values) -> Values:
-        now = carried(person, laid, entry, r)
-        knee = jnp.asarray(gait.knee_stance)
-        both = [
-            _hip_height(body, add(now.middle, to_hip)._replace(z=to_hip.z), foot.ankle, knee) - now.middle.z
-            for foot, to_hip in ((now.new, now.to_new), (now.old, now.to_old))
-        ]
-        return jnp.stack(both)
-
     phases = (jnp.arange(SAMPLES, dtype=laid.x.dtype) + 0.5) / SAMPLES
-    at = jax.vmap(lambda entry: jax.vmap(lambda r: height(entry, r))(phases))(entries)
-    least = -SHARP * jax.nn.logsumexp(-at.reshape(at.shape[0], -1) / SHARP, axis=1)
+    line = _lines(person, laid, jnp.arange(FIRST, capacity + 3), phases)
+    knee = reach(body, jnp.asarray(gait.knee_stance))
+    # How much higher a leg of full length lets the hips be, (2, K, SAMPLES).
+    at = jnp.sqrt(jnp.maximum(knee * knee - line.x * line.x - line.y * line.y, 1e-4)) - line.z
+    least = -SHARP * jax.nn.logsumexp(-at / SHARP, axis=(0, 2))
     k = jnp.arange(-1, capacity + 3, dtype=laid.x.dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
     # At the border of two steps the pelvis has the lower of the two heights.
@@ -170,7 +160,8 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
     weight = _dip(phases)
     inner = weight > 0.05
-    over = jax.vmap(lambda c: polynomial(list(c), phases))(curve[FIRST:]) - jnp.min(at, axis=2)
+    path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), phases[None, :])
+    over = path - jnp.min(at, axis=0)
     needed = jnp.where(inner[None, :], over / jnp.where(inner, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
@@ -194,37 +185,17 @@ def _dip(r: Values) -> Values:
     return (4.0 * r * (1.0 - r)) ** 5
 
 
-def _height(plan: Plan, entry: Int[Array, "..."], r: Values) -> Values:
-    """The even path of the pelvis [m] within a step."""
-    return curve_at(plan.z_curve, entry, r) - plan.dip[entry] * _dip(r)
-
-
-def pose(person: Person, plan: Plan, time: Values) -> Segments[Frame]:
-    """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
-    body = person.body
-    entry, r = clock(plan, time)
+def segments(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Float[Array, "*shape"]) -> Frame:
+    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (7, *shape)."""
     now = carried(person, plan, entry, r)
-    middle = now.middle._replace(z=kept(_height(plan, entry, r) + now.middle.z))
-    new_thigh, new_shank = _leg(body, add(middle, now.to_new), now.new.ankle, 0.5 * (now.turn + now.new.yaw))
-    old_thigh, old_shank = _leg(body, add(middle, now.to_old), now.old.ankle, 0.5 * (now.turn + now.old.yaw))
-    new_foot, old_foot = (Frame(f.ankle, *_axes(f.yaw, f.pitch, jnp.zeros_like(r))) for f in (now.new, now.old))
-    left = plan.side[entry] > 0.0
-
-    def pick(one: Frame, two: Frame) -> tuple[Frame, Frame]:
-        """Right and left frame from the frames of the foot that landed last and of the other foot."""
-        pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(_flat(one), _flat(two), strict=True)]
-        return _frame([right for right, _ in pairs]), _frame([left for _, left in pairs])
-
-    thighs, shanks, feet = pick(new_thigh, old_thigh), pick(new_shank, old_shank), pick(new_foot, old_foot)
-    return Segments(Frame(middle, *now.axes), *thighs, *shanks, *feet)
+    foot = now.feet.frame
+    thigh, shank = _legs(person.body, now.hips, foot.origin, 0.5 * (now.turn[None] + now.feet.yaw))
+    return jax.tree.map(lambda pelvis, *pairs: jnp.concatenate([pelvis[None], *pairs]), now.pelvis, thigh, shank, foot)
 
 
-def _flat(frame: Frame) -> list[Values]:
-    return [component for vector in frame for component in vector]
-
-
-def _frame(flat: list[Values]) -> Frame:
-    return Frame(*(Vector(*flat[i : i + 3]) for i in range(0, 12, 3)))
+def pose(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Segments[Frame]:
+    """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
+    return separated(segments(person, plan, *clock(plan, time)))
 
 
 def _pelvis_oscillation(
@@ -235,7 +206,7 @@ def _pelvis_oscillation(
     Once a stride the pelvis sways to the stance leg, turns with the leading leg and drops on the side of the swing leg;
     twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back.
     """
-    s, c = sincos(jnp.pi * r)
+    s, c = jnp.sin(jnp.pi * r), jnp.cos(jnp.pi * r)
     late = s * 0.809 + c * 0.588  # a fifth of a half turn earlier
     s2, c2 = 2.0 * s * c, 1.0 - 2.0 * s * s
     s4, c4 = 2.0 * s2 * c2, 1.0 - 2.0 * s2 * s2
@@ -271,26 +242,34 @@ class Slack(NamedTuple):
     stretched: Values
 
 
+def _lines(person: Person, plan: Plan, entries: Int[Array, "step"], r: Float[Array, "phase"]) -> Vector:
+    """The lines from the ankles to the hips at shares r of the steps `entries`, (2, step, phase)."""
+    now = carried(person, plan, *jnp.broadcast_arrays(entries[:, None], r[None, :]))
+    return subtract(now.hips, now.feet.frame.origin)
+
+
 def slack(person: Person, plan: Plan) -> Slack:
     """Distance of the legs from their limits, computed 32 times a step."""
-    body = person.body
     entries = jnp.arange(FIRST, plan.x.shape[0] - 1)
-    r = (jnp.arange(32, dtype=plan.x.dtype) + 0.5) / 32
-    entry, r = (v.reshape(-1) for v in jnp.broadcast_arrays(entries[:, None], r[None, :]))
-    now = carried(person, plan, entry, r)
-    z = _height(plan, entry, r) + now.middle.z
-    walks = entry < plan.end.astype(entry.dtype) + FIRST
-    leg = body.thigh_length + body.shank_length
-    aside, length = [], []
-    for foot, to_hip in ((now.new, now.to_new), (now.old, now.to_old)):
-        line = subtract(add(now.middle._replace(z=z), to_hip), foot.ankle)
-        aside.append(jnp.sqrt(line.x * line.x + line.y * line.y))
-        length.append(jnp.sqrt(dot(line, line)))
-    far = jnp.max(jnp.where(walks, jnp.maximum(*aside), 0.0)) / leg
-    long = jnp.max(jnp.where(walks, jnp.maximum(*length), 0.0)) / leg
+    line = _lines(person, plan, entries, (jnp.arange(32, dtype=plan.x.dtype) + 0.5) / 32)
+    walks = (entries < plan.end.astype(entries.dtype) + FIRST)[None, :, None]
+    leg = person.body.thigh_length + person.body.shank_length
+    aside, length = jnp.sqrt(line.x * line.x + line.y * line.y), jnp.sqrt(dot(line, line))
+    far, long = (jnp.max(jnp.where(walks, values, 0.0)) / leg for values in (aside, length))
     return Slack(far, 1.0 / long - 1.0)
+
+
+def moved(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Frame]:
+    """As `motion`, with the segments along the first axis of each array (7, T), in the order of `Segments`.
+
+    All depends on time by the share of a step: time enters as p + v s + a s²/2, differentiated at s = 0.
+    """
+    entry, r = ticks(plan, time)
+    return differentiated(
+        lambda s: segments(person, plan, entry, r.pose + s * (r.rate + 0.5 * s * r.acceleration)), jnp.zeros_like(time)
+    )
 
 
 def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:
     """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
-    return differentiated(lambda t: pose(person, plan, t), time)
+    return Motion(*map(separated, moved(person, plan, time)))

@@ -5,15 +5,16 @@ returns the same as records of the library.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, PyTree
+from jaxtyping import Array, Float, Int, PRNGKeyArray, PyTree, Shaped
 
-from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of
+from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of, separated
 from jgait.geometry.vectors import Vector, dot, kept, subtract
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.feet import LINGER
@@ -22,8 +23,8 @@ from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Slack, clock, motion, plan, slack
-from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Recording, Strides, Values, as_float
+from jgait.simulate.walker import Slack, clock, moved, plan, slack
+from jgait.types import SIDES, AnyArray, Estimate, Flags, Imu, Legs, LegTrajectory, Recording, Strides, Values, as_float
 
 SEVEN = Segments._fields
 """One sensor on each segment."""
@@ -83,6 +84,9 @@ class Truth(NamedTuple):
         return self.estimate.strides
 
 
+type Known = tuple[Estimate, Load, Load]
+
+
 def duration(plan: Plan, person: Person) -> Values:
     """Duration of the walk [s], quiet standing included."""
     last = plan.end.astype(jnp.int32) + FIRST
@@ -108,14 +112,37 @@ def signals(
     Returns:
         placement → readings.
     """
-    read = {}
-    for number, (placement, point) in enumerate(mounts.items()):
-        name = segment_of(placement)
-        own = Motion(*(getattr(part, name) for part in moving))
-        gyr, acc = (jnp.stack(vector, axis=1) for vector in inertial(own, point))
-        flipped = jnp.asarray(errors.left_flipped, gyr.dtype) if placement.endswith("left") else 0.0
-        read[placement] = measure(jax.random.fold_in(key, number), time, gyr, acc, errors, flipped)
-    return read
+    if not mounts:
+        return {}
+    own = (Motion(*(getattr(part, segment_of(placement)) for part in moving)) for placement in mounts)
+    worn = jax.tree.map(lambda *parts: jnp.stack(parts), *own)
+    return _readings(_numbered(key, len(mounts)), worn, time, errors, mounts)
+
+
+def _numbered(key: PRNGKeyArray, count: int) -> Shaped[Array, "sensor ..."]:
+    return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(count))
+
+
+def _readings(
+    keys: Shaped[Array, "sensor ..."],
+    moving: Motion[Frame],
+    time: Float[AnyArray, "time"],
+    errors: ImuErrors,
+    mounts: Mapping[str, Vector],
+) -> dict[str, Imu]:
+    """As `signals`, from a key and the motion of the segment of each sensor, along the first axis of each array."""
+    dtype = time.dtype
+    points = Vector(
+        *(jnp.stack([jnp.asarray(c, dtype) for c in part])[:, None] for part in zip(*mounts.values(), strict=True))
+    )
+    gyr, acc = (jnp.stack(vector, axis=-1) for vector in inertial(moving, points))
+    left = jnp.asarray([placement.endswith("left") for placement in mounts], dtype)
+
+    def read(key: PRNGKeyArray, gyr: Values, acc: Values, flipped: Values) -> tuple[Values, Values, Flags]:
+        return measure(key, time, gyr, acc, errors, flipped)[1:]
+
+    signals = jax.vmap(read)(keys, gyr, acc, left * jnp.asarray(errors.left_flipped, dtype))
+    return {name: Imu(time, *(part[i] for part in signals)) for i, name in enumerate(mounts)}
 
 
 def walk(
@@ -141,49 +168,66 @@ def walk(
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    moving = kept(motion(person, laid, time))
+    read, moving, known = _walked(reads, person, laid, time, errors, tuple(placements), mounts, clock_of)
+    return read, _truth(laid, moving, known)
+
+
+def _walked(
+    key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
+    placements: tuple[str, ...], mounts: Mapping[str, Vector] | None, clock_of: Mapping[str, Clock] | None,
+) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
+    """The readings of a planned walk, its motion (see `moved`), and the other parts of its truth."""
+    moving = kept(moved(person, laid, time))
     places = {name: mount(person.body, name) for name in placements} | dict(mounts or {})
     own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
     right = {name: place for name, place in places.items() if name not in own}
-    read = signals(reads, moving, time, errors, right)
+    read = {}
+    if right:
+        read = _readings(_numbered(key, len(right)), _of_sensors(moving, right), time, errors, right)
     for number, (name, wrong) in enumerate(own.items()):
-        late = kept(motion(person, laid, true_times(wrong, time)))
-        read |= signals(jax.random.fold_in(reads, 1000 + number), late, time, errors, {name: places[name]})
-    return {name: read[name] for name in places}, truth(person, laid, moving, time)
+        late = _of_sensors(kept(moved(person, laid, true_times(wrong, time))), [name])
+        read |= _readings(
+            _numbered(jax.random.fold_in(key, 1000 + number), 1), late, time, errors, {name: places[name]}
+        )
+    return {name: read[name] for name in places}, moving, _known(person, laid, moving.pose, time)
 
 
-def truth(person: Person, laid: Plan, moving: Motion[Segments[Frame]], time: Float[AnyArray, "time"]) -> Truth:
-    """The truth about a walk at times (T,) [s]."""
+def _of_sensors(moving: Motion[Frame], placements: Iterable[str]) -> Motion[Frame]:
+    """The motion of each sensor's segment, along the first axis of each array."""
+    segments = [SEVEN.index(segment_of(placement)) for placement in placements]
+    return (
+        moving if segments == list(range(len(SEVEN))) else jax.tree.map(lambda part: part[np.array(segments)], moving)
+    )
+
+
+def _truth(laid: Plan, moving: Motion[Frame], known: Known) -> Truth:
+    return Truth(known[0], Motion(*map(separated, moving)), *known[1:], laid)
+
+
+def _known(person: Person, laid: Plan, frames: Frame, time: Float[AnyArray, "time"]) -> Known:
+    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (7, T)."""
     body = person.body
     entry, r = clock(laid, time)
-    heading, distance = (curve_at(table, entry, r) for table in (laid.heading_curve, laid.distance_curve))
-    ahead = Vector(jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading))
-    segments: Segments[Frame] = moving.pose
-    legs = Legs(*(_leg(segments, side, ahead) for side in SIDES))
+    heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
+    ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])
+    thighs, shanks, feet = (jax.tree.map(lambda part, i=i: part[i : i + 2], frames) for i in (1, 3, 5))
+    hip, tilt = (jnp.arctan2(-dot(part.z, ahead), part.z.z) for part in (thighs, shanks))
+    ankle = subtract(feet.origin, thighs.origin)
+    legs = LegTrajectory(hip, hip - tilt, dot(ankle, ahead), ankle.z)
+    # Displacement of the ankles since the start, along the first heading.
+    x, y = (part - part[:, :1] for part in feet.origin[:2])
+    gone = x * ahead.x[:, :1] + y * ahead.y[:, :1]
     valid = time <= duration(laid, person) + 1e-6
     lengths = {"thigh_length": body.thigh_length, "shank_length": body.shank_length}
     diagnostics = {
-        "hip_height": segments.pelvis.origin.z - body.ankle_height,
+        "hip_height": frames.origin.z[0] - body.ankle_height,
         "heading": heading,
-        **{f"foot_displacement_{side}": _displacement(getattr(segments, f"foot_{side}"), ahead) for side in SIDES},
+        **{f"foot_displacement_{side}": gone[i] for i, side in enumerate(SIDES)},
         **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
     }
-    loads = _loads(person, laid, entry, r)
-    estimate = Estimate(time, legs, None, distance, valid, diagnostics, strides(laid))
-    return Truth(estimate, moving, *loads, laid)
-
-
-def _leg(segments: Segments[Frame], side: str, ahead: Vector) -> LegTrajectory:
-    """One leg in the vertical plane of the heading."""
-    thigh, shank, foot = (getattr(segments, f"{name}_{side}") for name in ("thigh", "shank", "foot"))
-    hip, tilt = (jnp.arctan2(-dot(part.z, ahead), part.z.z) for part in (thigh, shank))
-    ankle = subtract(foot.origin, thigh.origin)
-    return LegTrajectory(hip, hip - tilt, dot(ankle, ahead), ankle.z)
-
-
-def _displacement(foot: Frame, ahead: Vector) -> Values:
-    """Displacement of the ankle since the start, along the first heading [m]."""
-    return (foot.origin.x - foot.origin.x[0]) * ahead.x[0] + (foot.origin.y - foot.origin.y[0]) * ahead.y[0]
+    by_side = Legs(*(jax.tree.map(lambda part, i=i: part[i], legs) for i in range(2)))
+    estimate = Estimate(time, by_side, None, distance, valid, diagnostics, strides(laid))
+    return estimate, *_loads(person, laid, entry, r)
 
 
 def _time_at(laid: Plan, ticks: Float[Array, "foothold"]) -> Float[Array, "foothold"]:
@@ -222,27 +266,18 @@ def strides(laid: Plan) -> Strides:
 
 def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> tuple[Load, Load]:
     """Loads of both feet: the weight moves onto the heel, along the sole, and off the toes."""
-    gait = person.gait
-    flat = 2.0 * gait.foot_flat
-
-    def load(s: Values, at: Int[Array, "..."], lands: Bool[Array, "..."], leaves: Bool[Array, "..."]) -> Load:
-        off, leave = laid.off[at], laid.leave[at]
-        down = jnp.where(lands, step(s / 0.2), 1.0)
-        sole = jnp.where(lands, step((s - 0.5 * flat) / (0.2 + 0.5 * flat)), 1.0)
-        heel = down * jnp.where(leaves, 1.0 - step((s - off) / 0.3), 1.0)
-        toe = sole * jnp.where(leaves, 1.0 - step((s - 1.0) / (leave + LINGER - 1.0)), 1.0)
-        return Load(heel, toe)
-
-    k = (entry - FIRST).astype(laid.end.dtype)
-    steps = laid.end - 2.0
-    new = load(r, entry, k > 0.5, k < steps - 0.5)
-    old = load(1.0 + r, entry - 1, k > 1.5, k - 1.0 < steps - 0.5)
-    left = laid.side[entry] > 0.0
-    pairs = [(jnp.where(left, b, a), jnp.where(left, a, b)) for a, b in zip(new, old, strict=True)]
-    return Load(*(right for right, _ in pairs)), Load(*(left for _, left in pairs))
-
-
-_walk = jax.jit(walk, static_argnames=("capacity", "placements"))
+    flat = 2.0 * person.gait.foot_flat
+    late = jnp.asarray((0, 1), entry.dtype)[:, None]  # the foot that landed last, and the other foot
+    at, s = entry[None] - late, r[None] + late.astype(r.dtype)
+    k, off, leave = (at - FIRST).astype(r.dtype), laid.off[at], laid.leave[at]
+    lands, leaves = k > 0.5, k < laid.end - 2.5
+    begins = jnp.stack([s / 0.2, (s - 0.5 * flat) / (0.2 + 0.5 * flat)])
+    ends = jnp.stack([(s - off) / 0.3, (s - 1.0) / (leave + LINGER - 1.0)])
+    down, up = step(jnp.stack([begins, ends]))
+    loads = jnp.where(lands[None], down, 1.0) * jnp.where(leaves[None], 1.0 - up, 1.0)  # heel and toe, both feet
+    left = laid.side[entry][None] > 0.0
+    right_foot, left_foot = jnp.where(left, loads[:, 1], loads[:, 0]), jnp.where(left, loads[:, 0], loads[:, 1])
+    return Load(*right_foot), Load(*left_foot)
 
 
 def recording(
@@ -276,31 +311,47 @@ def recording(
     check_sensors(errors, rate, placements)
     steps = round(float(person.gait.steps))
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
-    last, left = limits(key, person, along)
+    laid, last, left = limits(key, person, along)
     check_slack(person, left, "on this route")
-    samples = samples_in(last, rate)
-    time = jnp.asarray(np.arange(roomy(samples)) / rate)
-    read, true = _walk(
-        key, person, along, time, errors, capacity=room(steps), placements=tuple(placements), mounts=mounts,
-        clock_of=clock_of,
-    )  # fmt: skip
-    read, true = trimmed(read, true, samples)
-    return Recording(read, rate, name, subject), true
+    length = roomy(samples_in(last, rate))
+    worn, true = simulated(key, person, laid, last, length, errors, rate, placements, mounts, clock_of)
+    return Recording(worn, rate, name, subject), true
 
 
-_plan = jax.jit(plan, static_argnames=("capacity",))
+def simulated(
+    key: PRNGKeyArray, person: Person, laid: Plan, last: float, length: int, errors: ImuErrors, rate: float,
+    placements: Sequence[str], mounts: Mapping[str, Vector] | None = None, clock_of: Mapping[str, Clock] | None = None,
+) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
+    """One planned walk of `last` seconds, in NumPy arrays; computed in arrays of `length` samples."""
+    time = np.arange(length) / rate
+    walked = _walk(key, person, laid, time, errors, tuple(placements), mounts, clock_of)
+    read, *parts = jax.tree.map(np.asarray, walked)
+    read = {name: read[name] for name in (*placements, *(mounts or {}))}
+    return trimmed(read, _truth(laid, *parts), samples_in(last, rate))
 
 
-@jax.jit
-def _ends(laid: Plan, person: Person) -> tuple[Values, Slack]:
-    return duration(laid, person), slack(person, laid)
+@partial(jax.jit, static_argnames=("placements",))
+def _walk(
+    key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
+    placements: tuple[str, ...], mounts: Mapping[str, Vector] | None, clock_of: Mapping[str, Clock] | None,
+) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
+    return _walked(jax.random.split(key)[1], person, laid, jnp.asarray(time), errors, placements, mounts, clock_of)
 
 
-def limits(key: PRNGKeyArray, person: Person, along: Route) -> tuple[float, Slack]:
-    """Duration of a walk [s], and distance of the legs from their limits; on the host, in floats."""
-    laid = _plan(jax.random.split(key)[0], person, along, room(round(float(person.gait.steps))))
-    last, left = _ends(laid, person)
-    return float(last), Slack(*map(float, left))
+@partial(jax.jit, static_argnames=("capacity",))
+def _limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Values, Slack]:
+    laid = plan(jax.random.split(key)[0], person, along, capacity)
+    return laid, duration(laid, person), slack(person, laid)
+
+
+def limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int = 0) -> tuple[Plan, float, Slack]:
+    """The plan of a walk, its duration [s], and the distance of the legs from their limits, in floats; on the host.
+
+    The arrays of the plan hold at least `capacity` steps.
+    """
+    capacity = max(capacity, room(round(float(person.gait.steps))))
+    laid, last, left = _limits(key, jax.tree.map(float, person), along, capacity)
+    return laid, float(last), Slack(*map(float, left))
 
 
 def room(steps: int) -> int:

@@ -14,7 +14,7 @@ from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
 from jgait.simulate.walker import clock, motion, plan, pose
-from jgait.simulate.worn import _ends, _plan, room
+from jgait.simulate.worn import limits
 
 RATE = 100.0
 VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}
@@ -262,10 +262,9 @@ def test_a_wrong_clock_shifts_its_own_sensor_alone():
 )
 def test_legs_close_on_slopes_stairs_and_turns(along, changes, rise):
     who = jax.tree.map(float, person(steps=10.0, **changes))
-    laid = _plan(jax.random.key(0), who, along, capacity=room(10))
-    _, limits = _ends(laid, who)
-    assert float(limits.stretched) > 0.0
-    assert float(limits.aside) < 0.6
+    laid, _, left = limits(jax.random.key(0), who, along)
+    assert left.stretched > 0.0
+    assert left.aside < 0.6
     rows = simulate.strides(laid)
     climbed = np.abs(np.asarray(rows.height)[np.asarray(rows.valid)])
     assert climbed.max() == pytest.approx(0.0, abs=1e-12) if rise == 0.0 else climbed.max() > rise

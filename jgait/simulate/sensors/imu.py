@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from jgait.geometry.rotation import rotation, turn
+from jgait.geometry.vectors import kept
 from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
-from jgait.types import AnyArray, Imu, Values
+from jgait.types import AnyArray, Flags, Imu, Values
 
 DEGREE = math.pi / 180.0
 
@@ -147,17 +148,26 @@ def _quantise(value: Values, resolution: Values) -> Values:
     return jnp.where(resolution > 0.0, step * jnp.round(value / step), value)
 
 
-def _kept(draws: Float[Array, "time 2"], errors: ImuErrors) -> Bool[Array, "time"]:
-    """Mask of the samples that arrive (T,), from two uniform draws for each (T, 2).
+def _drifted(
+    steps: Float[Array, "time 6"], draws: Float[Array, "time 2"], errors: ImuErrors
+) -> tuple[Float[Array, "time 6"], Bool[Array, "time"]]:
+    """Sums of random steps (T, 6), and mask of the samples that arrive (T,), from two uniform draws for each (T, 2).
 
     A burst is a Markov chain of two states. One draw decides: below `burst_loss` the state becomes lost, above
-    1 − 1/`burst_length` it becomes kept, between these limits it does not change. So the last change gives the state.
+    1 − 1/`burst_length` it becomes kept, between these limits it does not change.
     """
-    index = jnp.arange(1, draws.shape[0] + 1)
     begins = draws[:, 1] < errors.burst_loss
-    ends = ~begins & (draws[:, 1] > 1.0 - 1.0 / jnp.asarray(errors.burst_length, draws.dtype))
-    begun, ended = (jax.lax.cummax(jnp.where(event, index, jnp.zeros_like(index))) for event in (begins, ends))
-    return (draws[:, 0] >= errors.packet_loss) & (begun <= ended)
+    lasts = draws[:, 1] <= 1.0 - 1.0 / jnp.asarray(errors.burst_length, draws.dtype)
+
+    def onward(
+        now: tuple[Values, Flags], new: tuple[Values, Flags, Flags]
+    ) -> tuple[tuple[Values, Flags], tuple[Values, Flags]]:
+        after = now[0] + new[0], new[1] | (now[1] & new[2])
+        return after, after
+
+    start = jnp.zeros_like(steps[0]), jnp.zeros_like(begins[0])
+    _, (sums, lost) = jax.lax.scan(onward, start, (steps, begins, lasts))
+    return sums, (draws[:, 0] >= errors.packet_loss) & ~lost
 
 
 def measure(
@@ -190,7 +200,7 @@ def measure(
     """
     dtype, n, e = gyr.dtype, time.shape[0], errors
     dt = time[1] - time[0]
-    draws = jax.random.normal(key, (14 * n + 18,), dtype)  # one draw: each costs a compilation
+    draws = kept(jax.random.normal(key, (14 * n + 18,), dtype))  # one draw: each costs a compilation
     white, steps = draws[: 6 * n].reshape(n, 6), draws[6 * n : 12 * n].reshape(n, 6)
     losses, (bias, scale, mount) = draws[12 * n : 14 * n].reshape(n, 2), draws[14 * n :].reshape(3, 6)
 
@@ -208,9 +218,9 @@ def measure(
     read = low_pass(read, channels(e.gyr_bandwidth, e.acc_bandwidth), dt)
     read = read + white * channels(e.gyr_noise, e.acc_noise)[None, :] / jnp.sqrt(2.0 * dt)
     read = read + (bias * channels(e.gyr_bias, e.acc_bias))[None, :]
-    read = read + jnp.cumsum(steps, axis=0) * channels(e.gyr_drift, e.acc_drift)[None, :] * jnp.sqrt(dt)
+    drift, mask = _drifted(steps, jax.scipy.special.ndtr(losses), e)
+    read = read + drift * channels(e.gyr_drift, e.acc_drift)[None, :] * jnp.sqrt(dt)
     limit = channels(e.gyr_range, e.acc_range)[None, :]
     read = jnp.clip(_quantise(read, channels(e.gyr_resolution, e.acc_resolution)[None, :]), -limit, limit)
-    mask = _kept(jax.scipy.special.ndtr(losses), e)
-    read = jnp.where(mask[:, None], read, jnp.zeros_like(read))
+    read = kept(jnp.where(mask[:, None], read, jnp.zeros_like(read)))
     return Imu(time, read[:, :3], read[:, 3:], mask)
