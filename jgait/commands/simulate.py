@@ -152,7 +152,7 @@ def _drawn(key: PRNGKeyArray, people: int, along: "Route", options: dict[str, An
     fit = [simulation.fitted(k, simulation.person_of(drawn, i), along) for i, k in enumerate(keys)]
     asked = {"errors": sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
     walks = simulation.walks(keys, fit, [along] * people, **asked)
-    distance = float(simulation.routes.total_length(along))
+    distance = float(np.sum(along.length))
     for (recording, truth), person in zip(walks, fit, strict=True):
         yield SimulatedWalk(recording, truth, person, distance)
 

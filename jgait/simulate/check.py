@@ -10,7 +10,7 @@ from jgait.geometry.segments import segment_of
 from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.routes import straight
 from jgait.simulate.sensors import ImuErrors, check_errors
-from jgait.simulate.walker import Slack, plan, slack
+from jgait.simulate.walker import Slack, planned
 
 _HALF = (-0.5, 0.5)
 _RANGES: dict[str, tuple[float, float]] = {
@@ -32,7 +32,7 @@ def _slack(person: Person) -> Slack:
     """Distance of the legs from their limits over four even steps."""
     gait = person.gait._replace(steps=4.0, length_variability=0.0, time_variability=0.0, width_variability=0.0)
     steady = Person(person.body, gait)
-    return slack(steady, plan(jax.random.key(0), steady, straight(10.0), 4))
+    return planned(jax.random.key(0), steady, straight(10.0), 4)[1]
 
 
 def check_person(person: Person) -> None:

@@ -211,11 +211,10 @@ def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     speeds = np.sqrt(np.asarray(along.speed, float))
     steps = round(float(np.sum(np.asarray(along.length) / speeds)) / (0.5 * float(person.gait.stride_length)))
     if steps < 1:
-        total = float(routes.total_length(along))
+        total = float(np.sum(along.length))
         raise ValueError(f"a route of {total:g} m is shorter than half a step of {0.5 * person.gait.stride_length:g} m")
     person = Person(person.body, person.gait._replace(steps=float(steps)))
-    factor = float(_stretch(jax.random.split(key)[0], person, along, room(steps)))
-    grown = paced(person, factor)
+    grown = _stretched(jax.random.split(key)[0], jax.tree.map(float, person), along, room(steps))
     # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
     return _able(key, jax.tree.map(float, Person(person.body, stretched)), along)
@@ -241,8 +240,8 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 
 
 @partial(jax.jit, static_argnames=("capacity",))
-def _stretch(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Values:
-    """Factor on the stride length with which the last step ends at the end of the route [1]."""
+def _stretched(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Person:
+    """The person paced by the factor on the stride length with which the last step ends at the end of the route."""
     total = routes.total_length(along)
 
     def covered(stride: Values) -> Values:
@@ -253,4 +252,4 @@ def _stretch(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> 
 
     # The distance is nearly proportional to the stride; where speed changes, each iteration divides the error by ten.
     own = jnp.asarray(person.gait.stride_length)
-    return jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own
+    return paced(person, jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), own) / own)

@@ -128,6 +128,18 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> 
     return Carried(both, pelvis, hips, heading + 0.5 * yaw)
 
 
+class Slack(NamedTuple):
+    """Distance of the legs from their limits, the least over a walk.
+
+    Attributes:
+        aside: largest horizontal distance between hip and ankle, over the length of the leg [1].
+        stretched: least ratio of leg length to the distance from hip to ankle, minus 1 [1]; negative: leg too short.
+    """
+
+    aside: Values
+    stretched: Values
+
+
 def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
     """Plan a walk: footholds and pelvis.
 
@@ -142,15 +154,24 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     Returns:
         The plan, K = capacity + 4.
     """
+    return planned(key, person, along, capacity)[0]
+
+
+def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Slack]:
+    """As `plan`, and the distance of the legs from their limits."""
     body, gait = person.body, person.gait
     laid = footholds(key, person, along, capacity)
-    phases = (jnp.arange(SAMPLES, dtype=laid.x.dtype) + 0.5) / SAMPLES
-    line = _lines(person, laid, jnp.arange(FIRST, capacity + 3), phases)
+    entries, dtype = jnp.arange(FIRST, capacity + 3), laid.x.dtype
+    inside, checked = ((jnp.arange(n, dtype=dtype) + 0.5) / n for n in (SAMPLES, CHECKED))
+    r = jnp.concatenate([inside, checked])
+    now = carried(person, laid, *jnp.broadcast_arrays(entries[:, None], r[None, :]))
+    line = subtract(now.hips, now.feet.frame.origin)  # (2, K, phase)
+    level = line.x * line.x + line.y * line.y
     knee = reach(body, jnp.asarray(gait.knee_stance))
-    # How much higher a leg of full length lets the hips be, (2, K, SAMPLES).
-    at = jnp.sqrt(jnp.maximum(knee * knee - line.x * line.x - line.y * line.y, 1e-4)) - line.z
+    # How much higher a leg of full length lets the hips be.
+    at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line.z)[..., :SAMPLES]
     least = -SHARP * jax.nn.logsumexp(-at / SHARP, axis=(0, 2))
-    k = jnp.arange(-1, capacity + 3, dtype=laid.x.dtype)
+    k = jnp.arange(-1, capacity + 3, dtype=dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
     # At the border of two steps the pelvis has the lower of the two heights.
     steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])
@@ -158,14 +179,22 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
     curve = pieces(high, walks.astype(high.dtype), monotone=True)
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
-    weight = _dip(phases)
-    inner = weight > 0.05
-    path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), phases[None, :])
-    over = path - jnp.min(at, axis=0)
-    needed = jnp.where(inner[None, :], over / jnp.where(inner, weight, 1.0)[None, :], -1.0)
+    weight = _dip(inside)
+    deep = weight > 0.05
+    path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])
+    over = path[:, :SAMPLES] - jnp.min(at, axis=0)
+    needed = jnp.where(deep[None, :], over / jnp.where(deep, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
-    return laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))
+    height = line.z + (path - dip[:, None] * _dip(r)[None, :])[None]
+    taken = (entries < laid.end.astype(entries.dtype) + FIRST)[None, :, None]
+    leg = body.thigh_length + body.shank_length
+    far, long = (
+        jnp.sqrt(jnp.max(jnp.where(taken, square[..., SAMPLES:], 0.0))) / leg
+        for square in (level, level + height * height)
+    )
+    laid = laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))
+    return laid, Slack(far, 1.0 / long - 1.0)
 
 
 def _standing_leg(person: Person) -> Values:
@@ -176,8 +205,9 @@ def _standing_leg(person: Person) -> Values:
     return jnp.sqrt(r * r - ahead * ahead - aside * aside)
 
 
-SAMPLES, SHARP = 24, 0.0005
-"""[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants."""
+SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
+"""[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; [1]
+instants of a step at which the legs' limits are checked."""
 
 
 def _dip(r: Values) -> Values:
@@ -230,46 +260,17 @@ RISE = (-0.475, -0.111, -0.056, -0.027)
 """Shape of the rise: cosine and sine of one and of two waves a step; its range is 1."""
 
 
-class Slack(NamedTuple):
-    """Distance of the legs from their limits, the least over a walk.
-
-    Attributes:
-        aside: largest horizontal distance between hip and ankle, over the length of the leg [1].
-        stretched: least ratio of leg length to the distance from hip to ankle, minus 1 [1]; negative: leg too short.
-    """
-
-    aside: Values
-    stretched: Values
-
-
-def _lines(person: Person, plan: Plan, entries: Int[Array, "step"], r: Float[Array, "phase"]) -> Vector:
-    """The lines from the ankles to the hips at shares r of the steps `entries`, (2, step, phase)."""
-    now = carried(person, plan, *jnp.broadcast_arrays(entries[:, None], r[None, :]))
-    return subtract(now.hips, now.feet.frame.origin)
-
-
-def slack(person: Person, plan: Plan) -> Slack:
-    """Distance of the legs from their limits, computed 32 times a step."""
-    entries = jnp.arange(FIRST, plan.x.shape[0] - 1)
-    line = _lines(person, plan, entries, (jnp.arange(32, dtype=plan.x.dtype) + 0.5) / 32)
-    walks = (entries < plan.end.astype(entries.dtype) + FIRST)[None, :, None]
-    leg = person.body.thigh_length + person.body.shank_length
-    aside, length = jnp.sqrt(line.x * line.x + line.y * line.y), jnp.sqrt(dot(line, line))
-    far, long = (jnp.max(jnp.where(walks, values, 0.0)) / leg for values in (aside, length))
-    return Slack(far, 1.0 / long - 1.0)
-
-
-def moved(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Frame]:
-    """As `motion`, with the segments along the first axis of each array (7, T), in the order of `Segments`.
+def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frame]:
+    """As `motion`, from `ticks`, with the segments along the first axis of each array (7, T).
 
     All depends on time by the share of a step: time enters as p + v s + a s²/2, differentiated at s = 0.
     """
-    entry, r = ticks(plan, time)
     return differentiated(
-        lambda s: segments(person, plan, entry, r.pose + s * (r.rate + 0.5 * s * r.acceleration)), jnp.zeros_like(time)
+        lambda s: segments(person, plan, entry, r.pose + s * (r.rate + 0.5 * s * r.acceleration)),
+        jnp.zeros_like(r.pose),
     )
 
 
 def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:
     """The body at times (T,) [s], its rates and its accelerations: a `Motion` of `Segments`, exact."""
-    return Motion(*map(separated, moved(person, plan, time)))
+    return Motion(*map(separated, moved(person, plan, *ticks(plan, time))))

@@ -23,7 +23,7 @@ from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Slack, clock, moved, plan, slack
+from jgait.simulate.walker import Slack, moved, plan, planned, ticks
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Imu, Legs, LegTrajectory, Recording, Strides, Values, as_float
 
 SEVEN = Segments._fields
@@ -177,7 +177,8 @@ def _walked(
     placements: tuple[str, ...], mounts: Mapping[str, Vector] | None, clock_of: Mapping[str, Clock] | None,
 ) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
     """The readings of a planned walk, its motion (see `moved`), and the other parts of its truth."""
-    moving = kept(moved(person, laid, time))
+    entry, r = ticks(laid, time)
+    moving = kept(moved(person, laid, entry, r))
     places = {name: mount(person.body, name) for name in placements} | dict(mounts or {})
     own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
     right = {name: place for name, place in places.items() if name not in own}
@@ -185,11 +186,11 @@ def _walked(
     if right:
         read = _readings(_numbered(key, len(right)), _of_sensors(moving, right), time, errors, right)
     for number, (name, wrong) in enumerate(own.items()):
-        late = _of_sensors(kept(moved(person, laid, true_times(wrong, time))), [name])
+        late = _of_sensors(kept(moved(person, laid, *ticks(laid, true_times(wrong, time)))), [name])
         read |= _readings(
             _numbered(jax.random.fold_in(key, 1000 + number), 1), late, time, errors, {name: places[name]}
         )
-    return {name: read[name] for name in places}, moving, _known(person, laid, moving.pose, time)
+    return {name: read[name] for name in places}, moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
 def _of_sensors(moving: Motion[Frame], placements: Iterable[str]) -> Motion[Frame]:
@@ -204,10 +205,11 @@ def _truth(laid: Plan, moving: Motion[Frame], known: Known) -> Truth:
     return Truth(known[0], Motion(*map(separated, moving)), *known[1:], laid)
 
 
-def _known(person: Person, laid: Plan, frames: Frame, time: Float[AnyArray, "time"]) -> Known:
+def _known(
+    person: Person, laid: Plan, frames: Frame, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
+) -> Known:
     """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (7, T)."""
     body = person.body
-    entry, r = clock(laid, time)
     heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
     ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])
     thighs, shanks, feet = (jax.tree.map(lambda part, i=i: part[i : i + 2], frames) for i in (1, 3, 5))
@@ -326,8 +328,8 @@ def simulated(
     time = np.arange(length) / rate
     walked = _walk(key, person, laid, time, errors, tuple(placements), mounts, clock_of)
     read, *parts = jax.tree.map(np.asarray, walked)
-    read = {name: read[name] for name in (*placements, *(mounts or {}))}
-    return trimmed(read, _truth(laid, *parts), samples_in(last, rate))
+    read, true = trimmed(read, _truth(laid, *parts), samples_in(last, rate))
+    return {name: read[name] for name in (*placements, *(mounts or {}))}, true
 
 
 @partial(jax.jit, static_argnames=("placements",))
@@ -340,8 +342,8 @@ def _walk(
 
 @partial(jax.jit, static_argnames=("capacity",))
 def _limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Values, Slack]:
-    laid = plan(jax.random.split(key)[0], person, along, capacity)
-    return laid, duration(laid, person), slack(person, laid)
+    laid, left = planned(jax.random.split(key)[0], person, along, capacity)
+    return laid, duration(laid, person), left
 
 
 def limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int = 0) -> tuple[Plan, float, Slack]:
