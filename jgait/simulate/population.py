@@ -17,7 +17,7 @@ from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.worn import limits, room
+from jgait.simulate.worn import QUICKLY, limits, room
 from jgait.types import Values
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
@@ -239,7 +239,7 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 """[1] Relative reserve of leg length that is kept; [rad] largest increase of the knee flexion."""
 
 
-@partial(jax.jit, static_argnames=("capacity",))
+@partial(jax.jit, static_argnames=("capacity",), compiler_options=QUICKLY)
 def _stretched(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Person:
     """The person paced by the factor on the stride length with which the last step ends at the end of the route."""
     total = routes.total_length(along)

@@ -340,7 +340,11 @@ def _walk(
     return _walked(jax.random.split(key)[1], person, laid, jnp.asarray(time), errors, placements, mounts, clock_of)
 
 
-@partial(jax.jit, static_argnames=("capacity",))
+QUICKLY = {"xla_backend_optimization_level": 0}
+"""Options of a program that runs for a millisecond: without the compiler's optimisations it compiles in less time."""
+
+
+@partial(jax.jit, static_argnames=("capacity",), compiler_options=QUICKLY)
 def _limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Values, Slack]:
     laid, left = planned(jax.random.split(key)[0], person, along, capacity)
     return laid, duration(laid, person), left
