@@ -66,7 +66,7 @@ def evaluate(
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
-        if any((out / "run").glob("part-*-*")):
+        if any(folder.run.glob("part-*-*")):
             console.print(
                 f"continuing an earlier run in {out}; its finished recordings are not computed again", highlight=False
             )
@@ -75,7 +75,7 @@ def evaluate(
             bar("reading and computing", 0, total)
             try:
                 results = evaluation.cohort(
-                    pipeline, source.items, start, own=body_of, read=source.read, out=out / "run", batch=batch,
+                    pipeline, source.items, start, own=body_of, read=source.read, out=folder.run, batch=batch,
                     progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
                 )  # fmt: skip
             except OtherEvaluationError as error:

@@ -18,6 +18,10 @@ STAGE = ".jgait.part"
 """Folder within the folder of results in which files lie until all are written."""
 
 
+RUNS = {"tune": "fits"}
+"""Command → name of its folder of intermediate results, where it is not `run`."""
+
+
 class ResultsFolder:
     """A folder of results that this process alone writes.
 
@@ -27,6 +31,7 @@ class ResultsFolder:
     Attributes:
         path: the folder.
         stage: folder for files until `publish` moves them.
+        run: folder of intermediate results, with which a killed command continues.
     """
 
     def __init__(
@@ -40,7 +45,7 @@ class ResultsFolder:
             arguments: as of `results_folder`.
             planned: as of `results_folder`.
         """
-        self.path, self.stage = path, path / STAGE
+        self.path, self.stage, self.run = path, path / STAGE, path / RUNS.get(command, "run")
         self._manifest = path / f".jgait-{command}.json"
         self._planned = planned
         self._bound = arguments is not None
@@ -62,8 +67,8 @@ class ResultsFolder:
             # The old manifest stays until all that it lists is gone: no old file is ever under new arguments.
             for name in self._files:
                 (self.path / name).unlink(missing_ok=True)
-            if (self.path / "run").is_dir():
-                shutil.rmtree(self.path / "run")
+            if self.run.is_dir():
+                shutil.rmtree(self.run)
             self._before, self._files, self._finished = {}, {}, False
         elif changed:
             key = changed[0]
@@ -148,7 +153,7 @@ def results_folder(
         planned: names of the files that will be written, if known; or name → recording that the file is of.
         inputs: files that the command reads; None is left out.
         json_file: a further output, or None.
-        fresh: delete results of other arguments, and the folder `run` with intermediate results.
+        fresh: delete results of other arguments, and intermediate results.
     """
     sources = dict(planned) if isinstance(planned, Mapping) else dict.fromkeys(planned, "")
     keep_inputs([*(out / name for name in sources), json_file], inputs)

@@ -85,7 +85,7 @@ def tune(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         job = tune_run.job_of(
-            pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, out / "run"
+            pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, folder.run
         )  # fmt: skip
         with progress() as bars, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

@@ -30,8 +30,11 @@ RESULT, RESULT_A_BYTE = 50_000_000, 8
 SECONDS, BYTES_A_SECOND = 2, 2_000_000
 """[s], [bytes/s] Processor time for any file, and one second more for so many bytes of it."""
 
-WAITING = 5
+WAITING = 2.5
 """Wall time over processor time: the process is ended after so long, if it neither computes nor ends."""
+
+READY = b"ready"
+"""Sent by the process when the library is loaded: the file's time begins."""
 
 
 def largest(path: Path) -> int:
@@ -93,10 +96,11 @@ class _Process:
         """The answer: ("result", …), ("error", an exception), or ("ended", the reason in words)."""
         asked, answers = (cast(IO[bytes], pipe) for pipe in (self._process.stdin, self._process.stdout))
         timer = threading.Timer(WAITING * seconds, self._process.kill)
-        timer.start()
         try:
             pickle.dump(request, asked)
             asked.flush()
+            answers.read(len(READY))
+            timer.start()
             return pickle.load(answers)
         except (EOFError, OSError, pickle.UnpicklingError):
             if -self._process.wait() in (signal.SIGXCPU, signal.SIGKILL):
@@ -182,6 +186,8 @@ def _main() -> None:
         except EOFError:
             return
         library(request[0], "")
+        answers.write(READY)
+        answers.flush()
         _limit(request[-1])
         answers.write(_answer(*request[1:]))
         answers.flush()

@@ -187,7 +187,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
     ):  # fmt: skip
         assert words in said, said
     names = {path.name for path in out.glob("[!.]*")}
-    assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "run"}
+    assert names == {"tuned.json", "training.png", "held_out.csv", "before_after.png", "fits"}
     held = pd.read_csv(out / "held_out.csv")
     assert sorted(held["recording"]) == [row["file"] for row in walks[1]]
     assert (held["error_after"] < held["error_before"]).all()

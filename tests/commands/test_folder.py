@@ -177,3 +177,16 @@ def test_names_with_markup_formulas_and_control_characters(tmp_path, monkeypatch
         assert "\x1b[2J" not in result.output and r"\x1b[2J" in result.output and "[bold]" in result.output
     page = (tmp_path / "report.html").read_text()
     assert f"<script>{NASTY[:3]}" not in page and "&lt;script&gt;a$" in page and "\x1b" not in page
+
+
+def test_fresh_deletes_the_intermediate_results_of_its_own_command(tmp_path):
+    for command in ("evaluate", "tune"):
+        with results_folder(tmp_path, command, {"seed": 0}) as folder:
+            folder.run.mkdir()
+            (folder.run / "part").write_text("")
+            folder.publish([])
+    put(tmp_path, {"seed": 1}, command="tune", fresh=True)
+    assert not (tmp_path / "fits").exists() and (tmp_path / "run" / "part").exists()
+    (tmp_path / "other" / "run").mkdir(parents=True)  # of the user
+    put(tmp_path / "other", {"seed": 1}, command="evaluate", fresh=True)
+    assert (tmp_path / "other" / "run").exists()
