@@ -68,15 +68,25 @@ def _programs_let_go() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def data() -> Callable[[str], datasets.Walks]:
-    """`data("neura_sparse")`: the walks of a public data set, or a skip that says why they are not there."""
+def data() -> Callable[..., datasets.Walks]:
+    """`data("neura_sparse")`: the walks of a public data set, or those named after it; a skip if they are not there."""
 
-    def load(name: str) -> datasets.Walks:
+    def load(name: str, *chosen: str) -> datasets.Walks:
         if not datasets.available(name):
             pytest.skip(datasets.unavailable_reason(name))
-        return datasets.load(name)
+        if lacking := set(chosen) - set(datasets.names(name)):
+            pytest.skip(f"{name} lacks {', '.join(lacking)}")
+        return datasets.load(name, chosen or None)
 
     return load
+
+
+@pytest.fixture
+def data_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of data sets, empty for the test; no data set has been downloaded."""
+    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path
 
 
 @pytest.fixture(scope="session")

@@ -125,16 +125,9 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str],
 ) -> Source:  # fmt: skip
-    """The cohort of the command's options; exits with code 2 if there is none.
+    """The cohort of the command's options, of files, of a public set or simulated; exits with code 2 if there is none.
 
-    Args:
-        table: of files, or None.
-        dataset: name of a public set, or None.
-        simulated: number of people to simulate, or None.
-        seed: seed of the simulated people.
-        gyr_unit: unit of the gyroscope in the files.
-        acc_unit: unit of the accelerometer in the files.
-        measures: measures of a person that the estimator uses; missing measures are noted.
+    Missing `measures` of a person, which the estimator uses, are noted.
     """
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:

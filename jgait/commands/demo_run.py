@@ -109,15 +109,8 @@ def _lines(walk: str, tuned_on: bool, paper: Judged | None, before: Judged, afte
 def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, seed: int = 0) -> Demo:
     """A simulated cohort: tune distance scale and standing pose on half of the people, judge on the other half.
 
-    Args:
-        out: folder for figures; made if it does not exist.
-        report: called with the progress.
-        subjects: number of people; the tuning uses half of them.
-        steps: number of steps of the optimiser.
-        seed: seed of the cohort.
-
-    Returns:
-        Table lines of the people left out of the tuning (medians over them), and figures of one person.
+    Figures are written to the folder `out`, which is made. Returns table lines of the people left out of the tuning
+    (medians over them), and figures of one person.
     """
     report("simulating people", 0, 1)
     drawn = protocols.bennett(jax.random.key(seed), subjects, rate=RATE_HZ)
@@ -180,13 +173,8 @@ def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tup
 def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     """One person with motion capture: tune on the walk out, compute errors on the walk back.
 
-    Args:
-        out: folder for figures; made if it does not exist.
-        report: called with the progress.
-        steps: number of steps of the optimiser.
-
-    Returns:
-        Table lines for both walks, and figures of the walk back.
+    Figures are written to the folder `out`, which is made. Returns table lines for both walks, and figures of the walk
+    back.
 
     Raises:
         DatasetUnavailable: the message states how to get the set.

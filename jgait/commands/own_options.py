@@ -88,12 +88,7 @@ def _line(name: str) -> str:
 
 
 def given_of(name: str, values: Mapping[str, PyTree]) -> dict[str, Any]:
-    """Given options → parsed values; exits with code 2 for an option that the estimator does not have.
-
-    Args:
-        name: name of the estimator.
-        values: argument → value, or None where the option was not given.
-    """
+    """Given options → parsed values; exits with code 2 for an option that the estimator does not have."""
     given: dict[str, Any] = {}
     mine = options_of(estimators.about_of(name))
     for known in own_options().values():

@@ -61,14 +61,7 @@ class Choice(NamedTuple):
 
 
 def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTree) -> list[Note]:
-    """Notes about measures that are known neither from the person nor from parameters.
-
-    Args:
-        about: description of the estimator.
-        body: known measures.
-        params: parameters in use.
-        default: default parameters.
-    """
+    """Notes about measures that are known neither from the person nor from parameters that differ from the default."""
     measures = {measure.name: measure for measure in about.measures}
     notes: list[Note] = []
     for group in about.missing:
@@ -88,11 +81,7 @@ def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTr
 def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any]) -> Choice:
     """The choice that the options select; exits with code 2 if it does not exist.
 
-    Args:
-        name: name of the estimator.
-        paper: whether to use the paper's pipeline.
-        file: file of parameters, or None.
-        values: the options that only some estimators have, as arguments, see `with_own_options`.
+    `values` are the options that only some estimators have, as arguments, see `with_own_options`.
     """
     pipeline_of(name, paper)
     given = given_of(name, values)

@@ -51,14 +51,7 @@ def planned(about: About, name: str) -> list[str]:
 
 
 def written(made: EstimatedRecording, about: About, out: Path, name: str) -> list[Path]:
-    """The files of tables and figures of one recording.
-
-    Args:
-        made: the estimate, its recording and its parameters.
-        about: description of the estimator.
-        out: folder.
-        name: first part of the files' names.
-    """
+    """Write tables and figures of one recording into a folder; their names begin with `name`. Returns their paths."""
     from jgait import io, plot
 
     files = []

@@ -18,11 +18,7 @@ RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RAN
 
 
 def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
-    """Factor from a unit to SI.
-
-    Raises:
-        ValueError: if the unit is unknown; the message lists the known units.
-    """
+    """Factor from a unit to SI. Raises ValueError if the unit is unknown; the message lists the known units."""
     if unit not in units:
         raise RecordingError(
             f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=argument

@@ -62,14 +62,9 @@ def _remove_left(target: Path) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a text in UTF-8, whole or not at all; see `replaced`. Bytes of a file's name that are no text become codes.
+    """Write a text in UTF-8, whole or not at all, and return the path; see `replaced`.
 
-    Args:
-        path: of the file; its folder must exist.
-        text: to write, line ends as they are.
-
-    Returns:
-        The path.
+    Line ends stay as they are; bytes of a file's name that are no text become codes.
     """
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")

@@ -33,13 +33,7 @@ CHANNEL_CLIPPED = Kind(
 
 
 def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str) -> None:
-    """Refuse units that contradict the sizes of the signals.
-
-    Args:
-        sensors: placement → `Imu`, already converted to SI.
-        gyr_unit: the stated unit of the gyroscope, 'deg/s' or 'rad/s'.
-        acc_unit: the stated unit of the accelerometer, 'm/s^2' or 'g'.
-        name: name of the recording in messages.
+    """Refuse stated units that contradict the sizes of the signals, which are already in SI.
 
     Raises:
         RecordingError: if in these units a limb turns impossibly fast, a moving person impossibly slowly, or the
@@ -103,12 +97,7 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:
-    """Refuse impossible distances between the feet.
-
-    Args:
-        distance: (n,) [m] the measured distances.
-        unit: the stated unit.
-        name: name of the recording in messages.
+    """Refuse impossible distances between the feet (n,) [m] of a recording, given their stated unit.
 
     Raises:
         RecordingError: if a distance is not positive, or their median is outside `FEET_APART`.
@@ -137,14 +126,7 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
 
 
 def quality_notes(recording: Recording) -> tuple[Note, ...]:
-    """Notes about doubtful signals: missing samples, clipped channels, channels that never change.
-
-    Args:
-        recording: a structurally sound recording.
-
-    Returns:
-        The notes; empty if no signal is doubtful.
-    """
+    """Notes about doubtful signals of a structurally sound recording: missing samples, clipped or constant channels."""
     notes: list[Note] = []
     for placement, imu in recording.sensors.items():
         notes += _missing_notes(placement, imu, recording.sampling_rate_hz)

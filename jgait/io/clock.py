@@ -46,19 +46,10 @@ class SampleTimes(NamedTuple):
 def make_clock(
     samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
 ) -> SampleTimes:
-    """The clock from a time column, a sampling rate, or both.
+    """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
-    Missing samples are inserted where time increases by more than one and a half sample times; they have no row.
-
-    Args:
-        samples: number of rows.
-        time: (samples,) time stamps, or None.
-        sampling_rate_hz: nominal rate [Hz], or None to take it from the time stamps.
-        time_unit: 's' or 'ms'; None: deduced from the size of the steps, and noted.
-        name: name of the recording in messages.
-
-    Returns:
-        The clock.
+    Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
+    that is not stated ('s' or 'ms') is deduced from the size of the steps, and noted.
 
     Raises:
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat, decrease,

@@ -70,11 +70,8 @@ def check_width(line: str, separator: str, name: str) -> None:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Refuse a path that is no file, a file without permission to read, and an empty file.
-
-    Args:
-        path: the file.
-        expected: description of the expected file, for messages: "an APDM Opal HDF5 file".
+    """Refuse a path that is no file, a file without permission to read, and an empty file; messages state the
+    `expected`.
 
     Raises:
         OSError: if the file does not exist, or may not be read.
@@ -109,12 +106,7 @@ def plain(value: object) -> str:
 
 
 def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.ndarray:
-    """(T, 3) finite-or-NaN numbers.
-
-    Args:
-        values: the file's values.
-        what: file and signal, for messages.
-        rows: required number of rows.
+    """(T, 3) finite-or-NaN numbers of a file, with a required number of rows; messages name file and signal.
 
     Raises:
         RecordingError: for anything else.

@@ -44,14 +44,7 @@ WORDS = {
 
 
 def placement_of(label: str) -> str | None:
-    """The placement of a sensor from its name; None where the name does not state it.
-
-    Args:
-        label: such as "LowerBack", "Right Lower Leg", "shank_l_imu", "tibia_r_imu", "L_Foot".
-
-    Returns:
-        A member of `jgait.types.PLACEMENTS`, or None.
-    """
+    """The placement of a sensor from its name, such as "LowerBack" or "tibia_r_imu"; None where the name has none."""
     plain = label.strip().lower().replace("-", "_").replace(" ", "_")
     if plain in PLACEMENTS:
         return plain
@@ -72,13 +65,9 @@ def placement_of(label: str) -> str | None:
 
 
 def column_of(name: str) -> str | None:
-    """The name of a column in jgait, or None where the lab's name is not recognised.
+    """The name of a column in jgait, or None where the lab's name, such as "Gyro Thigh R X [deg/s]", is not recognised.
 
-    Args:
-        name: such as "Gyro Thigh R X [deg/s]", "shank_l_accel_z", "Time (ms)"; a unit in brackets is ignored.
-
-    Returns:
-        `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
+    `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
     """
     plain = re.sub(r"[(\[{].*?[)\]}]", " ", name)
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", plain)]

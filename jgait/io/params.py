@@ -26,7 +26,7 @@ def write_params(
     stderr: Mapping[str, float] | None = None,
     made: Mapping[str, PyTree] | None = None,
 ) -> Path:
-    """Write parameters as JSON, each with its unit.
+    """Write parameters as JSON, each with its unit, and return the path.
 
     Args:
         path: of the file.
@@ -34,9 +34,6 @@ def write_params(
         estimator: name of the estimator.
         stderr: name of a parameter (see `units`) → its standard error, where known.
         made: how the parameters were computed; any JSON value.
-
-    Returns:
-        The path.
     """
     rows: dict[str, dict[str, PyTree]] = {}
     unit_of = units(params)

@@ -120,17 +120,7 @@ def columns_of(
     needs: Iterable[str] = (),
     name: str = "recording",
 ) -> Columns:
-    """The signals in a table, identified by the names of its columns.
-
-    Args:
-        table: as `recording_from_dataframe`.
-        columns: as `recording_from_dataframe`.
-        placement: as `recording_from_dataframe`.
-        needs: as `recording_from_dataframe`.
-        name: name of the recording in messages.
-
-    Returns:
-        The signals, in the table's units.
+    """The signals in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
 
     Raises:
         RecordingError: if columns are missing or contain no numbers.
@@ -269,22 +259,7 @@ def read_csv(
 ) -> Recording:
     """A recording from a CSV file with a header; comma, semicolon or tab, decimal point or comma.
 
-    Args:
-        path: the file.
-        columns: as `recording_from_dataframe`.
-        placement: as `recording_from_dataframe`.
-        needs: required placements.
-        sampling_rate_hz: rate [Hz]; not needed with a `time` column.
-        time_unit: 's' or 'ms'; None: deduced, and noted.
-        gyr_unit: 'deg/s' or 'rad/s'.
-        acc_unit: 'm/s^2' or 'g'.
-        range_unit: 'm', 'cm' or 'mm'.
-        name: name of the recording in tables and figures; None: the file's name without its ending.
-        subject: name of the person.
-        check_sizes: as `recording_from_arrays`.
-
-    Returns:
-        The recording in SI units.
+    Arguments as `recording_from_dataframe`; the name is that of the file without its ending, if none is given.
 
     Raises:
         FileNotFoundError: if there is no such file.

@@ -161,14 +161,11 @@ def write_csv(
 def write_table(
     what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
 ) -> Path:
-    """Write a table as Parquet or CSV, by the file's ending, completely or not at all.
+    """Write a table as Parquet or CSV, by the file's ending, completely or not at all, and return the path.
 
     Args:
         what: as `write_csv`.
         path: the file, `.csv`, `.parquet` or `.pq`; its folder must exist.
-
-    Returns:
-        The path written.
 
     Raises:
         ValueError: for another ending.

@@ -14,11 +14,11 @@ figures of the library. Functions for the papers' figures of data:
 | Köse | 1, 2: accelerations, events, wavelet | `trunk_contacts` |
 | | 4: acceleration, velocity, displacement | `forward_speed` |
 | Potter | 6: each foot in a separate world frame | `foot_paths` of `foot_ins` |
-| | 7, 8, 9: both feet, in sections, width over time | `two_feet`; z₁ and z₂ of table I: `feet_apart` |
-| Silva | 3: states of the stride detection | `swing_states`; equations 3 to 6: `stride_integration` |
+| | 7, 8, 9: both feet, in sections, width over time | `two_feet` |
+| Silva | 3: states of the stride detection | `swing_states` |
 """
 
-from jgait.plot.ankle import stride_integration, swing_states
+from jgait.plot.ankle import swing_states
 from jgait.plot.cohort import before_after, bland_altman, per_subject
 from jgait.plot.duty import filtered_rates, sleeping_gyroscopes
 from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
@@ -29,7 +29,7 @@ from jgait.plot.style import save
 from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
 from jgait.plot.walk import stick_figure, stride_signals
-from jgait.plot.widths import feet_apart, two_feet
+from jgait.plot.widths import two_feet
 
 __all__ = [
     "before_after",
@@ -38,7 +38,6 @@ __all__ = [
     "distance",
     "error_over_duty",
     "error_over_saving",
-    "feet_apart",
     "filtered_rates",
     "foot_displacement",
     "foot_height",
@@ -52,7 +51,6 @@ __all__ = [
     "save",
     "sleeping_gyroscopes",
     "stick_figure",
-    "stride_integration",
     "stride_series",
     "stride_signals",
     "swing_states",

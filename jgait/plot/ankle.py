@@ -1,9 +1,8 @@
-"""Figures of strides from a sensor at the ankle: the state machine over the shank's rate, and one stride integrated.
+"""A figure of strides from a sensor at the ankle: the state machine over the shank's rate.
 
-Readable in grey, with units. Each function returns the matplotlib figure. `jgait.plot` has all of them.
+Readable in grey, with units.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
@@ -11,20 +10,13 @@ import numpy as np
 from jax import Array, lax
 
 from jgait.estimators import ankle_stride
-from jgait.estimators.ankle_stride import length_steps as steps
-from jgait.estimators.ankle_stride import readout
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
-from jgait.estimators.ankle_stride.length import StrideLengthParams
-from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
+from jgait.estimators.ankle_stride.params import AnkleOptions
 from jgait.events import shank as shank_events
 from jgait.events.shank import FLAT, HEEL_STRIKE, MACHINE, SWING, TOE_OFF, Detector, ShankEvents, ShankState
-from jgait.geometry.rotation import rotated
-from jgait.geometry.vectors import Vector, cross, vector
 from jgait.plot.style import (
-    AXES,
     BLUE,
     DASHED,
-    DOTTED,
     GROUND,
     RED,
     Axes,
@@ -37,8 +29,7 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.signal import butterworth
-from jgait.signal.marks import Marks
-from jgait.types import SIDES, AnyArray, Recording, Scalar, as_float
+from jgait.types import SIDES, Recording, Scalar, as_float
 
 RAW: Style = {"color": "0.6", "linewidth": 0.9}
 FILTERED: Style = {"color": "black", "linewidth": 1.9}
@@ -56,9 +47,6 @@ EVENTS: tuple[tuple[str, str, Style], ...] = (
 
 SHOWN_S = 4.0
 """[s] Length of the default window, about the middle stride."""
-
-ROWS = ("acceleration [m/s²]", "velocity [m/s]", "displacement [m]")
-UNCORRECTED: Style = {"linewidth": 0.9, "linestyle": DOTTED}
 
 
 class Machine(NamedTuple):
@@ -122,58 +110,6 @@ def swing_states(
     return figure
 
 
-def stride_integration(
-    recording: Recording,
-    *,
-    p: "AnkleParams | None" = None,
-    options: "AnkleOptions | None" = None,
-    side: str | None = None,
-    stride: int | None = None,
-    title: str = "",
-) -> Figure:
-    """One stride integrated in three dimensions: the ankle's acceleration, velocity and displacement forward, left and
-    up.
-
-    Strapdown integration from one stance to the next, rotated to the direction of the stride. Thin dotted lines are
-    uncorrected, with the first specific force as gravity; the others are corrected by the velocity at both ends. The
-    stride is that of a number from 0, or the middle one, of a side, 'right', 'left' or the first with a sensor.
-
-    Raises:
-        ValueError: if that side was not measured, or there is no such stride.
-        RecordingError: as `ankle_stride.estimate`.
-    """
-    p = ankle_stride.AnkleParams() if p is None else p
-    options = ankle_stride.DEFAULT if options is None else options
-    side, time, leg = _leg(recording, side, options)
-    count = int(leg.count)
-    if not count:
-        raise ValueError(f"the {side} leg makes no stride")
-    number = count // 2 if stride is None else stride
-    if not 0 <= number < count:
-        raise ValueError(f"stride must lie between 0 and {count - 1}; got {stride}")
-    first, last = int(leg.begin[number]), int(leg.end[number])
-    went = _integrated(leg, p, first, last, readout.lever_of(p, leg))
-    when = time[first : last + 1]
-    figure, axes = blank(3, 1, 7.2, 7.0, sharex=True)
-    for axis, unit, name in zip(axes[:, 0], ROWS, ("acceleration", "velocity", "way"), strict=True):
-        axis.axhline(0.0, color="0.5", linewidth=0.8)
-        for k, (style, words) in enumerate(zip(AXES, ("forward", "to the left", "up"), strict=True)):
-            if name != "acceleration":
-                axis.plot(when, went[f"plain_{name}"][:, k], color=style["color"], **UNCORRECTED)
-            axis.plot(when, went[name][:, k], label=words, **style)
-        axis.set_ylabel(unit)
-        axis.grid(alpha=0.3)
-        axis.set_xlim(when[0], when[-1])
-    axes[1, 0].plot([], [], label="before the correction", color="black", **UNCORRECTED)
-    axes[-1, 0].set_xlabel("time [s]")
-    length, rise = float(np.hypot(*went["way"][-1, :2])), float(went["way"][-1, 2])
-    summary = (
-        f"stride {number} of the {side} leg: {length:.2f} m, rise {100.0 * rise:.0f} cm, {when[-1] - when[0]:.2f} s"
-    )
-    legend(figure, f"{title}\n{summary}" if title else summary)
-    return figure
-
-
 def _leg(recording: Recording, side: str | None, options: "AnkleOptions") -> tuple[str, np.ndarray, "AnkleSignals"]:
     """A side with a sensor, the time [s], and the leg's signals and detected stances."""
     if side not in (None, *SIDES):
@@ -219,61 +155,3 @@ def _grounds(axis: Axes, machine: Machine, span: tuple[float, float]) -> None:
             continue
         _, name, grey = STATES[state]
         axis.axvspan(machine.time[start], machine.time[stop], color=grey, label=name, **GROUND)
-
-
-Integrals = tuple[steps.StrideState, Vector, Vector]
-"""The integrals of a stride, its lever and the lever's velocity, in the axes of the first sample."""
-
-
-@jax.jit
-def _strapdown(p: StrideLengthParams, gyr: Array, acc: Array, dt: Scalar) -> Integrals:
-    """The integrals of `stride_length` at each sample after the first; compiled once for each length."""
-    nowhere = Marks(np.False_, np.False_)
-
-    def one(state: steps.StrideState, sample: tuple[Array, Array]) -> tuple[steps.StrideState, Integrals]:
-        state, _ = steps.stride_step(p, state, vector(sample[0]), vector(sample[1]), nowhere, dt)
-        return state, (state, rotated(state.attitude, p.lever), rotated(state.attitude, cross(state.gyr, p.lever)))
-
-    return lax.scan(one, steps.stride_begin(p, vector(gyr[0]), vector(acc[0])), (gyr[1:], acc[1:]))[1]
-
-
-def _integrated(
-    leg: "AnkleSignals", p: "AnkleParams", first: int, last: int, lever: Vector
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Acceleration, velocity and displacement (n, 3) of the ankle, forward, left, up; and the uncorrected integrals.
-
-    With V and W the single and double integral of the specific force, v the velocity ω × r of the sensor about the
-    ankle, and g a constant that gives the right velocity at the end, the ankle has W − g t²/2 + v(0) t − (R r − r).
-    """
-    rate_hz = float(leg.rate_hz)
-    gyr, acc = (
-        np.asarray(butterworth.low_pass_until(as_float(v), p.cutoff_hz, rate_hz, int(leg.last)))[first : last + 1]
-        for v in (leg.gyr, leg.acc)
-    )
-    lever = Vector(*(np.asarray(float(part)) for part in lever))
-    known = StrideLengthParams(lever=lever)
-    gyr = gyr - as_float(leg.gyr_bias)
-    state, arm, about = _strapdown(known, gyr, acc, 1.0 / rate_hz)
-    t = np.arange(last - first + 1)[:, None] / rate_hz
-
-    def rows(parts: Iterable[AnyArray], start: np.ndarray) -> np.ndarray:
-        return np.concatenate([start[None], np.stack([as_float(part) for part in parts], axis=1)])
-
-    nothing, r = np.zeros(3), np.array([float(part) for part in lever])
-    force, single, double = rows(state.force, acc[0]), rows(state.velocity, nothing), rows(state.way, nothing)
-    turned, round_ankle = rows(arm, r), rows(about, np.cross(gyr[0], r))
-    mean = (single[-1] - round_ankle[-1] + round_ankle[0]) / t[-1]
-    way = double - 0.5 * mean * t**2 + round_ankle[0] * t - (turned - r)
-    velocity = single - mean * t + round_ankle[0] - round_ankle
-    up = mean / np.linalg.norm(mean)
-    forward = way[-1] - up * (way[-1] @ up)
-    forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
-    axes = np.stack([forward, np.cross(up, forward), up])
-    result = {
-        "acceleration": force - mean - np.gradient(round_ankle, 1.0 / rate_hz, axis=0),
-        "velocity": velocity,
-        "way": way,
-        "plain_velocity": single - acc[0] * t,
-        "plain_way": double - 0.5 * acc[0] * t**2,
-    }
-    return {name: values @ axes.T for name, values in result.items()}

@@ -1,60 +1,15 @@
-"""Figures of two feet in one world frame: stride widths from above and over time, and distances between the feet."""
+"""A figure of two feet in one world frame: stride widths from above, in sections, and over time."""
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from jaxtyping import PyTree
 
-from jgait.plot.feet import (
-    feet_of,
-    footholds,
-    has,
-    height_of,
-    places_at,
-    plan_of,
-    rows_of,
-    series_of,
-    shown,
-)
-from jgait.plot.style import (
-    BLUE,
-    FOOT,
-    FOOTHOLD,
-    GROUND,
-    RED,
-    Axes,
-    Figure,
-    Seconds,
-    Style,
-    band,
-    blank,
-    legend,
-    over_time,
-    windowed,
-)
-from jgait.types import SIDES, Estimate, Recording, as_float
+from jgait.plot.feet import feet_of, footholds, has, height_of, places_at, plan_of, rows_of, series_of, shown
+from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, blank, legend
+from jgait.types import SIDES, Estimate, as_float
 
 ACROSS: Style = {"color": RED, "linewidth": 0.9}
-THROUGH: Style = {"color": "0.55", "linewidth": 0.8}
-TOGETHER: Style = {
-    "marker": "o",
-    "markersize": 4.5,
-    "linestyle": "none",
-    "color": "black",
-    "elinewidth": 1.2,
-    "zorder": 3.0,
-}
-READ: Style = {"marker": "x", "markersize": 5.0, "linestyle": "none", "color": RED, "zorder": 2.5}
-TRUE: Style = {
-    "marker": "_",
-    "markersize": 11.0,
-    "markeredgewidth": 2.0,
-    "linestyle": "none",
-    "color": BLUE,
-    "zorder": 2.0,
-}
 STRAIGHT = np.deg2rad(15.0)
 """[rad] Largest turn of a straight stride."""
 
@@ -175,92 +130,3 @@ def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
     axis.set_ylabel(f"SD of {MOVING} [cm]")
     axis.set_ylim(bottom=0.0)
     axis.grid(alpha=0.3)
-
-
-def feet_apart(
-    estimate: Estimate,
-    recording: Recording | None = None,
-    *,
-    reference: Estimate | None = None,
-    range_offset: float = 0.08,
-    seconds: Seconds = None,
-    title: str = "",
-) -> Figure:
-    """The distances z₁ and z₂ between the feet, across and along the left foot's heading, and the feet's σ.
-
-    Dots with bars are at double support, where the paper evaluates both; the line contains every instant at which a
-    foot stands or a range is measured. The diagnostics of the estimate, of `stride_width_ekf`, have both distances;
-    those of a reference are drawn at the same double supports, the measured ranges of a recording with `range_offset`
-    [m] added. The window `seconds` is from and to [s]. The standard deviation of each foot's position is, with
-    `stride_width_ekf.estimate`, since the last stance, with `estimate_from_feet` in the common world frame.
-
-    Raises:
-        ValueError: if the estimate lacks a foot, or has no distances between the feet.
-    """
-    feet = feet_of(estimate)
-    if len(feet) < 2 or not {"z1", "z2"} <= estimate.diagnostics.keys():
-        raise ValueError("the estimate has no z1 and z2 between two feet; use an estimate of stride_width_ekf")
-    time, visible, diagnostics = _moments(estimate, seconds)
-    if not visible.any():
-        raise ValueError(f"there is no moment in the window; got seconds = {seconds}")
-    spread = estimate.feet_stddev
-    stated = spread is not None and all(getattr(spread, side) is not None for side in SIDES)
-    figure, axes = blank(2 + stated, 1, 8.8, 5.2 + 1.7 * stated, sharex=True)
-    for axis, (name, unit) in zip(axes[:2, 0], (("z1", "across, z₁ [cm]"), ("z2", "along, z₂ [cm]")), strict=True):
-        _distance(axis, estimate, name, time, visible)
-        if reference is not None:
-            known = _moments(reference, None)
-            when = time[visible & _flags(diagnostics, "double_support", time)]
-            axis.plot(when, 100.0 * np.interp(when, known[0], as_float(known[2][name])), label="reference", **TRUE)
-        axis.set_ylabel(unit)
-    if recording is not None and recording.feet_range is not None:
-        read = recording.feet_range
-        there = np.asarray(read.mask, bool) & (as_float(read.time) >= time[visible][0])
-        there &= as_float(read.time) <= time[visible][-1]
-        values = 100.0 * (as_float(read.distance)[there] + range_offset)
-        axes[0, 0].plot(as_float(read.time)[there], values, label="range read, with its offset", **READ)
-    if stated:
-        _places(axes[2, 0], estimate, seconds)
-    over_time(axes[:, 0])
-    legend(figure, title)
-    return figure
-
-
-def _moments(estimate: Estimate, seconds: Seconds) -> tuple[np.ndarray, np.ndarray, dict[str, PyTree]]:
-    """Times [s] of z₁ and z₂, which of these lie in the window, and the diagnostics."""
-    diagnostics = estimate.diagnostics
-    at_samples = "moment_time" not in diagnostics
-    time = as_float(estimate.time if at_samples else diagnostics["moment_time"])
-    visible = np.asarray(estimate.valid, bool) if at_samples else np.ones(time.size, bool)
-    visible = visible & np.isfinite(as_float(diagnostics["z1"])) & np.isfinite(as_float(diagnostics["z2"]))
-    return time, visible & windowed(time, seconds), diagnostics
-
-
-def _flags(diagnostics: dict[str, Any], name: str, like: np.ndarray) -> np.ndarray:
-    return np.asarray(diagnostics.get(name, np.zeros(like.size, bool)), bool)
-
-
-def _distance(axis: Axes, estimate: Estimate, name: str, time: np.ndarray, visible: np.ndarray) -> None:
-    """Draw z₁ or z₂: a line through every instant with a band, dots at double support, turns shaded."""
-    diagnostics = estimate.diagnostics
-    values, spread = 100.0 * as_float(diagnostics[name]), 100.0 * as_float(diagnostics[f"{name}_stddev"])
-    band(axis, time[visible], values[visible], spread[visible], color="0.87", zorder=0.5)
-    axis.plot(time[visible], values[visible], label="every moment", **THROUGH)
-    both = visible & _flags(diagnostics, "double_support", time)
-    axis.errorbar(time[both], values[both], yerr=2.0 * spread[both], label="double support, ±2σ", **TOGETHER)
-    turns = np.flatnonzero(visible & _flags(diagnostics, "turning", time))
-    for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else ():
-        axis.axvspan(
-            time[run[0]], time[min(run[-1] + 1, time.size - 1)], label="a foot turns", color="#f3e3b5", **GROUND
-        )
-
-
-def _places(axis: Axes, estimate: Estimate, seconds: Seconds) -> None:
-    """Draw the standard deviation of each foot's horizontal position."""
-    time, visible = as_float(estimate.time), np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
-    for side in SIDES:
-        deviation = as_float(getattr(estimate.feet_stddev, side).position)[:, :2]
-        axis.plot(time[visible], 100.0 * np.hypot(*deviation[visible].T), label=f"{side} foot", **FOOT[side])
-    since = "\nsince it last stood" if "moment_time" in estimate.diagnostics else ""
-    axis.set_ylabel(f"σ of place{since} [cm]")
-    axis.set_ylim(bottom=0.0)

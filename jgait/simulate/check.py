@@ -89,12 +89,7 @@ def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> 
 
 
 def check_slack(person: Person, left: Slack, where: str) -> None:
-    """Check that no leg exceeds its limits in a walk.
-
-    Args:
-        person: the person.
-        left: distance of the legs from their limits.
-        where: description of the route, for the message.
+    """Check that no leg exceeds its limits in a walk; the message describes the route by `where`.
 
     Raises:
         ValueError: if an ankle comes too far from below the hip, or a leg is overstretched.

@@ -94,18 +94,10 @@ def udaya_shankar(
     key: PRNGKeyArray, people: int = 1, duration: float = 14.0, *, errors: ImuErrors = MOTE, rate: float = 50.0,
     placements: Sequence[str] = ("thigh_right", "shank_right"),
 ) -> list[Walked]:  # fmt: skip
-    """A straight walk at constant speed with a given least duration; thigh and shank of the right leg at 50 Hz.
+    """A straight walk at constant speed for at least `duration` [s], standing not counted; thigh and shank of the right
+    leg at 50 Hz.
 
-    Args:
-        key: PRNG key.
-        people: number of people.
-        duration: least duration of walking, without standing [s].
-        errors: errors of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn.
-
-    Returns:
-        The walks; `extra` as `bennett`.
+    Other arguments and `extra` as `bennett`.
 
     Raises:
         ValueError: if `duration` is not positive.
@@ -171,17 +163,8 @@ def silva(
 ) -> list[Walked]:  # fmt: skip
     """One of three routes at one of two paces; the right ankle at 100 Hz.
 
-    Args:
-        key: PRNG key; the same people walk every route at both paces.
-        people: number of people.
-        route: "A", "B" or "C", see `silva_route`; routes 1, 2 and 3 of the paper.
-        speed: "normal" or "fast".
-        errors: errors of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn.
-
-    Returns:
-        The walks; `extra` as `bennett`.
+    The same people walk every route ("A", "B" or "C", see `silva_route`: 1, 2 and 3 of the paper) at both paces
+    ("normal" or "fast"). Other arguments and `extra` as `bennett`.
 
     Raises:
         ValueError: if there is no such route or pace.
@@ -209,18 +192,8 @@ def potter(
 ) -> list[Walked]:  # fmt: skip
     """50 m, a corner of 90°, 25 m, on marks 0.30 m apart sideways and 0.61 m forward; both feet, and a range.
 
-    The range sensor sits on the inner side of the left ankle and points at the right leg.
-
-    Args:
-        key: PRNG key.
-        people: number of people.
-        errors: errors of the inertial sensors.
-        ranging: errors of the range sensor.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn.
-        straight: distance before the corner [m].
-        after: distance after the corner [m].
-        turn: angle of the corner, left positive [rad].
+    The range sensor sits on the inner side of the left ankle and points at the right leg. Distances `straight` and
+    `after` the corner are in m, `turn` is its angle, left positive [rad]; other arguments as `bennett`.
 
     Returns:
         The walks, with `feet_range` in their recordings; `extra` as in `bennett`, and `range` (equal to `feet_range`),
@@ -228,8 +201,8 @@ def potter(
         (T, 3) [m], `offset`, the distance of the shanks' axes minus that of the skin [m], and `corner`, the distances
         along the route at which the corner begins and ends (2,) [m].
 
-    Source: Potter's filter for stride width: section III-A (Opal on each instep, 128 Hz; HC-SR04 at the left ankle,
-    30 Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
+    Source: Potter's filter for stride width: section III-A (Opal on each instep, 128 Hz; HC-SR04 at the left ankle, 30
+    Hz), III-B (50 m, 90°, 25 m; tiles that make a width of 0.30 m and steps of 0.61 m). Chosen: the radius of the
     corner (0.8 m) and its side, 5 mm of variability, cadence by each person's own walk ratio.
     """
     check_ranging(ranging)
@@ -282,19 +255,9 @@ def kose(
     key: PRNGKeyArray, people: int = 1, *, errors: ImuErrors = RIGHT_SIDE, rate: float = 100.0,
     speeds: Sequence[float] = (1.0, 1.15, 1.3), piece: float = 25.0, placements: Sequence[str] = ("waist",),
 ) -> list[Walked]:  # fmt: skip
-    """75 m straight, faster after every 25 m; a sensor on the right side of the waist at 100 Hz.
+    """75 m straight, faster after every 25 m (`piece`); a sensor on the right side of the waist at 100 Hz.
 
-    Args:
-        key: PRNG key.
-        people: number of people.
-        errors: errors of the sensors.
-        rate: sampling rate [Hz].
-        speeds: speeds of the pieces, over the person's self-selected speed [1].
-        piece: length of each piece [m].
-        placements: where sensors are worn.
-
-    Returns:
-        The walks; `extra` as `bennett`.
+    `speeds` of the pieces are over the person's self-selected speed [1]; other arguments and `extra` as `bennett`.
 
     Source: Köse, Cereatti and Della Croce, "Estimation of traversed distance in level walking using a single inertial
     measurement unit attached to the waist": section 2.2a (FreeSense, 100 Hz, right side, axes), 2.2b (dataset B: 75 m

@@ -5,26 +5,22 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from made import command
 from made import shank as made_shank
-from typer.testing import CliRunner
 
 from jgait import io, plot
-from jgait.cli import app
 from jgait.commands import results
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride.about import ABOUT, totals
 from jgait.types import Imu, Recording
 
-RUNNER = CliRunner(env={"COLUMNS": "200"})
 LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
 TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]
 HEIGHT = 0.04
 
 
-def run(*words: object) -> tuple[int, str]:
-    result = RUNNER.invoke(app, [str(word) for word in ("estimate", *words)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
+def run(*words):
+    return command.run("estimate", *words)
 
 
 def walked(placement="ankle_right", **options):

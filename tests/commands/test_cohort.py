@@ -6,20 +6,11 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from made.command import run
 
 from jgait import io
-from jgait.cli import app
 from jgait.estimators import leg_ekf
 from jgait.simulate import protocols
-
-RUNNER = CliRunner(env={"COLUMNS": "200"})
-
-
-def run(*words: object) -> tuple[int, str]:
-    result = RUNNER.invoke(app, [str(word) for word in words])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")

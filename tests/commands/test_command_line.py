@@ -8,19 +8,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from made.command import run
 
 from jgait import io
-from jgait.cli import app
 from jgait.simulate import protocols
 
 ROOT = Path(__file__).parents[2]
-RUNNER = CliRunner(env={"COLUMNS": "300"})
-
-
-def run(*words: object) -> tuple[int, str]:
-    result = RUNNER.invoke(app, [str(word) for word in words])
-    return result.exit_code, " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,10 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from made import command
 from made.notes import note
-from typer.testing import CliRunner
 
 from jgait import io, plot
-from jgait.cli import app
 from jgait.commands.console import console
 from jgait.commands.pipeline import Choice
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
@@ -17,20 +16,17 @@ from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.duty_cycled_gyro import about
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
-RUNNER = CliRunner(env={"COLUMNS": "200"})
 RATE = 50.0
+
+
+def run(*words):
+    return command.run("estimate", *words)
 
 
 @pytest.fixture(autouse=True)
 def _wide(monkeypatch):
     """The console took its width when it was imported, in a worker that of no terminal."""
     monkeypatch.setattr(console, "_width", 200)
-
-
-def run(*words: object) -> tuple[int, str]:
-    result = RUNNER.invoke(app, [str(word) for word in ("estimate", *words)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 def leg() -> Recording:

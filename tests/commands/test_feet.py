@@ -3,26 +3,18 @@
 import numpy as np
 import pandas as pd
 import pytest
+from made.command import run
 from made.foot import _rise, foot
-from typer.testing import CliRunner
 
 from jgait import datasets, io
-from jgait.cli import app
 from jgait.commands import cohort, tune
 from jgait.estimators import foot_ins, get
 from jgait.types import Estimate, Imu, Legs, RangeReadings, Recording, Strides, Walk
 
-RUNNER = CliRunner(env={"COLUMNS": "200"})
 HZ, APART, OFFSET = 100.0, 0.2, 0.08
 LEGS = ("thigh_length", "shank_length")
 LENGTHS = {"right": np.r_[0.6, np.full(5, 1.2)], "left": np.full(6, 1.2)}
 RESTS = {"right": 1.5, "left": 2.05}
-
-
-def run(*words: object) -> tuple[int, str]:
-    result = RUNNER.invoke(app, [str(word) for word in words])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 def two_feet():

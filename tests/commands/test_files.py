@@ -10,23 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from made.command import run
 
 from jgait import io
-from jgait.cli import app
 from jgait.commands.recordings import in_options, recording_of
 from jgait.io import atomic
 from jgait.simulate import protocols
 from jgait.types import RecordingError
-
-RUNNER = CliRunner(env={"COLUMNS": "300"})
-
-
-def run(*words):
-    result = RUNNER.invoke(app, [str(word) for word in words])
-    if not isinstance(result.exception, SystemExit | None):
-        raise result.exception
-    return result.exit_code, " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jgait import datasets
 from jgait.datasets import foot_reference
 from jgait.datasets.foot_reference import foot_path
 from jgait.types import Imu
@@ -136,10 +135,9 @@ def test_steps_on_the_spot_after_a_walk_are_left_out():
     assert kept["left"].distance[-1] == pytest.approx(3.0, rel=TRAPEZOID)
 
 
-@pytest.mark.skipif(not datasets.available("neura_sparse"), reason="neura_sparse is not there, see JGAIT_DATA_DIR")
-def test_strides_agree_with_vicon():
+def test_strides_agree_with_vicon(data):
     """Against the middle of heel and toe markers at the same instants; strides in the U-turn pivot and are left out."""
-    walk = datasets.load("neura_sparse")[0]
+    walk = data("neura_sparse")[0]
     errors, travelled, measured = [], 0.0, 0.0
     for side in ("right", "left"):
         path = foot_path(walk.recording.sensors[f"foot_{side}"], RATE)

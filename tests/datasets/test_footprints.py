@@ -10,18 +10,15 @@ from scipy.io import savemat
 from jgait import datasets
 from jgait.datasets.foot_reference import foot_path
 
-real = pytest.mark.skipif(not datasets.available("footprints"), reason=datasets.unavailable_reason("footprints"))
 SAMPLES = np.array([400, 600, 850, 1000])
 PLAN = np.array([[0, 0], [0, -0.7], [0, -1.9], [1.0, -1.9]])  # seen from below: the last stride turns right from above
 NAME = "SensorConnectData_77"
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(data_dir):
     """One recording that the registry does not know, its sensor hanging z down and turning about z."""
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    folder = tmp_path / "footprints" / "data"
+    folder = data_dir / "footprints" / "data"
     (folder / "own").mkdir(parents=True)
     (folder / "LLIO_training_data").mkdir()
     write(folder)
@@ -145,22 +142,11 @@ def test_bad_footprints_are_named(folder, change, said):
 STANDS = 1.4  # [s] at the start of each walk
 
 
-@real
-def test_every_recording_gives_a_walk():
-    walks = datasets.load("footprints")
-    assert walks.failures == ()
-    assert {walk.recording.name for walk in walks} == set(datasets.names("footprints"))
-
-
 @pytest.fixture(scope="module", params=["36", "39"])
-def walk(request):
-    name = f"SensorConnectData_{request.param}"
-    if name not in datasets.names("footprints"):
-        pytest.skip(f"{name} is not there")
-    return datasets.load("footprints", [name])[0]
+def walk(data, request):
+    return data("footprints", f"SensorConnectData_{request.param}")[0]
 
 
-@real
 def test_numbers_of_the_walks(walk):
     strides, path = {"36": (58, 76.292), "39": (80, 98.341)}[walk.recording.name[-2:]]
     assert walk.info["verified"] is True
@@ -173,7 +159,6 @@ def test_numbers_of_the_walks(walk):
     assert foot_path(imu, 200.0).distance[-1] == pytest.approx(path, rel=0.01), "units: the sensor goes as far"
 
 
-@real
 def test_the_shoe_turns_as_the_footprints_do(walk):
     imu, prints = walk.recording.sensors["foot_right"], walk.info["footprints"]
     assert np.ptp(heading(imu, STANDS)) > 2 * np.pi, "it turns, so that a mirrored plan would show"
@@ -182,7 +167,6 @@ def test_the_shoe_turns_as_the_footprints_do(walk):
     assert above > 0.9 and above > below + 0.15
 
 
-@real
 def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
     ruler, prints = (np.asarray(p) - np.mean(p, axis=0) for p in (walk.info["ruler"]["position"],
                                                                   walk.info["footprints"]["position"]))  # fmt: skip
@@ -191,7 +175,6 @@ def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
     np.testing.assert_allclose(ruler @ u @ vt, prints, atol=1e-9)
 
 
-@real
 def test_the_publisher_s_trajectory_is_not_mirrored(walk):
     there, plan = walk.info["publisher_trajectory"], walk.info["footprints"]["position"]
     off = there[walk.info["footprints"]["samples"]] - plan * np.array([[[1, 1]], [[1, -1]]])

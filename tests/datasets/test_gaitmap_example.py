@@ -7,9 +7,6 @@ from made.notes import texts
 
 from jgait import datasets, io
 
-real = pytest.mark.skipif(
-    not datasets.available("gaitmap_example"), reason=datasets.unavailable_reason("gaitmap_example")
-)
 RATE, MOCAP = 204.8, 100.0
 SECONDS, PERIOD, LENGTH, WIDTH = 13.0, 1.0, 1.2, 0.14
 FEET = {"left": (WIDTH / 2, 0.0), "right": (-WIDTH / 2, 0.5)}  # [m] to the left, [s] later
@@ -38,10 +35,8 @@ ORDER = [(side, kind, axis) for kind in ("acc", "gyr") for axis in "xyz" for sid
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    folder = tmp_path / "gaitmap_example" / "example_data"
+def folder(data_dir):
+    folder = data_dir / "gaitmap_example" / "example_data"
     folder.mkdir(parents=True)
     sensor_table(ORDER).to_csv(folder / "imu_sample_new.csv")
     return folder
@@ -140,25 +135,11 @@ def test_one_foot_with_lost_samples(folder):
 # --- the real files ---
 
 
-@real
-def test_every_recording_gives_a_walk():
-    walks = datasets.load("gaitmap_example")
-    assert walks.failures == ()
-    assert {walk.recording.name for walk in walks} == set(datasets.names("gaitmap_example"))
-    for walk in walks:
-        assert (walk.reference is None) == bool(walk.info["no_reference"])
-        for imu in walk.recording.sensors.values():
-            assert all(np.isfinite(part).all() for part in imu)
-
-
 @pytest.fixture(scope="module")
-def walk():
-    if "imu_sample" not in datasets.names("gaitmap_example"):
-        pytest.skip("the main walk is not there")
-    return datasets.load("gaitmap_example", ["imu_sample"])[0]
+def walk(data):
+    return data("gaitmap_example", "imu_sample")[0]
 
 
-@real
 def test_the_main_walk_is_twice_twenty_metres(walk):
     assert walk.info["verified"] is True
     assert walk.reference.distance[-1] == pytest.approx(40.65, abs=0.15)
@@ -170,7 +151,6 @@ def test_the_main_walk_is_twice_twenty_metres(walk):
         assert np.nanmedian(toes) == pytest.approx(0.11, abs=0.01)
 
 
-@real
 def test_axes_and_clock_of_the_shoes_are_the_markers(walk):
     """The pitch of the line from heel to toe turns as the gyroscope about y does, and no sample earlier or later."""
     for side in ("right", "left"):

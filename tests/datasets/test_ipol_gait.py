@@ -12,7 +12,6 @@ from jgait.datasets import ipol_gait
 from jgait.mounting.shank import filled
 from jgait.mounting.trunk import functional_axes
 
-real = pytest.mark.skipif(not datasets.available("ipol_gait"), reason=datasets.unavailable_reason("ipol_gait"))
 HEADER = "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z\n"
 ABOUT = {
     "Subject": 3, "Trial": 1, "Age": 40, "Gender": "F", "Height": 170.0, "Weight": 60.0,
@@ -23,10 +22,8 @@ ABOUT = {
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    folder = tmp_path / "ipol_gait" / "GaitData"
+def folder(data_dir):
+    folder = data_dir / "ipol_gait" / "GaitData"
     folder.mkdir(parents=True)
     return folder
 
@@ -230,13 +227,10 @@ BEFORE, AFTER = np.arange(-15, -4), np.arange(5, 16)  # samples about a contact
 
 
 @pytest.fixture(scope="module")
-def walks():
-    loaded = datasets.load("ipol_gait")
-    assert loaded.failures == ()
-    return loaded
+def walks(data):
+    return data("ipol_gait")
 
 
-@real
 def test_axes_of_the_back_are_as_stated(walks):
     for walk in walks:
         imu, info = walk.recording.sensors["lower_back"], walk.info
@@ -250,7 +244,6 @@ def test_axes_of_the_back_are_as_stated(walks):
         assert abs(turned) == pytest.approx(np.pi, abs=0.6), "gravity tells the axis of the U-turn"
 
 
-@real
 def test_feet_push_off_and_swing_about_their_y(walks):
     """At foot off the heel rises, a turn to the negative about a y that points right.
 
@@ -266,7 +259,6 @@ def test_feet_push_off_and_swing_about_their_y(walks):
             assert np.all(imu.acc[50:250].mean(axis=0)[[0, 2]] > 3)
 
 
-@real
 def test_the_trunk_is_pushed_away_from_the_foot_that_carries_it(walks):
     """Sides of the reference against the back, which no foot sensor reaches.
 
@@ -290,7 +282,6 @@ def test_the_trunk_is_pushed_away_from_the_foot_that_carries_it(walks):
     assert {walk.recording.name for walk in walks if walk.info["feet_exchanged"]} == {"4-1", "4-2"} & there
 
 
-@real
 def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
     """Within the trial. After its end the person stands, and takes single steps in 12 recordings (3-3, 12-3 …)."""
     for walk in walks:
@@ -320,7 +311,6 @@ def test_contacts_alternate_and_last_as_long_as_swings_do(walks):
         np.testing.assert_allclose((parts[1, 1], info["bouts"]["end"][0]), end)
 
 
-@real
 def test_the_events_of_a_recording_that_lost_a_packet_fit_its_signals(walks):
     """Rates of the foot about each foot off, against their median before the loss, at the shift that fits best."""
     if "8-4" not in [walk.recording.name for walk in walks]:
@@ -338,7 +328,6 @@ def test_the_events_of_a_recording_that_lost_a_packet_fit_its_signals(walks):
     assert len(shifts) > 15 and abs(np.mean(shifts)) < 0.5
 
 
-@real
 def test_the_known_files_are_verified(walks):
     known = {file.split("/")[-1].removesuffix(".json") for file in datasets.info("ipol_gait").files if ".json" in file}
     assert {walk.recording.name for walk in walks if walk.info["verified"]} == known & {w.recording.name for w in walks}

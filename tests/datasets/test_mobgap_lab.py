@@ -9,15 +9,12 @@ from made.notes import texts
 from jgait import datasets
 from jgait.datasets import mobgap_lab
 
-real = pytest.mark.skipif(not datasets.available("mobgap_lab"), reason=datasets.unavailable_reason("mobgap_lab"))
 EMPTY = np.zeros(0, np.uint8)  # how upstream says nothing
 
 
 @pytest.fixture
-def root(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "mobgap_lab" / mobgap_lab.ROOT
+def root(data_dir):
+    return data_dir / "mobgap_lab" / mobgap_lab.ROOT
 
 
 def bout(first=2.0, steps=7, counts=False, unseen=(), **changed):
@@ -216,13 +213,10 @@ def test_trials_are_known_without_the_list_and_bad_files_are_named(root):
 
 
 @pytest.fixture(scope="module")
-def walks():
-    loaded = datasets.load("mobgap_lab")
-    assert loaded.failures == ()
-    return loaded
+def walks(data):
+    return data("mobgap_lab")
 
 
-@real
 def test_axes_are_as_stated(walks):
     for walk in walks:
         imu, info = walk.recording.sensors["lower_back"], walk.info
@@ -233,7 +227,6 @@ def test_axes_are_as_stated(walks):
             assert before - after > 1, "the trunk brakes after a contact, and z points forwards"
 
 
-@real
 def test_turns_to_the_left_are_positive_as_in_the_gyroscope(walks):
     seen = []
     for walk in walks:
@@ -251,7 +244,6 @@ def test_turns_to_the_left_are_positive_as_in_the_gyroscope(walks):
     assert np.median(np.abs(angle - turned)) < 0.3
 
 
-@real
 def test_references_agree_with_themselves_and_each_other(walks):
     apart = []
     for walk in walks:
@@ -271,7 +263,6 @@ def test_references_agree_with_themselves_and_each_other(walks):
     assert not apart or np.abs(apart).max() < 0.3
 
 
-@real
 def test_the_known_participants(walks):
     by_name = {walk.recording.name: walk for walk in walks}
     if "HA/002/Test5/Trial1" in by_name:

@@ -11,14 +11,11 @@ from jgait.datasets import neura_sparse
 from jgait.types import Estimate, Recording, leg_of
 
 RATE = 100.0
-real = pytest.mark.skipif(
-    not datasets.available("neura_sparse"), reason="neura_sparse is not there, see JGAIT_DATA_DIR"
-)
 
 
 @pytest.fixture(scope="module")
-def walk():
-    return datasets.load("neura_sparse")[0]
+def walk(data):
+    return data("neura_sparse")[0]
 
 
 # --- a trial written here: straight along -x, both legs swinging ---
@@ -73,10 +70,8 @@ def write_sensor(folder, serial, drop=(), first=65000):
 
 
 @pytest.fixture
-def written(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    sample = tmp_path / "neura_sparse" / "data" / "sample"
+def written(data_dir):
+    sample = data_dir / "neura_sparse" / "data" / "sample"
     for folder in ("rawimu", "vicon", "rawstep-detect"):
         (sample / folder).mkdir(parents=True)
     (sample / "data-list.csv").write_text(
@@ -160,7 +155,6 @@ def test_a_recording_that_is_not_there(written):
 # --- the real trial ---
 
 
-@real
 def test_what_a_walk_holds(walk):
     assert isinstance(walk.recording, Recording) and isinstance(walk.reference, Estimate)
     assert walk.info["verified"] is True
@@ -173,13 +167,11 @@ def test_what_a_walk_holds(walk):
     assert walk.info["windows"]["whole"] == (1119, 2074)
 
 
-@real
 def test_leg_lengths(walk):
     np.testing.assert_allclose(walk.info["lengths"]["right"], (0.395, 0.409), atol=0.0015)
     np.testing.assert_allclose(walk.info["lengths"]["left"], (0.416, 0.391), atol=0.0015)
 
 
-@real
 @pytest.mark.parametrize(
     "side, axis", [("right", [0.018, 0.983, 0.182]), ("left", [0.0, 0.872, -0.489])], ids=["right", "left"]
 )
@@ -193,7 +185,6 @@ def test_the_shank_gyroscope_is_the_shank_angles_rate_and_not_a_sample_off(walk,
     assert max(agreement, key=lambda lag: agreement[lag]) == 0
 
 
-@real
 def test_standing_is_upright_and_walking_bends_the_knee(walk):
     for side in ("right", "left"):
         leg = leg_of(walk.reference.legs, side)
@@ -203,7 +194,6 @@ def test_standing_is_upright_and_walking_bends_the_knee(walk):
         assert 55 < np.rad2deg(leg.knee_angle.max()) < 75
 
 
-@real
 def test_distance_is_the_path_of_the_pelvis(walk):
     for name in ("straight_1", "straight_2"):
         start, end = walk.info["windows"][name]

@@ -9,7 +9,6 @@ from scipy.io import savemat
 from jgait import datasets
 from jgait.datasets import pyshoe_vicon
 
-real = pytest.mark.skipif(not datasets.available("pyshoe_vicon"), reason=datasets.unavailable_reason("pyshoe_vicon"))
 SAMPLES, RATE = 2000, 200.0
 TIME = np.arange(SAMPLES) / RATE
 NAME = "2030-01-01-00-00-00"
@@ -25,10 +24,8 @@ def foot(time=TIME):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    folder = tmp_path / "pyshoe_vicon" / "data" / "vicon" / "processed"
+def folder(data_dir):
+    folder = data_dir / "pyshoe_vicon" / "data" / "vicon" / "processed"
     folder.mkdir(parents=True)
     return folder
 
@@ -133,21 +130,11 @@ KNOWN = {  # footprints, path [m], samples masked, [s] standing at the start
 }
 
 
-@real
-def test_every_recording_gives_a_walk():
-    walks = datasets.load("pyshoe_vicon")
-    assert walks.failures == ()
-    assert {walk.recording.name for walk in walks} == set(datasets.names("pyshoe_vicon"))
-
-
 @pytest.fixture(scope="module", params=KNOWN)
-def walk(request):
-    if request.param not in datasets.names("pyshoe_vicon"):
-        pytest.skip(f"{request.param} is not there")
-    return datasets.load("pyshoe_vicon", [request.param])[0]
+def walk(data, request):
+    return data("pyshoe_vicon", request.param)[0]
 
 
-@real
 def test_numbers_of_the_trials(walk):
     footprints, path, masked, stands = KNOWN[walk.recording.name]
     assert walk.info["verified"] is True
@@ -160,7 +147,6 @@ def test_numbers_of_the_trials(walk):
     assert walk.recording.sampling_rate_hz == pytest.approx(200, abs=0.2)
 
 
-@real
 def test_the_shoe_turns_as_vicon_does_and_swings_above_its_footprints(walk):
     imu, prints, stands = walk.recording.sensors["foot_right"], walk.info["footprints"], KNOWN[walk.recording.name][3]
     assert np.ptp(heading(imu, stands)) > 2 * np.pi, "it turns, so that a mirrored frame would show"
@@ -170,7 +156,6 @@ def test_the_shoe_turns_as_vicon_does_and_swings_above_its_footprints(walk):
     assert np.ptp(prints["position"][:, 2]) < 0.065 and height.max() > prints["position"][:, 2].max() + 0.08
 
 
-@real
 def test_footprints_are_where_the_publisher_finds_no_velocity(walk):
     """All but one of a trial, at most, hold a sample that the publisher's Vicon detector calls still."""
     prints, still = walk.info["footprints"], walk.info["zero_velocity"]["vicon"]

@@ -8,7 +8,6 @@ from made.notes import texts
 from jgait import datasets
 from jgait.datasets import tripod
 
-real = pytest.mark.skipif(not datasets.available("tripod"), reason=datasets.unavailable_reason("tripod"))
 RATE = 128.0
 SECONDS, START, PERIOD = 150.0, 6.0, 1.2
 CLOCK = 11.0  # OptoGait's clock is ahead of the sensors'
@@ -66,10 +65,8 @@ def write_zebris(folder):
 
 
 @pytest.fixture
-def root(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "tripod" / "data" / "raw" / "TRIPOD"
+def root(data_dir):
+    return data_dir / "tripod" / "data" / "raw" / "TRIPOD"
 
 
 @pytest.fixture
@@ -178,13 +175,10 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder, root):
 
 
 @pytest.fixture(scope="module")
-def walks():
-    loaded = datasets.load("tripod")
-    assert loaded.failures == ()
-    return loaded
+def walks(data):
+    return data("tripod")
 
 
-@real
 def test_belt_times_stride_time_is_zebris_and_optogaits_stride(walks):
     for walk in walks:
         if not walk.info["zebris"]:
@@ -199,7 +193,6 @@ def test_belt_times_stride_time_is_zebris_and_optogaits_stride(walks):
             assert np.median(of["stance_time"][kept] / of["stride_time"][kept]) == pytest.approx(0.7, abs=0.02)
 
 
-@real
 def test_the_known_person_walks_at_the_published_speeds(walks):
     published = {"Sub_FZ/PWS": 3.7, "Sub_FZ/PWS+20": 4.4}
     for walk in walks:
@@ -208,7 +201,6 @@ def test_the_known_person_walks_at_the_published_speeds(walks):
             assert walk.info["speed"] * 3.6 == pytest.approx(published[walk.recording.name], abs=0.03)
 
 
-@real
 def test_steady_is_steady_and_the_axes_are_as_stated(walks):
     for walk in walks:
         first, last = walk.info["windows"]["steady"]
@@ -224,7 +216,6 @@ def test_steady_is_steady_and_the_axes_are_as_stated(walks):
             assert after.min() > 0.02 and after.max() < 0.45, "each contact follows its swing"
 
 
-@real
 def test_units_by_gravity(walks):
     for walk in walks:
         standing = slice(0, 128)

@@ -10,12 +10,10 @@ from made.notes import texts
 from jgait import datasets
 from jgait.datasets import walking5m
 
-real = pytest.mark.skipif(not datasets.available("walking5m"), reason="walking5m is not there, see JGAIT_DATA_DIR")
-
 
 @pytest.fixture(scope="module")
-def walks():
-    return datasets.load("walking5m")
+def walks(data):
+    return data("walking5m")
 
 
 # --- workbooks written here ---
@@ -84,10 +82,8 @@ def columns(samples=SAMPLES):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "walking5m" / "Dataset"
+def folder(data_dir):
+    return data_dir / "walking5m" / "Dataset"
 
 
 def load(folder, table, name="Young/new_1"):
@@ -221,24 +217,12 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
 # --- the real walks ---
 
 
-@real
-def test_every_recording_gives_a_walk(walks):
-    assert walks.failures == ()
-    assert len(walks) == len(datasets.names("walking5m"))
-    for walk in walks:
-        assert walk.reference is not None or walk.info["no_reference"]
-        assert len({len(imu.time) for imu in walk.recording.sensors.values()}) == 1
-        for imu in walk.recording.sensors.values():
-            assert all(np.isfinite(part).all() for part in imu)
-
-
 @pytest.fixture(scope="module")
 def known(walks):
     """The walks on which what is asserted below was seen; a fuller set has others."""
     return [walk for walk in walks if walk.info["verified"]]
 
 
-@real
 def test_units_by_gravity_and_segments_by_their_axes(known):
     for walk in known:
         for placement, imu in walk.recording.sensors.items():
@@ -251,7 +235,6 @@ def test_units_by_gravity_and_segments_by_their_axes(known):
             assert -swing["left"].min() > swing["left"].max(), "the left about -z"
 
 
-@real
 def test_two_people_wear_thigh_and_shank_swapped(known):
     swapped = {walk.recording.name: walk.info["misplaced"] for walk in known if walk.info["misplaced"]}
     there = [walk.recording.name for walk in known]
@@ -259,7 +242,6 @@ def test_two_people_wear_thigh_and_shank_swapped(known):
     assert swapped == dict.fromkeys(expected, (("thigh_left", "shank_left"),))
 
 
-@real
 def test_distances_are_about_five_metres_by_either_foot(known):
     """Authors' own foot trajectories, all twenty a group: 5.16 ± 0.43 m young, 5.68 ± 0.29 m elderly."""
     for group, authors, spread in (("young", 5.16, 0.43), ("elderly", 5.68, 0.29)):
@@ -273,7 +255,6 @@ def test_distances_are_about_five_metres_by_either_foot(known):
         assert np.abs(feet[:, 0] - feet[:, 1]).mean() < 0.2
 
 
-@real
 def test_windows_part_standing_from_walking(known):
     for walk in known:
         start, end = walk.info["windows"]["whole"]

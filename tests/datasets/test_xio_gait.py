@@ -10,14 +10,10 @@ from jgait import datasets
 from jgait.datasets import xio_gait
 from jgait.datasets.foot_reference import foot_path
 
-real = pytest.mark.skipif(not datasets.available("xio_gait"), reason=datasets.unavailable_reason("xio_gait"))
-
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("JGAIT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    folder = tmp_path / "xio_gait"
+def folder(data_dir):
+    folder = data_dir / "xio_gait"
     folder.mkdir()
     return folder
 
@@ -79,13 +75,10 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
 
 
 @pytest.fixture(scope="module")
-def walk():
-    if "short_walk" not in datasets.names("xio_gait"):
-        pytest.skip("short_walk is not there")
-    return datasets.load("xio_gait", ["short_walk"])[0]
+def walk(data):
+    return data("xio_gait", "short_walk")[0]
 
 
-@real
 def test_numbers_of_the_short_walk(walk):
     imu = walk.recording.sensors["foot_right"]
     assert walk.info["verified"] is True and walk.info["closes"] is True
@@ -96,7 +89,6 @@ def test_numbers_of_the_short_walk(walk):
     assert np.linalg.norm(rest) == pytest.approx(9.81, abs=0.01) and rest[2] > 8, "gravity's reaction points up"
 
 
-@real
 def test_the_short_walk_is_a_loop(walk):
     """It turns once round, and goes about as far as the publisher says."""
     imu = walk.recording.sensors["foot_right"]

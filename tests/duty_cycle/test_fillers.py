@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
 
-from jgait import datasets
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals
 from jgait.duty_cycle.fillers.pace import pace
 from jgait.duty_cycle.fillers.plain import Hold, Replicate, hold, replicate
@@ -172,11 +171,9 @@ def test_bad_input_is_refused():
         hold(rate, on, acc, RATE_HZ, thigh=Thigh(rate[:9], acc))
 
 
-def test_a_real_shank_is_filled_better_than_the_paper_fills_it():
+def test_a_real_shank_is_filled_better_than_the_paper_fills_it(data):
     """First 14 s of the steady walk, ten units of 1.4 s, four of ten on; the paper has 0.267, replicate 0.18."""
-    if not datasets.available("tripod"):
-        pytest.skip(datasets.unavailable_reason("tripod"))
-    walk = datasets.load("tripod", ("Sub_FZ/PWS",))[0]
+    walk = data("tripod", "Sub_FZ/PWS")[0]
     imu = walk.recording.sensors["shank_right"]
     axes = shank_axes.functional_axes(imu)
     begin = walk.info["windows"]["steady"][0]

@@ -181,14 +181,10 @@ def differences(stored: dict[str, list[Any]], result: dict[str, list[Any]]) -> d
 @pytest.mark.parametrize(
     "part, name", [(part, name) for part in PARTS for name in PARTS[part].estimators], ids=lambda text: text
 )
-def test_estimates_are_those_stored(part, name):
+def test_estimates_are_those_stored(data, part, name):
     names, seconds, _ = PARTS[part]
     data_set = part.split()[0]
-    present = datasets.names(data_set) if datasets.available(data_set) else ()
-    lacking = [recording for recording in names if recording not in present]
-    if lacking:
-        pytest.skip(f"{data_set} lacks {', '.join(lacking)}" if present else datasets.unavailable_reason(data_set))
-    walks = datasets.load(data_set, only=names)
+    walks = data(data_set, *names)
     assert not walks.failures
     stored = json.loads(FILE.read_text()) if FILE.exists() else {}
     moved = {}

@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.events import zero_velocity as zv
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY
@@ -250,10 +250,9 @@ LEAST = {"shoe": 0.85, "ared": 0.85, "variance": 0.75, "magnitude": 0.75}
 """Share of the samples at rest that each detector has to find."""
 
 
-@pytest.mark.skipif(not datasets.available("gaitmap_example"), reason=datasets.unavailable_reason("gaitmap_example"))
 @EVERY
-def test_on_shoes_whose_heel_and_toe_were_captured(detector):
-    (walk,) = datasets.load("gaitmap_example", ["imu_sample"])
+def test_on_shoes_whose_heel_and_toe_were_captured(data, detector):
+    (walk,) = data("gaitmap_example", "imu_sample")
     for side in ("right", "left"):
         imu, markers = walk.recording.sensors[f"foot_{side}"], walk.info["mocap"][side]
         rates = [savgol_filter(markers[of], 9, 2, deriv=1, delta=0.01, axis=0) for of in ("heel", "toe")]
@@ -266,8 +265,7 @@ def test_on_shoes_whose_heel_and_toe_were_captured(detector):
         assert found[speed > 0.4].mean() < 0.01
 
 
-@pytest.mark.skipif(not datasets.available("pyshoe_vicon"), reason=datasets.unavailable_reason("pyshoe_vicon"))
-def test_under_vicon_every_stance_of_a_walk_and_not_every_one_of_fast_gait():
+def test_under_vicon_every_stance_of_a_walk_and_not_every_one_of_fast_gait(data):
     """In fast gait and running the shoe never comes to rest in some stances, so that a fixed threshold misses them.
 
     Trials of 2017-11-22 are walks at up to 1.4 m/s; those of 2017-11-27 and 2017-12-15 are faster, most of them runs.
@@ -275,7 +273,7 @@ def test_under_vicon_every_stance_of_a_walk_and_not_every_one_of_fast_gait():
     that these trials are left out.
     """
     missed, prints = {}, {}
-    for walk in datasets.load("pyshoe_vicon"):
+    for walk in data("pyshoe_vicon"):
         imu, name = walk.recording.sensors["foot_right"], walk.recording.name
         if name.startswith("2018-02"):
             continue

@@ -7,7 +7,6 @@ from made.shank import LEAN, SWING, shank
 from jgait import plot
 from jgait.events import shank as shank_events
 from jgait.plot.ankle import FILTERED, RAW, STATES
-from jgait.plot.style import AXES
 
 
 @pytest.fixture(scope="module")
@@ -42,28 +41,6 @@ def test_states_events_and_thresholds(made, tmp_path):
     assert not any(m.get_xdata().size for m in none.lines if m.get_marker() in ("^", "D", "v"))
 
 
-def test_a_stride_integrated(made):
-    figure = plot.stride_integration(made.recording, stride=1)
-    acceleration, velocity, way = figure.axes
-    assert [axis.get_ylabel() for axis in figure.axes] == ["acceleration [m/s²]", "velocity [m/s]", "displacement [m]"]
-    for axis in (velocity, way):
-        drawn = [m for m in axis.lines if m.get_linestyle() != "None" and len(m.get_xdata()) > 2]
-        ours = [
-            next(m for m in drawn if m.get_linewidth() == s["linewidth"] and m.get_color() == s["color"]) for s in AXES
-        ]
-        last = [m.get_ydata()[-1] for m in ours]
-        if axis is velocity:
-            np.testing.assert_allclose(last, 0.0, atol=1e-6)  # the ankle stands at both ends
-            gone = np.trapezoid(ours[0].get_ydata(), ours[0].get_xdata())
-            assert gone == pytest.approx(np.hypot(1.2, 0.15), abs=0.03)
-        else:
-            assert np.linalg.norm(last) == pytest.approx(np.hypot(1.2, 0.15), abs=0.02)
-            assert last[1] == pytest.approx(0.0, abs=1e-9) and last[2] == pytest.approx(0.15, abs=0.03)
-    forward = acceleration.lines[1]
-    assert forward.get_ydata().max() > 10.0 and forward.get_ydata().min() < -10.0
-    assert "stride 1 of the right leg: 1.2" in figure.get_suptitle()
-
-
 def test_what_is_not_there_is_refused(made):
     with pytest.raises(ValueError, match="the left leg was not measured; the right one was"):
         plot.swing_states(made.recording, side="left")
@@ -71,5 +48,3 @@ def test_what_is_not_there_is_refused(made):
         plot.swing_states(made.recording, side="both")
     with pytest.raises(ValueError, match="seconds must overlap the recording"):
         plot.swing_states(made.recording, seconds=(50.0, 60.0))
-    with pytest.raises(ValueError, match="stride must lie between 0 and 2; got 3"):
-        plot.stride_integration(made.recording, stride=3)

@@ -1,57 +1,12 @@
-"""Every figure is called from one place; feet apart, and the ankle's way relative to the hip."""
+"""Every figure is called from one place; rates that sleep, and the ankle's way relative to the hip."""
 
 import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.widths import READ, TOGETHER
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, RangeReadings, Recording
+from jgait.types import Estimate, Legs, LegTrajectory
 
 N = 40
-
-
-@pytest.fixture
-def apart():
-    """Two feet that stand 10 to 14 cm apart at moments of their own; double support at every fourth."""
-    time, moment = np.arange(0.0, 10.0, 0.05), np.arange(N) * 0.25
-    z1, z2 = 0.12 + 0.02 * np.sin(moment), 0.6 * np.cos(np.pi * moment)
-    told = {"z1": z1, "z2": z2, "z1_stddev": np.full(N, 0.01), "z2_stddev": np.full(N, 0.03), "moment_time": moment,
-            "double_support": np.arange(N) % 4 == 0, "turning": (moment > 4.0) & (moment < 5.0)}  # fmt: skip
-    foot, spread = (FootTrajectory(np.full((time.size, 3), v), None, None) for v in (1.0, 0.03))
-    return Estimate(time, Legs(None, None), None, None, time >= 0.0, told, None, Feet(foot, foot), Feet(spread, spread))
-
-
-def test_distances_between_the_feet_with_their_deviations(apart, tmp_path):
-    read = RangeReadings(np.array([1.0, 2.0, 3.0]), np.array([0.05, 0.0, 0.06]), np.array([True, False, True]))
-    recording = Recording({}, 20.0, feet_range=read)
-    figure = plot.feet_apart(apart, recording, reference=apart, range_offset=0.07)
-    across, along, places = figure.axes
-    assert [axis.get_ylabel() for axis in (across, along)] == ["across, z₁ [cm]", "along, z₂ [cm]"]
-    assert places.get_ylabel() == "σ of place\nsince it last stood [cm]"
-    np.testing.assert_allclose(places.lines[0].get_ydata(), 100.0 * 0.03 * np.sqrt(2.0))
-    told, both = apart.diagnostics, apart.diagnostics["double_support"]
-    for axis, name, two in ((across, "z1", 2.0), (along, "z2", 6.0)):
-        np.testing.assert_allclose(axis.lines[0].get_ydata(), 100.0 * told[name])
-        bars = next(c for c in axis.collections if type(c).__name__ == "LineCollection").get_segments()
-        np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 2.0 * two)
-        dots = next(m for m in axis.lines if m.get_marker() == TOGETHER["marker"])
-        np.testing.assert_allclose(dots.get_xydata(), np.stack([told["moment_time"], 100.0 * told[name]], 1)[both])
-        known = next(m for m in axis.lines if m.get_marker() == "_")
-        np.testing.assert_allclose(known.get_ydata(), dots.get_ydata())
-    crosses = next(m for m in across.lines if m.get_marker() == READ["marker"])
-    np.testing.assert_allclose(crosses.get_xydata(), [[1.0, 12.0], [3.0, 13.0]])
-    assert plot.save(figure, tmp_path / "apart.png").stat().st_size > 20_000
-    part = plot.feet_apart(apart._replace(feet_stddev=None), seconds=(2.0, 3.0))
-    assert len(part.axes) == 2 and part.axes[0].lines[0].get_xdata().max() <= 3.0
-
-
-def test_feet_without_a_common_world_are_refused(apart):
-    with pytest.raises(ValueError, match="has no z1 and z2"):
-        plot.feet_apart(apart._replace(diagnostics={}))
-    with pytest.raises(ValueError, match="has no z1 and z2"):
-        plot.feet_apart(apart._replace(feet=Feet(None, apart.feet.left)))
-    with pytest.raises(ValueError, match="no moment in the window"):
-        plot.feet_apart(apart, seconds=(90.0, 95.0))
 
 
 @pytest.fixture

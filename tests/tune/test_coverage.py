@@ -1,36 +1,13 @@
 """Intervals keep their promise: tried by simulation, through a filter."""
 
-from typing import Any, NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made.models import LOCAL_LEVEL, Level, Noise
 
-from jgait.filtering import KF, Belief, Covariance, Model, kalman_filter
+from jgait.filtering import KF, kalman_filter
 from jgait.params import positive
 from jgait.tune.identifiability import identifiability
-
-
-class Level(NamedTuple):
-    value: Any
-
-
-class Noise(NamedTuple):
-    process: Any
-    sensor: Any
-
-
-def _initial(params):
-    return Belief(Level(jnp.asarray(0.0)), Covariance.from_variances(Level(jnp.asarray(10.0))))
-
-
-LOCAL_LEVEL = Model(
-    _initial,
-    lambda params, state, control, dt: state,
-    lambda params, state, control, dt: Level(params.process),
-    lambda params, state, control: Level(state.value),
-    lambda params, state, control: Level(params.sensor),
-)
 
 
 def level_loss(params, values):

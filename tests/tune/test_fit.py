@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from made.models import LOCAL_LEVEL, Level, Noise
 
 from jgait import tune
-from jgait.filtering import KF, Belief, Covariance, Model, kalman_filter
+from jgait.filtering import KF, kalman_filter
 from jgait.params import fixed, interval, positive, real
 from jgait.tune import losses
 
@@ -57,38 +58,6 @@ def test_gradient_norms_are_those_of_the_free_coordinates():
     assert float(one.last.slope) == pytest.approx(stepped, rel=1e-12)
 
 
-class Level(NamedTuple):
-    value: Any
-
-
-class Noise(NamedTuple):
-    process: Any
-    sensor: Any
-
-
-def _initial(params):
-    return Belief(Level(jnp.asarray(0.0)), Covariance.from_variances(Level(jnp.asarray(10.0))))
-
-
-def _transition(params, state, control, dt):
-    return state
-
-
-def _transition_noise(params, state, control, dt):
-    return Level(params.process)
-
-
-def _observation(params, state, control):
-    return Level(state.value)
-
-
-def _observation_noise(params, state, control):
-    return Level(params.sensor)
-
-
-WALK = Model(_initial, _transition, _transition_noise, _observation, _observation_noise)
-
-
 def test_innovation_likelihood_finds_the_noise_variances_that_made_the_data():
     rng = np.random.default_rng(0)
     items, samples = 4, 600
@@ -96,7 +65,9 @@ def test_innovation_likelihood_finds_the_noise_variances_that_made_the_data():
     measured = jnp.asarray(level + rng.normal(0.0, np.sqrt(0.4), (items, samples)))
 
     def loss(params, values):
-        posterior = kalman_filter(WALK, params, Level(values), method=KF(), keep=("log_likelihood", "count", "valid"))
+        posterior = kalman_filter(
+            LOCAL_LEVEL, params, Level(values), method=KF(), keep=("log_likelihood", "count", "valid")
+        )
         return losses.negative_log_likelihood(posterior)
 
     start, free = Noise(1.0, 1.0), Noise(positive, positive)

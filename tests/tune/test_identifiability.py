@@ -5,34 +5,16 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.models import Gauss, Line, Z, close, gauss, straight
 
 from jgait.params import fixed, interval, normal, positive, real
 from jgait.tune.identifiability import identifiability
 
-Z = 1.959963984540054
-"""97.5 % quantile of the normal distribution."""
-
-
-def close(a, b, rtol=1e-10, atol=1e-12):
-    np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=rtol, atol=atol)
-
-
 # --- linear models, where all of it is known ---
-
-
-class Line(NamedTuple):
-    coefficients: Any
-    scale: Any
 
 
 SCALE = 0.5
 LINE = Line(coefficients=real, scale=fixed)
-
-
-def straight(params, item):
-    """Negative log-likelihood of one observation [nat]."""
-    x, y = item
-    return 0.5 * ((y - jnp.sum(x * params.coefficients)) / params.scale) ** 2 + jnp.log(params.scale)
 
 
 def regression(count=40, seed=0):
@@ -251,15 +233,6 @@ def test_curvature_that_is_not_finite_is_reported_and_no_nan_reaches_the_table()
 
 
 # --- other ways to count information ---
-
-
-class Gauss(NamedTuple):
-    mean: Any
-    scale: Any
-
-
-def gauss(params, item):
-    return 0.5 * ((item - params.mean) / params.scale) ** 2 + jnp.log(params.scale)
 
 
 def test_scores_agree_with_curvature_at_the_truth():

@@ -6,36 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from made.models import Gauss, Line, Z, close, gauss, straight
 
 from jgait.params import fixed, positive, real
 from jgait.tune.profile import profile
-
-Z = 1.959963984540054
-"""97.5 % quantile of the normal distribution."""
-
-
-def close(a, b, rtol=1e-10, atol=1e-12):
-    np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=rtol, atol=atol)
-
-
-class Line(NamedTuple):
-    coefficients: Any
-    scale: Any
-
-
-def straight(params, item):
-    """Negative log-likelihood of one observation [nat]."""
-    x, y = item
-    return 0.5 * ((y - jnp.sum(x * params.coefficients)) / params.scale) ** 2 + jnp.log(params.scale)
-
-
-class Gauss(NamedTuple):
-    mean: Any
-    scale: Any
-
-
-def gauss(params, item):
-    return 0.5 * ((item - params.mean) / params.scale) ** 2 + jnp.log(params.scale)
 
 
 class Pair(NamedTuple):

@@ -15,18 +15,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array
 
-from jgait.duty_cycle.fillers.base import (
-    PERIODS,
-    Filled,
-    Filler,
-    Force,
-    On,
-    Rate,
-    Thigh,
-    finished,
-    pushed,
-    started,
-)
+from jgait.duty_cycle.fillers.base import PERIODS, Filled, Filler, Force, On, Rate, Thigh, finished, pushed, started
 from jgait.duty_cycle.fillers.pace import measured_enough, pace
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 

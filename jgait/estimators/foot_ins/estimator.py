@@ -13,12 +13,7 @@ from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
-from jgait.estimators.foot_ins.model import (
-    FootControl,
-    FootError,
-    FootModelParams,
-    FootObservation,
-)
+from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, TRANSFORMS, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path

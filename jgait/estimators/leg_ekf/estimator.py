@@ -15,14 +15,7 @@ from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
-from jgait.estimators.leg_ekf.params import (
-    DEFAULT,
-    TRANSFORMS,
-    LegOptions,
-    LegParams,
-    one_side,
-    with_body,
-)
+from jgait.estimators.leg_ekf.params import DEFAULT, TRANSFORMS, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import prepare
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector

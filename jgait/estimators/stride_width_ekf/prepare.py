@@ -35,14 +35,12 @@ class Ranges(NamedTuple):
         time: (n,) [s], on the feet's clock.
         distance: (n,) [m].
         delay: delay of the range's clock, which is removed from `time` [s].
-        delay_stddev: standard deviation of the delay [s]; infinite if it could not be estimated.
         notes: notes on ranges that are left out.
     """
 
     time: np.ndarray
     distance: np.ndarray
     delay: float
-    delay_stddev: float
     notes: tuple[Note, ...]
 
 
@@ -97,7 +95,7 @@ def _usable(
     pair: Pair, turning: list[list[tuple[float, float]]], read: RangeReadings | None, options: WidthOptions
 ) -> Ranges:
     """The usable ranges, one for each passing of the feet."""
-    none = Ranges(np.zeros(0), np.zeros(0), 0.0, np.inf, ())
+    none = Ranges(np.zeros(0), np.zeros(0), 0.0, ())
     if read is None:
         return none._replace(notes=(kinds.RANGE_ABSENT(),))
     times, distances, mask = (np.asarray(v) for v in read)
@@ -132,7 +130,7 @@ def _usable(
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if not usable.any():
         notes.append(kinds.RANGE_UNUSED())
-    return Ranges(times[usable], distances[usable], delay, stddev, tuple(notes))
+    return Ranges(times[usable], distances[usable], delay, tuple(notes))
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

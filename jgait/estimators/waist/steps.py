@@ -33,8 +33,6 @@ class Intervals(NamedTuple):
         duration: duration of the interval [s].
         gained: integral of the forward acceleration [m/s].
         went: integral of `gained` over the interval [m].
-        excursion: h, range of the trunk's height [m].
-        surge: V, range of the trunk's forward speed [m/s].
         pendulum: λ, step length of the pendulum, shorter in turns [m].
         turn: turn of the walk [rad].
     """
@@ -42,8 +40,6 @@ class Intervals(NamedTuple):
     duration: Values
     gained: Values
     went: Values
-    excursion: Values
-    surge: Values
     pendulum: Values
     turn: Values
 
@@ -92,7 +88,7 @@ def intervals(p: WaistParams, inputs: WaistInputs, seen: TrunkMotion) -> Interva
     duration = jnp.where(there, (inputs.at - before).astype(forward.dtype) / rate, 0.0)
     turn = jnp.where(there, seen.heading[inputs.at] - seen.heading[before], 0.0)
     shorter = jnp.exp(-p.turn_shortening * jnp.abs(turn))
-    return Intervals(duration, gained, went, excursion, surge, shorter * pendulum(p, excursion, surge), turn)
+    return Intervals(duration, gained, went, shorter * pendulum(p, excursion, surge), turn)
 
 
 def pendulum(p: WaistParams, excursion: Values, surge: Values) -> Values:

@@ -65,12 +65,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """Every tracked point of a motion file that has a gyroscope.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file or its companions violate BIDS; the message has file, expected and actual content.
-    """
+    """Every tracked point of a motion file that has a gyroscope; the errors have file, expected and actual content."""
     check_file(path, EXPECTED)
     stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
     channels_file = _nearest(path, stem, "channels.tsv")

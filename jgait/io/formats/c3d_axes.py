@@ -45,10 +45,7 @@ joint centres (HJC, …), Plug-in Gait's bones (femur proximal and origin, tibia
 
 
 def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
-    """The unit in which the distances between markers fit a person.
-
-    Args:
-        markers: name → (T, 3) in an unknown unit, NaN where not visible.
+    """The unit in which the distances between markers (T, 3), NaN where not visible, fit a person.
 
     Returns:
         'm', 'mm' or None where neither fits, and the distance that decides: the median over time of the longest side
@@ -64,14 +61,7 @@ def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
 
 
 def told_up(markers: Mapping[str, np.ndarray]) -> tuple[str | None, str]:
-    """The axis that points up.
-
-    Args:
-        markers: name → (T, 3) [m], NaN where not visible.
-
-    Returns:
-        '+x', …, '-z', or None where the markers do not determine it, and the reason.
-    """
+    """The axis that points up, '+x', …, '-z', by markers (T, 3) [m]; or None where they do not tell it, and why."""
     trunk, feet = ([_middle(place) for label, place in markers.items() if words.match(label)] for words in (HIGH, LOW))
     trunk, feet = ([place for place in each if np.isfinite(place).all()] for each in (trunk, feet))
     if trunk and feet:

@@ -45,18 +45,10 @@ CLOCKS_JOINED = Kind(
 
 
 def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "dict[str, Part]":
-    """Parts that count packets on the numbers that they share, NaN where a packet was lost.
+    """Parts that count packets on the numbers that they share, of one length, NaN where a packet was lost.
 
     Where the counter wraps, sensors may begin on either side of it: each is shifted by whole turns to be nearest to the
-    first.
-
-    Args:
-        placed: placement → part; those without packets stay as they are.
-        name: of the recording, for messages.
-        notes: gets how many packets were lost, and which numbers occur twice.
-
-    Returns:
-        placement → part, all of one length, without packets.
+    first. Parts without packets stay as they are. Notes get how many packets were lost, and which numbers occur twice.
 
     Raises:
         RecordingError: if packet numbers run backwards or repeat often, some parts have none, or a gap is too long.
@@ -130,17 +122,9 @@ def one_clock(
     placed: "Mapping[str, Part]", sensors: dict[str, dict[str, np.ndarray]], rate_hz: float | None, name: str,
     notes: list[Note],
 ) -> tuple[np.ndarray | None, float | None]:  # fmt: skip
-    """Time and rate that all sensors share; sensors on clocks of their own are interpolated, in place, to the first.
+    """Time (T,) [s] and rate [Hz] that all sensors share, at least one of them; notes are added.
 
-    Args:
-        placed: placement → part.
-        sensors: placement → signals in SI, (T, 3) each; changed where they must be interpolated.
-        rate_hz: given by the caller [Hz], or None.
-        name: of the recording, for messages.
-        notes: list to which notes are added.
-
-    Returns:
-        (T,) time [s] or None, and sampling rate [Hz] or None: at least one of them.
+    Signals (T, 3) of sensors on clocks of their own are interpolated, in place, to the first.
 
     Raises:
         RecordingError: if there is neither, time does not increase, or clocks or lengths cannot be joined.

@@ -54,12 +54,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def measured(path: Path) -> Measured:
-    """All sensors of a table, or of a folder of tables of one sensor each that are called by their placements.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if it is no table, or lacks columns.
-    """
+    """All sensors of a table, or of a folder of tables of one sensor each that are called by their placements."""
     if path.is_dir():
         files = _files(path)
         if not files:

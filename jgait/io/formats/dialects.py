@@ -103,9 +103,6 @@ def recording_from_mobgap(
         subject: name of the person.
         check_sizes: refuse units that the size of the signals contradicts.
 
-    Returns:
-        The recording in SI units.
-
     Raises:
         ValueError: for an unknown frame.
         RecordingError: if columns are missing, as in mobgap's global frames, or the recording is unusable.

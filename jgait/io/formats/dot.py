@@ -40,12 +40,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is not in this format, holds no raw signals, or sensors were not synchronised.
-    """
+    """One sensor, or all of a folder. Raises RecordingError without raw signals or without synchronised sensors."""
     if not path.is_dir():
         return _one(path)[0]
     files = {file.name: _one(file) for file in files_in(path, ENDINGS, recognises)}

@@ -50,23 +50,12 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """The one trial of a file.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is not in this format, or has many trials; the message lists them.
-    """
+    """The one trial of a file. Raises RecordingError for another format, or many trials, which the message lists."""
     return _measured(path, None)
 
 
 def mobilised_trials(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """The trials of a Mobilise-D file that hold a sensor, such as 'TimeMeasure1/Test5/Trial1'.
-
-    Args:
-        path: the file.
-
-    Returns:
-        Names for `read_mobilised`, in the file's order.
+    """The trials of a Mobilise-D file that hold a sensor, such as 'TimeMeasure1/Test5/Trial1', in the file's order.
 
     Raises:
         OSError: if the file does not exist, or may not be read.
@@ -114,22 +103,7 @@ def read_mobilised(
 def read_all_mobilised(
     path: str | os.PathLike[str], *, device: str | None = None, subject: str | None = None, check_sizes: bool = True
 ) -> dict[str, Recording]:
-    """Every trial of a Mobilise-D file, read once.
-
-    Args:
-        path: the file.
-        device: as `read_mobilised`.
-        subject: as `read_mobilised`.
-        check_sizes: as `read_mobilised`.
-
-    Returns:
-        Trial → recording.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        ValueError: for an unknown device.
-        RecordingError: if the file is not in this format, or a trial holds no usable recording.
-    """
+    """Every trial of a Mobilise-D file, read once: trial → recording; arguments and errors as `read_mobilised`."""
     file = Path(path)
     _check_device(device)
     with reading(file, EXPECTED):

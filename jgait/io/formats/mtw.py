@@ -47,12 +47,7 @@ def is_header(cells: tuple[str, ...]) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is not in this format, or holds no raw signals.
-    """
+    """One sensor, or all of a folder. Raises RecordingError for another format, or without raw signals."""
     if not path.is_dir():
         return _one(path)
     whole = joined([_one(file) for file in files_in(path, ENDINGS, recognises)], path.name)

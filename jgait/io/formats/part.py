@@ -59,12 +59,7 @@ class Measured(NamedTuple):
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
-    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
-
-    Args:
-        every: the content of each file, at least one.
-        name: of the recording; None: the first file's.
-    """
+    """Files of one walk as one, each note once; sensors that are called the same are called by their files."""
     notes = tuple(dict.fromkeys(note for measured in every for note in measured.notes))
     labels = [part.label for measured in every for part in measured.parts]
     parts = [

@@ -51,12 +51,7 @@ def _is_header(cells: tuple[str, ...]) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """All devices of a file, or of a folder's files.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is not in this format, holds no calibrated signals, or states an unknown unit.
-    """
+    """All devices of a file or folder. Raises RecordingError without calibrated signals or known units."""
     if path.is_dir():
         return joined([measured(file) for file in files_in(path, ENDINGS, recognises)], path.name)
     rows = read_rows(path, EXPECTED, _is_header, units_below=True)

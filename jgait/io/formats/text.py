@@ -58,11 +58,7 @@ class Rows(NamedTuple):
         return plain.index(column.lower()) if column.lower() in plain else None
 
     def numbers(self, column: int) -> np.ndarray:
-        """(T,) a column as numbers, NaN where empty.
-
-        Raises:
-            RecordingError: for a cell that holds something else.
-        """
+        """(T,) a column as numbers, NaN where empty. Raises RecordingError for a cell that holds something else."""
         import pandas as pd
 
         raw = self.cells[column]
@@ -76,11 +72,7 @@ class Rows(NamedTuple):
         return values
 
     def three(self, columns: Sequence[str]) -> np.ndarray:
-        """(T, 3) of three columns.
-
-        Raises:
-            RecordingError: if one is not there, naming it and those that are.
-        """
+        """(T, 3) of three columns. Raises RecordingError if one is not there, naming it and those that are."""
         places = [self.where(column) for column in columns]
         for column, position in zip(columns, places, strict=True):
             if position is None:
@@ -127,16 +119,13 @@ def header_in(head: bytes, is_header: Callable[[tuple[str, ...]], bool]) -> bool
 def read_rows(
     path: Path, expected: str, is_header: Callable[[tuple[str, ...]], bool], *, units_below: bool = False
 ) -> Rows:
-    """The table of a text file.
+    """The table of a text file, its cells unread.
 
     Args:
         path: the file.
         expected: what it should be and hold, for messages: "an Xsens MTw text file with a header PacketCounter, …".
         is_header: whether a line's cells are the header.
         units_below: whether a row without numbers below the header holds the units.
-
-    Returns:
-        The table, its cells unread.
 
     Raises:
         OSError: if the file does not exist, or may not be read.
@@ -228,14 +217,7 @@ def check_lengths(body: Sequence[str], separator: str, columns: int, first_line:
 def files_in(
     path: Path, endings: Sequence[str], recognises: Callable[[Path, bytes], bool], *, below: bool = False
 ) -> list[Path]:
-    """The files of a format in a folder, by name.
-
-    Args:
-        path: the folder.
-        endings: such as ".csv".
-        recognises: looks at a file's name and first bytes.
-        below: whether to look in the folders of the folder too.
-    """
+    """The files of a format in a folder, by name; with `below`, also in its folders."""
     files = []
     for pattern in ("*", "*/*") if below else ("*",):
         for file in sorted(path.glob(pattern)):

@@ -49,12 +49,7 @@ def _is_header(cells: tuple[str, ...]) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """One sensor, or all of a folder.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is not in this format, or its units are none that are known.
-    """
+    """One sensor, or all of a folder. Raises RecordingError for another format, or units that are not known."""
     if path.is_dir():
         return joined([_one(file) for file in _files(path)], path.name)
     return _one(path)

@@ -169,17 +169,10 @@ def body_motion(
     noise: float | None = None,
     max_gap: float = MAX_GAP,
 ) -> Replay:
-    """Smooth the measured points and build the moving body from them.
+    """Smooth the points measured by motion capture and build the moving body from them, at times (T,) [s] within
+    theirs.
 
-    Args:
-        points: points measured by motion capture.
-        time: (T,) [s] times of the result, within the times of `points`.
-        cutoff_hz: frequency at which the splines halve the amplitude [Hz].
-        noise: see `smooth`; chooses the cut-off of each point separately.
-        max_gap: longest gap that is interpolated [s].
-
-    Returns:
-        The body at those times.
+    Settings as `smooth`; `noise` chooses the cut-off of each point separately.
 
     Raises:
         ValueError: if shapes are wrong, no leg was measured, the forward direction is unknown, or a time lies outside.

@@ -166,16 +166,8 @@ def evaluate(trajectory: Trajectory, time: np.ndarray) -> Motion[np.ndarray]:
 
 
 def acceleration_noise(noise: float, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> float:
-    """Standard deviation of a spline's second derivative that is caused by white noise of the points.
+    """Standard deviation σ_a [m/s²] of a spline's second derivative that is caused by white noise σ of the points [m].
 
     σ_a² = σ² / f_s · ∫ (2πν)⁴ / (1 + (ν/f)⁶)² dν = σ² / f_s · (2π)⁴ f⁵ π / 9,   away from the ends and f ≪ f_s / 2
-
-    Args:
-        noise: σ of each coordinate [m].
-        rate_hz: f_s of the motion capture [Hz].
-        cutoff_hz: f of the spline [Hz].
-
-    Returns:
-        σ_a [m/s²].
     """
     return noise * math.sqrt((2.0 * math.pi) ** 4 * cutoff_hz**5 * math.pi / 9.0 / rate_hz)

@@ -20,16 +20,9 @@ class Clock(NamedTuple):
 
 
 def true_times(clock: Clock, time: Values) -> Values:
-    """The true times of a sensor's samples, t = (shown − offset) / (1 + drift).
+    """The true times of a sensor's samples, t = (shown − offset) / (1 + drift) [s].
 
     The motion is evaluated at these times; the reading keeps the time that the clock showed.
-
-    Args:
-        clock: errors of the clock.
-        time: (T,) times that the clock showed [s].
-
-    Returns:
-        (T,) true times [s].
     """
     # computed as a correction: in single precision the quotient loses the microseconds of a drift
     return time - (clock.offset + clock.drift * time) / (1.0 + clock.drift)

@@ -11,20 +11,13 @@ from jgait.types import AnyArray, Values
 
 
 def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Values) -> Float[Array, "time *rest"]:
-    """Butterworth low-pass of second order, causal, by the bilinear transform prewarped to its −3 dB frequency.
+    """Butterworth low-pass of second order, causal, by the bilinear transform prewarped to its −3 dB frequency [Hz].
 
     H(s) = 1 / (1 + √2 s/ω + (s/ω)²),  s = ω (1 − z⁻¹) / (K (1 + z⁻¹)),  K = tan(ω dt / 2)
 
-    Before the recording the signal is assumed constant at its first sample, so that standing still has no transient. A
-    cut-off of 0.45 of the sampling rate or more leaves the signal unchanged.
-
-    Args:
-        values: (T, C) samples, any unit.
-        frequency: (C,) at which the amplitude has fallen to 1/√2 [Hz]; inf switches a channel's filter off.
-        dt: sampling interval [s].
-
-    Returns:
-        (T, C), the same unit.
+    Before the recording the signal (T, C) is assumed constant at its first sample, so that standing still has no
+    transient. A cut-off (C,) of 0.45 of the sampling rate or more leaves the signal unchanged; inf switches a channel's
+    filter off.
 
     Source: the transform is that of any textbook on digital filters; tested against SciPy's `butter` and `lfilter`.
     """

@@ -107,15 +107,8 @@ def _cosine(a: Float[AnyArray, "time 3"], b: Float[AnyArray, "time 3"]) -> Float
 def nearest_point(
     point: Float[AnyArray, "time 3"], start: Float[AnyArray, "time 3"], end: Float[AnyArray, "time 3"]
 ) -> Float[AnyArray, "time 3"]:
-    """The point of a limb, a straight line from start to end, nearest to another point: it reflects the echo.
-
-    Args:
-        point: (T, 3) [m].
-        start: (T, 3) one end of the limb [m].
-        end: (T, 3) the other end, different from `start` [m].
-
-    Returns:
-        (T, 3) [m].
+    """The point of a limb, a straight line from start to end, nearest to another point: it reflects the echo. (T, 3)
+    [m].
     """
     along = end - start
     share = jnp.sum((point - start) * along, axis=1) / jnp.sum(along * along, axis=1)

@@ -7,10 +7,7 @@ import pytest
 
 from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.length import StrideLengthParams
-from jgait.estimators.ankle_stride.length_steps import (
-    stride_begin,
-    stride_step,
-)
+from jgait.estimators.ankle_stride.length_steps import stride_begin, stride_step
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.signal.marks import marks

@@ -1,0 +1,18 @@
+"""What every data set on this computer keeps."""
+
+import numpy as np
+import pytest
+
+from jgait import datasets
+
+
+@pytest.mark.parametrize("name", datasets.list_datasets())
+def test_every_recording_gives_a_walk(data, name):
+    walks = data(name)
+    assert walks.failures == ()
+    assert {walk.recording.name for walk in walks} == set(datasets.names(name))
+    for walk in walks:
+        assert (walk.reference is None) == bool(walk.info.get("no_reference"))
+        for imu in walk.recording.sensors.values():
+            assert all(np.isfinite(part).all() for part in imu if part is not None)
+            assert len({len(part) for part in imu if part is not None}) == 1
