@@ -109,17 +109,7 @@ def _lengths(
 
 
 def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
-    """Plan a walk without the height of the pelvis (`z_curve` and `dip` are 0).
-
-    Args:
-        key: PRNG key of the variability from step to step.
-        person: the person; `steps` must not be more than `capacity`.
-        along: the route of the walk.
-        capacity: largest number of steps that the arrays hold.
-
-    Returns:
-        The plan, K = capacity + 4.
-    """
+    """Plan a walk without the height of the pelvis (`z_curve` and `dip` are 0); as `walker.plan`."""
     gait = person.gait
     k = jnp.arange(-1, capacity + 3, dtype=jnp.result_type(*jax.tree.leaves(person)))
     n = jnp.asarray(gait.steps, k.dtype)

@@ -42,13 +42,11 @@ _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvi
 
 
 def manner(relative_stride: Values) -> dict[str, Values]:
-    """Fields of a gait that grow with the stride: foot pitch, rise and surge of the pelvis.
+    """Fields of a gait that grow with the stride over the length of the leg [1]: foot pitch, rise and surge of the
+    pelvis.
 
     They are proportional to the stride; the rise is proportional to its square, as in an inverted pendulum. The lower
     limit is a third of the value at the usual stride, the upper limit is anatomical.
-
-    Args:
-        relative_stride: stride length over the length of the leg, hip to ankle [1].
     """
     share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
     return {name: jnp.minimum(getattr(_USUAL, name) * share**power, most) for name, (power, most) in _MANNER.items()}

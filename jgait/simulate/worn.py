@@ -100,17 +100,9 @@ def signals(
     errors: ImuErrors,
     mounts: Mapping[str, Vector],
 ) -> dict[str, Imu]:
-    """The readings of sensors on a moving body.
+    """The readings of sensors on a body that moves at nominal times (T,) [s]: placement → readings.
 
-    Args:
-        key: PRNG key of the sensors' errors.
-        moving: the body at times (T,), a `Motion` of `Segments`.
-        time: (T,) [s] nominal times of the samples.
-        errors: errors and mounting of the sensors.
-        mounts: placement → position on the segment [m].
-
-    Returns:
-        placement → readings.
+    `mounts` has the position of each placement on its segment [m].
     """
     if not mounts:
         return {}

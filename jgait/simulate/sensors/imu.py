@@ -87,12 +87,9 @@ _RANGES = {
 
 
 def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
-    """Check that every number of a record lies within its range.
+    """Check that every number of a record, perhaps in arrays, lies within its range.
 
-    Args:
-        errors: a NamedTuple of numbers or arrays of numbers; every entry is checked.
-        ranges: field → closed range; the fields not named must not be negative.
-        unbounded: the fields that may be infinite, and may not be zero.
+    Fields that have no range must not be negative; `unbounded` ones may be infinite, and may not be zero.
 
     Raises:
         TypeError: if a field is no number.
@@ -112,10 +109,7 @@ def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbound
 
 
 def check_errors(errors: ImuErrors) -> None:
-    """Check the errors of a sensor; on the host, before JAX traces a function.
-
-    Args:
-        errors: errors of the sensor; arrays in the fields stand for many sensors.
+    """Check the errors of a sensor, or, as arrays, of many; on the host, before JAX traces a function.
 
     Raises:
         TypeError: if a field is no number.
