@@ -6,7 +6,7 @@ difference unless the model defines other functions. The checks run while tracin
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -90,8 +90,20 @@ def _scalar(value: PyTree, dtype: DTypeLike) -> PyTree:
     return float(value) if isinstance(value, int | float) else jnp.asarray(value, dtype)
 
 
-def _error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
-    """The tree structure of the error tuple: that of the state, or that of the result of `local`."""
+class Structures(Protocol):
+    """The tree structures of a model's tuples."""
+
+    state: Any
+    error: Any
+    observed: Any
+
+
+def error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
+    """The tree structure of the error tuple: that of the state, or that of the result of `local`.
+
+    Raises:
+        ValueError: if only one of `retract` and `local` is defined.
+    """
     if (model.retract is None) != (model.local is None):
         given = "retract" if model.local is None else "local"
         raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
@@ -101,25 +113,19 @@ def _error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
     return jax.tree.structure(jax.eval_shape(model.local, like, like))
 
 
-def component_model(
-    model: Model, params: PyTree, mean: PyTree, observation: PyTree, dtype: DTypeLike
-) -> ComponentModel:
+def component_model(model: Model, params: PyTree, structures: Structures, dtype: DTypeLike) -> ComponentModel:
     """Convert a model to functions on lists of scalars.
 
     Args:
         model: model on named tuples.
         params: passed on to its functions.
-        mean: a tuple of the state's type.
-        observation: a tuple of the observation's type, or None without observations.
+        structures: tree structures of its tuples, from `structures_of`.
         dtype: dtype of all components.
 
     Raises:
-        ValueError: at once, if only one of `retract` and `local` is defined; while tracing, if the result of a function
-            of the model has the wrong type.
+        ValueError: while tracing, if the result of a function of the model has the wrong type.
     """
-    state: PyTree = jax.tree.structure(mean)
-    observed: PyTree = jax.tree.structure(observation)
-    error = _error_structure(model, state, dtype)
+    state, error, observed = structures.state, structures.error, structures.observed
     names = {field: _named(field, getattr(model, field)) for field in ("transition", "observation")}
 
     def transition(x: Sequence[PyTree], control: PyTree, dt: Values) -> list[PyTree]:

@@ -1,0 +1,137 @@
+r"""The smoother's scan: what later samples say, in the modified Bryson–Frazier form, and its gradient.
+
+With J = H A, M = (I − K H) A and G = S⁻¹ of each sample,
+
+    λ ← Mᵀ λ − Jᵀ G e,   Λ ← Mᵀ Λ M + Jᵀ G J,   from the last sample to the first,
+    x_s = x⁻ ⊕ (δ − P λ),   P_s = P − P Λ P.
+
+This is the Rauch–Tung–Striebel smoother without an inverse of a covariance: the same on flat states, equal to first
+order in the smoother's corrections on manifolds. Its gradient is a scan forward over the samples.
+
+Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18(1), 1973; H. Rauch,
+F. Tung, C. Striebel (1965), AIAA Journal 3(8).
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import PyTree
+
+from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed
+
+OUTPUTS = ("move", "cov", "vector", "matrix")
+"""The outputs: −P λ (T, n), P − P Λ P (T, n, n), λ (T, n) and Λ (T, n, n) of the samples after each."""
+
+
+@dataclass(frozen=True)
+class Backward:
+    """The backward scan as a function of a batch: P, M, J, G, G e over samples → `OUTPUTS`.
+
+    Attributes:
+        chosen: components whose covariances are computed; without any, Λ is zero.
+        all: whether λ and Λ are returned.
+    """
+
+    chosen: tuple[int, ...]
+    all: bool = False
+
+    @property
+    def whole(self) -> "Backward":
+        """The same with λ and Λ."""
+        return Backward(self.chosen, True)
+
+    def _names(self) -> tuple[str, ...]:
+        names = [name for name in OUTPUTS if self.chosen or name in ("move", "vector")]
+        return tuple(name for name in names if self.all or name in ("move", "cov"))
+
+    def part(self, outputs: list[PyTree]) -> list[PyTree]:
+        """The outputs of this function among those of `whole`."""
+        told = dict(zip(self.whole._names(), outputs, strict=True))
+        return [told[name] for name in self._names()]
+
+    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
+        """The shapes of the outputs without the batch axis."""
+        length, n, _ = arguments[0].shape
+        own = {"move": (n,), "vector": (n,), "cov": (len(self.chosen),) * 2, "matrix": (n, n)}
+        return [jax.ShapeDtypeStruct((length, *own[name]), arguments[0].dtype) for name in self._names()]
+
+    def value(self, *arguments: PyTree) -> list[PyTree]:
+        """The outputs, time axis in front and batch behind."""
+        names = self._names()
+
+        def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
+            vector, matrix = carry
+            cov, closed, rows, information, weighted = sample
+            told = {"move": -applied(cov, vector), "vector": vector, "matrix": matrix}
+            fine = jnp.isfinite(jnp.sum(told["move"], 0))
+            if self.chosen:
+                part = _taken(cov, self.chosen)
+                known = _taken(transposed(part), self.chosen)
+                smoothed = known - product(product(part, matrix), transposed(part))
+                fine = fine & jnp.isfinite(jnp.sum(smoothed, (0, 1)))
+                told["cov"] = jnp.where(fine, smoothed, known)
+                half = product(information, rows)
+                matrix = product(product(transposed(closed), matrix), closed) + product(transposed(rows), half)
+            told["move"] = jnp.where(fine, told["move"], 0.0)
+            vector = applied(transposed(closed), vector) - applied(transposed(rows), weighted)
+            return (vector, matrix), [told[name] for name in names]
+
+        lanes = max(v.shape[-1] for v in arguments)
+        n, dtype = arguments[0].shape[1], arguments[0].dtype
+        none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if self.chosen else 0.0)
+        return lax.scan(body, none, arguments, reverse=True)[1]
+
+    def reverse(
+        self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
+    ) -> list[PyTree]:
+        """Cotangents of the arguments `moving`, by a scan forward over the samples."""
+        names = self._names()
+        told = dict(zip(names, outputs, strict=True))
+        given = {name: value for name, value in zip(names, cotangents, strict=True) if value is not None}
+        second = bool(self.chosen) and ("cov" in given or "matrix" in given)
+        lanes = max(v.shape[-1] for v in (*arguments, *outputs))
+
+        def body(carry: PyTree, item: PyTree) -> tuple[PyTree, list[PyTree]]:
+            l_ct, m_ct = carry  # cotangents of λ and Λ before this sample
+            (cov, closed, rows, g, z), own, ct = item
+            vector, matrix = own["vector"], own.get("matrix")
+            closed_ct, rows_ct = outer(vector, l_ct), -outer(z, l_ct)
+            z_ct, g_ct = -applied(rows, l_ct), jnp.zeros_like(g)
+            vector_ct, cov_ct = applied(closed, l_ct), jnp.zeros_like(cov)
+            if second:
+                half, part = product(closed, m_ct), product(rows, m_ct)
+                closed_ct = closed_ct + 2.0 * product(matrix, half)
+                rows_ct = rows_ct + 2.0 * product(g, part)
+                g_ct = product(part, transposed(rows))
+                matrix_ct = product(half, transposed(closed))
+                if "cov" in ct:
+                    change, place = symmetrised(ct["cov"]), jnp.asarray(self.chosen)
+                    part = _taken(cov, self.chosen)
+                    half = product(change, part)
+                    cov_ct = cov_ct.at[place[:, None], place[None]].add(change)
+                    cov_ct = cov_ct.at[place].add(-2.0 * product(half, matrix))
+                    matrix_ct = matrix_ct - product(transposed(part), half)
+                if "matrix" in ct:
+                    matrix_ct = matrix_ct + ct["matrix"]
+                m_ct = matrix_ct
+            if "move" in ct:
+                cov_ct = cov_ct - symmetrised(outer(ct["move"], vector))
+                vector_ct = vector_ct - applied(cov, ct["move"])
+            if "vector" in ct:
+                vector_ct = vector_ct + ct["vector"]
+            every = [cov_ct, closed_ct, rows_ct, g_ct, z_ct]
+            return (vector_ct, m_ct), [every[i] for i in moving]
+
+        n, dtype = arguments[0].shape[1], arguments[0].dtype
+        none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if second else 0.0)
+        needed = {name: value for name, value in told.items() if name == "vector" or (name == "matrix" and second)}
+        return lax.scan(body, none, (arguments, needed, given))[1]
+
+
+def _taken(matrix: PyTree, rows: tuple[int, ...]) -> PyTree:
+    """Some rows of matrices."""
+    if rows == tuple(range(rows[0], rows[-1] + 1)):
+        return matrix[rows[0] : rows[-1] + 1]
+    return matrix[jnp.asarray(rows)]

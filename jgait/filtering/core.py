@@ -1,0 +1,296 @@
+r"""The filter's scan over a batch of recordings, and its gradient in closed form.
+
+With the linearised model A, Q, H, R about the predictions, S = H P⁻ Hᵀ + R, G = S⁻¹ and the innovation e,
+
+    P⁻ = A P Aᵀ + Q,   K = P⁻ Hᵀ G,   δ = K e,   P = P⁻ − K H P⁻.
+
+The state after the update is x⁻ ⊕ δ. P stays about x⁻; on a manifold the map to errors about x⁻ ⊕ δ is part of the
+next A. The gradient is a scan back over the samples: matrices by the derivatives of these equations, the model by
+`jax.vjp` of its linearisation at one sample.
+
+Source: C. Parellier, A. Barrau, S. Bonnabel, "Speeding-up backpropagation of gradients through the Kalman filter via
+closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form of the backward scan.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import PyTree
+
+from jgait.filtering.lanes import (
+    applied,
+    diagonal,
+    diagonal_matrix,
+    held,
+    inverse,
+    outer,
+    product,
+    symmetrised,
+    transposed,
+)
+from jgait.filtering.local_model import Linearised, LocalModel, Shape
+from jgait.filtering.methods import EKF, KF, Method
+
+OUTPUTS = (
+    "predicted", "delta", "cov", "predicted_cov", "innovation", "variance", "nis", "log_det", "valid", "closed", "seen",
+    "information", "weighted",
+)  # fmt: skip
+"""The outputs of a step, each an array over samples.
+
+    predicted      x⁻ (k,)
+    delta          δ (n,)
+    cov            P (n, n), of errors about x⁻
+    predicted_cov  P⁻ (n, n)
+    innovation     e (m,)
+    variance       diagonal of S (m,)
+    nis            eᵀ G e
+    log_det        log |S|
+    valid          False where something was not finite
+    closed         (I − K H) A (n, n)
+    seen           H A (m, n)
+    information    G (m, m)
+    weighted       G e (m,)
+"""
+
+FOR_SMOOTHER = ("cov", "closed", "seen", "information", "weighted")
+"""The outputs that the backward scan of the smoother uses."""
+
+
+class Update(NamedTuple):
+    """One linear update: K (n, m), G (m, m), G e (m,), H P⁻ (m, n), S (m, m), log |S|, and whether it is finite."""
+
+    gain: PyTree
+    information: PyTree
+    weighted: PyTree
+    cross: PyTree
+    total: PyTree
+    log_det: PyTree
+    good: PyTree
+
+
+def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree) -> Update:
+    """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite."""
+    cross = product(observation, cov)
+    total = product(cross, transposed(observation)) + spread
+    information, log_det, positive = inverse(total)
+    gain, weighted = product(transposed(cross), information), applied(information, innovation)
+    good = positive & jnp.isfinite(jnp.sum(gain, (0, 1)) + jnp.sum(weighted, 0) + log_det)
+    found = (gain, information, weighted, cross, total, log_det)
+    return Update(*(jnp.where(good, v, 0.0) for v in found), good)
+
+
+@dataclass(frozen=True)
+class Filter:
+    """The filter as a function of a batch: parameters, start, recording → the outputs `keep` over samples.
+
+    Arguments, each with the batch behind: leaves of the parameters, mean (k,), covariance (n, n), measured (T, m),
+    leaves (T,) of the controls, dt (T,), seen (T, m).
+    """
+
+    shape: Shape
+    method: Method
+    keep: tuple[str, ...]
+
+    @property
+    def whole(self) -> "Filter":
+        """The filter with all outputs."""
+        return replace(self, keep=OUTPUTS)
+
+    def part(self, outputs: list[PyTree]) -> list[PyTree]:
+        """The outputs `keep` of all."""
+        told = dict(zip(OUTPUTS, outputs, strict=True))
+        return [told[name] for name in self.keep]
+
+    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
+        """The shapes of the outputs without the batch axis."""
+        (k, n, m), length = self.shape.sizes, arguments[-1].shape[0]
+        own = {
+            "predicted": (k,), "delta": (n,), "cov": (n, n), "predicted_cov": (n, n), "innovation": (m,),
+            "variance": (m,), "nis": (), "log_det": (), "valid": (), "closed": (n, n), "seen": (m, n),
+            "information": (m, m), "weighted": (m,),
+        }  # fmt: skip
+        return [
+            jax.ShapeDtypeStruct((length, *own[name]), jnp.bool_ if name == "valid" else self.shape.dtype)
+            for name in self.keep
+        ]
+
+    def _split(self, arguments: tuple[PyTree, ...]) -> tuple[list[PyTree], PyTree, PyTree, PyTree, int]:
+        count = self.shape.params.num_leaves
+        params, (mean, cov, measured), (*controls, dt, seen) = (
+            list(arguments[:count]), arguments[count : count + 3], arguments[count + 3 :]
+        )  # fmt: skip
+        lanes = max(v.shape[-1] for v in arguments)
+        return params, (mean, cov), (measured, controls, dt, seen), lanes
+
+    def value(self, *arguments: PyTree) -> list[PyTree]:
+        """The outputs, time axis in front and batch behind."""
+        params, (mean, cov), samples, lanes = self._split(arguments)
+        local = LocalModel(self.shape, params, lanes)
+        n = self.shape.sizes[1]
+        start = (
+            jnp.broadcast_to(mean, (mean.shape[0], lanes)),
+            jnp.zeros((n, lanes), self.shape.dtype),
+            jnp.broadcast_to(cov, (n, n, lanes)),
+        )
+
+        def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
+            told = self.step(local, carry, sample)
+            return (told["predicted"], told["delta"], told["cov"]), [told[name] for name in self.keep]
+
+        return lax.scan(body, start, samples)[1]
+
+    def step(self, local: LocalModel, carry: PyTree, sample: PyTree) -> dict[str, PyTree]:
+        """One predict and update: all outputs at a sample, from (x⁻, δ, P) at the sample before."""
+        before, delta, cov = carry
+        measured, controls, dt, seen = sample
+        x = local.retracted(list(before), list(delta))
+        lin = Linearised(*held(*local.linearised(list(before), list(delta), x, controls, dt, list(measured), seen)))
+        prior = held(product(product(lin.matrix, cov), transposed(lin.matrix)) + lin.noise)
+        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
+        update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
+        gain, cross = held(update.gain), held(update.cross)
+        half = transposed(cross) - 0.5 * product(gain, update.total)
+        after = prior - product(gain, transposed(half)) - product(half, transposed(gain))
+        valid = finite & update.good
+        move = applied(gain, jnp.where(update.good, lin.innovation, 0.0))
+        told = {"predicted": jnp.where(finite, lin.predicted, before), "delta": jnp.where(finite, move, delta),
+                "cov": held(jnp.where(finite, after, cov)), "predicted_cov": jnp.where(finite, prior, cov),
+                "innovation": jnp.where(valid, lin.innovation, 0.0), "variance": diagonal(update.total),
+                "nis": jnp.where(valid, jnp.sum(lin.innovation * update.weighted, 0), 0.0), "log_det": update.log_det,
+                "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
+        if set(FOR_SMOOTHER) & set(self.keep):
+            rows, unit = product(lin.observation, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
+            told["seen"] = jnp.where(valid, rows, 0.0)
+            told["closed"] = jnp.where(finite, lin.matrix - product(gain, told["seen"]), unit)
+        return told
+
+    def reverse(
+        self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
+    ) -> list[PyTree]:
+        """Cotangents of the arguments `moving`, by a scan back over the samples."""
+        params, (mean, cov), samples, lanes = self._split(tuple(arguments))
+        told = dict(zip(OUTPUTS, outputs, strict=True))
+        given = {name: value for name, value in zip(OUTPUTS, cotangents, strict=True) if value is not None}
+        first = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in (mean, jnp.zeros_like(told["delta"][0]), cov)]
+        befores = [
+            jnp.concatenate([a[None], b[:-1]])
+            for a, b in zip(first, (told["predicted"], told["delta"], told["cov"]), strict=True)
+        ]
+        count, controls = len(params), len(samples[1])
+        wanted = frozenset(moving)
+        slots = _Slots(wanted, count, controls)
+
+        def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
+            back, summed = carry
+            at, sample, ct = item
+            found, own, each = self._adjoint(params, slots, lanes, at, sample, back, ct)
+            return (found, [a + b for a, b in zip(summed, own, strict=True)]), each
+
+        zero = tuple(jnp.zeros_like(v) for v in first)
+        none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
+        (start, sums), each = lax.scan(body, (zero, none), (befores, samples, given), reverse=True)
+        found = dict(zip(slots.params, sums, strict=True)) | {count: start[0], count + 1: start[2]}
+        found |= dict(zip(slots.samples, each, strict=True))
+        return [found[i] for i in moving]
+
+    def _adjoint(
+        self, params: list[PyTree], slots: "_Slots", lanes: int, at: PyTree, sample: PyTree, back: PyTree, ct: PyTree
+    ) -> tuple[PyTree, list[PyTree], list[PyTree]]:
+        """Cotangents of (x⁻, δ, P) before a sample, of the parameters, and of the sample."""
+        before, delta, cov = at
+        flat = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in slots.values(sample)]
+
+        def linear(before: list[PyTree], delta: list[PyTree], own: list[PyTree], each: list[PyTree]) -> Linearised:
+            local = LocalModel(self.shape, slots.with_params(params, own), lanes)
+            measured, controls, dt, seen = slots.with_values(sample, each)
+            x = local.retracted(before, delta)
+            return local.linearised(before, delta, x, controls, dt, list(measured), seen)
+
+        wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
+        lin, pull = jax.vjp(linear, list(before), list(delta), wide, flat)
+        lin = Linearised(*held(*lin))
+        a, h, e = lin.matrix, lin.observation, lin.innovation
+        moved = held(product(a, cov))
+        prior = held(product(moved, transposed(a)) + lin.noise)
+        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
+        update = updated(prior, h, e, lin.observation_noise)
+        valid = finite & update.good
+        gain, g, z, cross = update.gain, update.information, update.weighted, update.cross
+
+        def given(name: str, like: PyTree) -> PyTree:
+            return ct[name] if name in ct else jnp.zeros_like(like)
+
+        x_ct = back[0] + given("predicted", back[0])
+        delta_ct = back[1] + given("delta", back[1])
+        cov_ct = symmetrised(back[2] + ct["cov"]) if "cov" in ct else back[2]
+        # δ = K e and P = P⁻ − K H P⁻
+        gain_ct, e_ct = outer(delta_ct, e), applied(transposed(gain), delta_ct)
+        a_ct, h_ct = 0.0, 0.0
+        if "closed" in ct or "seen" in ct:  # J = H A, M = A − K J
+            rows = product(h, a)
+            closed, rows_ct = given("closed", a), given("seen", rows)
+            gain_ct = gain_ct - product(closed, transposed(rows))
+            rows_ct = rows_ct - product(transposed(gain), closed)
+            h_ct, a_ct = product(rows_ct, transposed(a)), closed + product(transposed(h), rows_ct)
+        spread = product(transposed(gain), cov_ct)
+        cross_ct = product(g, transposed(gain_ct)) - 2.0 * spread
+        g_ct = product(cross, gain_ct) - product(product(cross, cov_ct), transposed(cross))
+        if "information" in ct:
+            g_ct = g_ct + ct["information"]
+        if "weighted" in ct:
+            g_ct, e_ct = g_ct + outer(ct["weighted"], e), e_ct + applied(g, ct["weighted"])
+        if "nis" in ct:
+            g_ct, e_ct = g_ct + ct["nis"] * outer(e, e), e_ct + 2.0 * ct["nis"] * z
+        if "innovation" in ct:
+            e_ct = e_ct + ct["innovation"]
+        total_ct = -product(product(g, symmetrised(g_ct)), g)
+        if "log_det" in ct:
+            total_ct = total_ct + ct["log_det"] * g
+        if "variance" in ct:
+            total_ct = total_ct + diagonal_matrix(ct["variance"])
+        cross_ct = cross_ct + product(total_ct, h)
+        h_ct = h_ct + product(cross_ct, prior) + product(total_ct, cross)
+        prior_ct = cov_ct + symmetrised(jnp.where(valid, product(transposed(h), cross_ct), 0.0))
+        if "predicted_cov" in ct:
+            prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
+        prior_ct = held(prior_ct)
+        a_ct = a_ct + 2.0 * product(prior_ct, moved)
+        seen_ct = (jnp.where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))
+        x_back, delta_back, own, each = pull(Linearised(*held(a_ct, prior_ct, x_ct, *seen_ct)))
+        state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
+        # A step that was not finite did not change the belief, and says nothing of the parameters.
+        back = tuple(jnp.where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
+        own, each = jax.tree.map(lambda v: jnp.where(valid, v, 0.0), (own, each))
+        return back, own, each
+
+
+class _Slots:
+    """Where the moving arguments are: parameters, and parts of a sample."""
+
+    def __init__(self, moving: frozenset[int], count: int, controls: int) -> None:
+        self.count, self.controls = count, controls
+        self.params = [i for i in range(count) if i in moving]
+        self.samples = [i for i in range(count + 2, count + 4 + controls) if i in moving]
+
+    def with_params(self, params: list[PyTree], own: list[PyTree]) -> list[PyTree]:
+        every = list(params)
+        for i, value in zip(self.params, own, strict=True):
+            every[i] = value
+        return every
+
+    def _flat(self, sample: PyTree) -> list[PyTree]:
+        measured, controls, dt, _ = sample
+        return [measured, *controls, dt]
+
+    def values(self, sample: PyTree) -> list[PyTree]:
+        every = self._flat(sample)
+        return [every[i - self.count - 2] for i in self.samples]
+
+    def with_values(self, sample: PyTree, values: list[PyTree]) -> PyTree:
+        every = self._flat(sample)
+        for i, value in zip(self.samples, values, strict=True):
+            every[i - self.count - 2] = value
+        return every[0], every[1 : 1 + self.controls], every[-1], sample[3]

@@ -1,0 +1,92 @@
+"""Small products and inverses of matrices whose last axis is the batch: (row, column, B)."""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import PyTree
+
+
+def product(a: PyTree, b: PyTree) -> PyTree:
+    """Matrix products (i, k, B) (k, j, B) → (i, j, B).
+
+    For one recording XLA vectorises a reduction; for several, sums of products over the batch.
+    """
+    if max(a.shape[-1], b.shape[-1]) == 1:
+        return jnp.sum(a[:, :, None] * b[None], axis=1)
+    result = a[:, 0, None] * b[None, 0]
+    for k in range(1, a.shape[1]):
+        result = result + a[:, k, None] * b[None, k]
+    return held(result)
+
+
+def applied(a: PyTree, x: PyTree) -> PyTree:
+    """Matrices times vectors (i, k, B) (k, B) → (i, B)."""
+    return jnp.sum(a * x[None], axis=1)
+
+
+def transposed(a: PyTree) -> PyTree:
+    """The transposed matrices."""
+    return jnp.swapaxes(a, 0, 1)
+
+
+def symmetrised(a: PyTree) -> PyTree:
+    """The symmetric part."""
+    return 0.5 * (a + transposed(a))
+
+
+def outer(x: PyTree, y: PyTree) -> PyTree:
+    """x yᵀ, (i, B) (j, B) → (i, j, B)."""
+    return x[:, None] * y[None]
+
+
+def diagonal(a: PyTree) -> PyTree:
+    """The diagonals (n, B)."""
+    return jnp.sum(a * jnp.eye(a.shape[0], dtype=a.dtype)[:, :, None], axis=1)
+
+
+def diagonal_matrix(x: PyTree) -> PyTree:
+    """Matrices with the diagonals x (n, B)."""
+    return jnp.eye(x.shape[0], dtype=x.dtype)[:, :, None] * x[:, None]
+
+
+def held(*values: PyTree) -> PyTree:
+    """The values, which XLA keeps in memory instead of computing them again at each use."""
+    return lax.optimization_barrier(values if len(values) > 1 else values[0])
+
+
+def inverse(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
+    """The inverses of symmetric matrices (m, m, B), log-determinants (B,), and whether all pivots are positive (B,).
+
+    A pivot that is not positive is replaced by 1.
+    """
+    size = s.shape[0]
+    factor: list[list[PyTree]] = [[None] * size for _ in range(size)]
+    pivots: list[PyTree] = []
+    good: PyTree = True
+    for j in range(size):
+        value = s[j, j]
+        for k in range(j):
+            value = value - factor[j][k] * factor[j][k] * pivots[k]
+        good = good & (value > 0.0)
+        pivots.append(jnp.where(value > 0.0, value, 1.0))
+        for i in range(j + 1, size):
+            value = s[i, j]
+            for k in range(j):
+                value = value - factor[i][k] * factor[j][k] * pivots[k]
+            factor[i][j] = value / pivots[j]
+    lower: list[list[PyTree]] = [[None] * size for _ in range(size)]
+    for i in range(size):
+        for j in range(i):
+            value = -factor[i][j]
+            for k in range(j + 1, i):
+                value = value - factor[i][k] * lower[k][j]
+            lower[i][j] = value
+    over = [1.0 / pivot for pivot in pivots]
+    rows: list[list[PyTree]] = [[None] * size for _ in range(size)]
+    for i in range(size):
+        for j in range(i + 1):
+            value = over[i] if i == j else over[i] * lower[i][j]
+            for k in range(i + 1, size):
+                value = value + lower[k][i] * lower[k][j] * over[k]
+            rows[i][j] = rows[j][i] = value
+    log_det = sum(jnp.log(pivot) for pivot in pivots)
+    return jnp.stack([jnp.stack(row) for row in rows]), log_det, good

@@ -1,0 +1,223 @@
+"""A model and its Jacobians at one sample of a batch: arrays with the batch as last axis."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PyTree
+
+from jgait.filtering.component_model import ComponentModel, component_model
+from jgait.filtering.components import known
+from jgait.filtering.lanes import held
+from jgait.filtering.model import Model
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a filter knows before it is compiled.
+
+    Attributes:
+        model: state-space model.
+        params, controls: tree structures of the parameters and of the controls.
+        state, error, observed: tree structures of the model's tuples.
+        dtype: dtype of all floats.
+    """
+
+    model: Model
+    params: Any
+    controls: Any
+    state: Any
+    error: Any
+    observed: Any
+    dtype: Any
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of components of state, error and observation."""
+        return self.state.num_leaves, self.error.num_leaves, self.observed.num_leaves
+
+
+class Linearised(NamedTuple):
+    """The model about the belief before an interval, and about the prediction.
+
+    Attributes:
+        matrix: A (n, n, B), from errors about `before` to errors about `predicted`.
+        noise: Q (n, n, B).
+        predicted: the state after the interval (k, B).
+        observation: H (m, n, B).
+        innovation: measured − expected (m, B).
+        observation_noise: R (m, m, B).
+    """
+
+    matrix: PyTree
+    noise: PyTree
+    predicted: PyTree
+    observation: PyTree
+    innovation: PyTree
+    observation_noise: PyTree
+
+
+class LocalModel:
+    """The functions of a model with parameters (..., B) or (..., 1), on lists of arrays (B,), one for each component.
+
+    Columns of errors are lists of arrays (j, B).
+    """
+
+    def __init__(self, shape: Shape, params: Sequence[PyTree], lanes: int) -> None:
+        self.shape, self.lanes = shape, lanes
+        shared = [leaf.shape[-1] == 1 for leaf in params]
+        self.params = [leaf[..., 0] if same else leaf for leaf, same in zip(params, shared, strict=True)]
+        self.axes = [None if same else -1 for same in shared]
+        self.curved = shape.model.local is not None
+
+    def _call(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree = None) -> PyTree:
+        """Outputs of a function (model, lists of scalars…) for each recording, and for each of the columns, if given."""
+        shape = self.shape
+
+        def one(params: list[PyTree], values: Sequence[PyTree], column: PyTree) -> PyTree:
+            cm = component_model(shape.model, shape.params.unflatten(params), shape, shape.dtype)
+            outputs = function(cm, *values, *(() if columns is None else (column,)))
+            return [jnp.asarray(o, shape.dtype) for o in outputs]
+
+        values = [[jnp.broadcast_to(v, (self.lanes,)) for v in row] for row in rows]
+        mapped = jax.vmap(one, in_axes=(self.axes, -1, -1), out_axes=-1, axis_size=self.lanes)
+        if columns is None:
+            return mapped(self.params, values, [])
+        return jax.vmap(mapped, in_axes=(None, None, 0))(self.params, values, columns)
+
+    def identity(self) -> PyTree:
+        """The identity on errors, as columns."""
+        n = self.shape.sizes[1]
+        eye = jnp.eye(n, dtype=self.shape.dtype)
+        return [jnp.broadcast_to(eye[i][:, None], (n, self.lanes)) for i in range(n)]
+
+    def retracted(self, x: PyTree, delta: PyTree) -> PyTree:
+        """The states x ⊕ δ."""
+        if not self.curved:
+            return [a + b for a, b in zip(x, delta, strict=True)]
+        return self._call(lambda cm, x, d: cm.retract(x, d), x, delta)
+
+    def turned(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
+        """Errors about x ⊕ δ of the states x ⊕ (δ + e), for columns e near zero."""
+        if not self.curved:
+            return columns
+
+        def shifted(cm: ComponentModel, x: list[PyTree], d: list[PyTree], e: list[PyTree]) -> list[PyTree]:
+            if cm.error_shift is not None:
+                return cm.error_shift(x, d, e)
+            at = cm.retract(x, d)
+            return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (d,), (e,))[1]
+
+        return self._call(shifted, x, delta, columns=columns)
+
+    def covariance_turned(self, x: PyTree, delta: PyTree, cov: PyTree) -> PyTree:
+        """The covariance (n, n, B) of errors δ + e about x, mapped to errors about x ⊕ δ."""
+        if not self.curved:
+            return cov
+        half = jnp.stack(self.turned(x, delta, list(cov)))
+        return jnp.stack(self.turned(x, delta, list(jnp.swapaxes(half, 0, 1))))
+
+    def moved(self, x: PyTree, controls: PyTree, dt: PyTree) -> PyTree:
+        """The states after the interval."""
+        return self._call(lambda cm, x, u, dt: cm.transition(x, self._controls(u), dt[0]), x, controls, [dt])
+
+    def error_moved(self, x: PyTree, controls: PyTree, dt: PyTree, columns: PyTree) -> PyTree:
+        """Errors after the interval, of columns before it."""
+
+        def moved(cm: ComponentModel, x: list[PyTree], u: list[PyTree], dt: list[PyTree], e: PyTree) -> list[PyTree]:
+            control = self._controls(u)
+            if cm.error_transition:
+                for step in cm.error_transition:
+                    e = step(x, e, control, dt[0])
+                return e
+            if not cm.curved:
+                return jax.jvp(lambda x: cm.transition(x, control, dt[0]), (x,), (e,))[1]
+            mean = cm.transition(x, control, dt[0])
+            zero = [jnp.zeros_like(v) for v in e]
+            return jax.jvp(lambda d: cm.local(mean, cm.transition(cm.retract(x, d), control, dt[0])), (zero,), (e,))[1]
+
+        return self._call(moved, x, controls, [dt], columns=columns)
+
+    def transition_noise(self, x: PyTree, controls: PyTree, dt: PyTree) -> PyTree:
+        """Q (n, n, B)."""
+        return self._matrix(lambda cm, x, u, dt: cm.transition_noise(x, self._controls(u), dt[0]), x, controls, [dt])
+
+    def observed(self, x: PyTree, controls: PyTree) -> PyTree:
+        """The expected observation."""
+        return self._call(lambda cm, x, u: cm.observation(x, self._controls(u)), x, controls)
+
+    def error_observed(self, x: PyTree, controls: PyTree, columns: PyTree) -> PyTree:
+        """Changes of the observation by columns of errors."""
+
+        def seen(cm: ComponentModel, x: list[PyTree], u: list[PyTree], e: list[PyTree]) -> list[PyTree]:
+            control = self._controls(u)
+            if cm.error_observation is not None:
+                return cm.error_observation(x, e, control)
+            zero = [jnp.zeros_like(v) for v in e]
+            expected = cm.observation(x, control)
+            return jax.jvp(lambda d: cm.residual(cm.observation(cm.retract(x, d), control), expected), (zero,), (e,))[1]
+
+        return self._call(seen, x, controls, columns=columns)
+
+    def residual(self, measured: PyTree, expected: PyTree) -> PyTree:
+        """Measured − expected."""
+        if self.shape.model.residual is None:
+            return [a - b for a, b in zip(measured, expected, strict=True)]
+        return self._call(lambda cm, a, b: cm.residual(a, b), measured, expected)
+
+    def observation_noise(self, x: PyTree, controls: PyTree) -> PyTree:
+        """R (m, m, B)."""
+        return self._matrix(lambda cm, x, u: cm.observation_noise(x, self._controls(u)), x, controls)
+
+    def _controls(self, leaves: Sequence[PyTree]) -> PyTree:
+        return self.shape.controls.unflatten(leaves)
+
+    def _matrix(self, function: Callable[..., Any], *rows: PyTree) -> PyTree:
+        """A noise matrix as a sum of its distinct entries, each times a constant pattern: few operations for XLA."""
+        patterns: list[np.ndarray] = []
+
+        def distinct(cm: ComponentModel, *values: PyTree) -> list[PyTree]:
+            matrix = function(cm, *values)
+            size = len(matrix)
+            constant, found = np.zeros((size, size)), dict[int, tuple[PyTree, np.ndarray]]()
+            for i, row in enumerate(matrix):
+                for j, entry in enumerate(row):
+                    if known(entry):
+                        constant[i, j] = entry
+                    else:
+                        found.setdefault(id(entry), (entry, np.zeros((size, size))))[1][i, j] = 1.0
+            patterns[:] = [constant, *(pattern for _, pattern in found.values())]
+            return [entry for entry, _ in found.values()]
+
+        entries = self._call(distinct, *rows)
+        first, *others = [jnp.asarray(pattern, self.shape.dtype)[:, :, None] for pattern in patterns]
+        total = jnp.broadcast_to(first, (*first.shape[:2], self.lanes))
+        for entry, pattern in zip(entries, others, strict=True):
+            total = total + pattern * entry
+        return total
+
+    def linearised(
+        self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, seen: PyTree
+    ) -> Linearised:
+        """The model about x = before ⊕ delta, and its observation about the prediction; `seen` (m, B)."""
+        import os
+        H=os.environ.get("HH","")
+        hl=lambda c,v: list(held(*v)) if c in H else v
+        x=hl("x",x)
+        matrix = hl("m",self.error_moved(x, controls, dt, hl("t",self.turned(before, delta, self.identity()))))
+        predicted = hl("p",self.moved(x, controls, dt))
+        expected = self.observed(predicted, controls)
+        residual = self.residual([jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)], expected)
+        observation = self.error_observed(predicted, controls, self.identity())
+        unit = jnp.eye(len(expected), dtype=self.shape.dtype)[:, :, None]
+        return Linearised(
+            jnp.stack(matrix),
+            self.transition_noise(x, controls, dt),
+            jnp.stack(predicted),
+            jnp.stack([jnp.where(s, row, 0.0) for s, row in zip(seen, observation, strict=True)]),
+            jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(seen, residual, strict=True)]),
+            jnp.where(seen[:, None] & seen[None], self.observation_noise(predicted, controls), unit),
+        )
