@@ -7,7 +7,7 @@ the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, predict, step, update
+from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, step
 from jgait.filtering.infer import SUMMARY, Inferred, infer
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
@@ -38,7 +38,5 @@ __all__ = [
     "kalman_filter",
     "kalman_smoother",
     "names_of",
-    "predict",
     "step",
-    "update",
 ]

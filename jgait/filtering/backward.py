@@ -12,13 +12,14 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
+from jgait.filtering.batched_call import Reverse
 from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
@@ -31,16 +32,18 @@ class Backward:
 
     Attributes:
         chosen: components whose covariances are computed; without any, Λ is zero.
+        lanes: recordings computed at once.
         all: whether λ and Λ are returned.
     """
 
     chosen: tuple[int, ...]
+    lanes: int
     all: bool = False
 
     @property
     def whole(self) -> "Backward":
         """The same with λ and Λ."""
-        return Backward(self.chosen, True)
+        return replace(self, all=True)
 
     def _names(self) -> tuple[str, ...]:
         names = [name for name in OUTPUTS if self.chosen or name in ("move", "vector")]
@@ -83,7 +86,17 @@ class Backward:
         none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if self.chosen else 0.0)
         return lax.scan(body, none, arguments, reverse=True)[1]
 
-    def reverse(
+    @property
+    def block(self) -> int:
+        """Recordings computed at once, see `core.block_of`."""
+        return self.lanes
+
+    @property
+    def reverse(self) -> Reverse:
+        """The closed form."""
+        return self._reverse
+
+    def _reverse(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`, by a scan forward over the samples."""

@@ -9,7 +9,7 @@ order differentiate the computation itself.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -20,12 +20,9 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
 
-BLOCK = 16
-"""Largest number of recordings in one block: more of them leave the processor's cache [1]."""
-
 
 class Batched(Protocol):
-    """A function of arrays (..., B), of which some may be (..., 1): the same for the whole batch."""
+    """A function of arrays (..., B), of which some may be (..., 1): the same for the whole batch; hashable."""
 
     def value(self, *arguments: Any) -> list[Any]:
         """The outputs, each (..., B)."""
@@ -40,10 +37,17 @@ class Batched(Protocol):
     def part(self, outputs: list[Any]) -> list[Any]:
         """The outputs of this function among those of `whole`."""
 
-    def reverse(
-        self, moving: tuple[int, ...], arguments: list[Any], outputs: list[Any], cotangents: list[Any | None]
-    ) -> list[Any]:
-        """Cotangents (..., B) of the arguments `moving`, from those of the outputs; None: zero."""
+    @property
+    def reverse(self) -> "Reverse | None":
+        """The function's own rule, or None: derivatives of the computation."""
+
+    @property
+    def block(self) -> int:
+        """The number of recordings that are computed at once [1]; more of them leave the processor's cache."""
+
+
+Reverse = Callable[[tuple[int, ...], list[Any], list[Any], list[Any | None]], list[Any]]
+"""(moving, arguments, outputs of `whole`, their cotangents or None for zero) → cotangents (..., B) of `moving`."""
 
 
 def call(function: Batched, *arguments: PyTree) -> list[PyTree]:
@@ -78,21 +82,25 @@ def _evaluated(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) ->
     sizes = _sizes(arguments, ranks)
     count = math.prod(sizes)
     lanes = [_lanes(value, rank, sizes) for value, rank in zip(arguments, ranks, strict=True)]
-    outputs = function.value(*lanes) if count <= BLOCK else _in_blocks(function, lanes, count)
+    outputs = function.value(*lanes) if count in (1, function.block) else _in_blocks(function, lanes, count)
     return [jnp.broadcast_to(o, (*o.shape[:-1], count)).reshape(o.shape[:-1] + sizes) for o in outputs]
 
 
 def _in_blocks(function: Batched, lanes: list[PyTree], count: int) -> list[PyTree]:
-    """The function of blocks of `BLOCK` recordings, one after another; the last is filled up with copies."""
-    blocks = -(-count // BLOCK)
-    place = jnp.minimum(jnp.arange(blocks * BLOCK), count - 1).reshape(blocks, BLOCK)
+    """The function of blocks of recordings, one after another; the last is filled up with copies.
+
+    Fewer recordings than a block are computed one by one: a single recording fills the vector units by its matrices.
+    """
+    size = function.block if count > function.block else 1
+    blocks = -(-count // size)
+    place = jnp.minimum(jnp.arange(blocks * size), count - 1).reshape(blocks, size)
 
     def of(block: PyTree) -> list[PyTree]:
         return function.value(*(v if v.shape[-1] == 1 else jnp.take(v, block, axis=-1) for v in lanes))
 
-    outputs = lax.map(lambda block: [jnp.broadcast_to(o, (*o.shape[:-1], BLOCK)) for o in of(block)], place)
+    outputs = lax.map(lambda block: [jnp.broadcast_to(o, (*o.shape[:-1], size)) for o in of(block)], place)
     joined = [jnp.moveaxis(o, 0, -2) for o in outputs]
-    return [o.reshape(*o.shape[:-2], blocks * BLOCK)[..., :count] for o in joined]
+    return [o.reshape(*o.shape[:-2], blocks * size)[..., :count] for o in joined]
 
 
 def _abstract(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) -> list[PyTree]:
@@ -141,6 +149,12 @@ class _Tangent:
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [o for o in self.function.shapes(*arguments[: self.count]) if _real(o)]
 
+    reverse = None
+
+    @property
+    def block(self) -> int:
+        return int(self.function.block)
+
     @property
     def whole(self) -> "_Tangent":
         return self
@@ -166,12 +180,18 @@ class _Reverse:
         for i, value in zip(self.given, arguments[after:], strict=True):
             cotangents[i] = value
         lanes = max(v.shape[-1] for v in arguments)
-        own = getattr(self.function, "reverse", None) or _plain(self.function)
+        own = self.function.reverse or _plain(self.function)
         found = own(self.moving, primals, outputs, cotangents)
         return [jnp.broadcast_to(f, (*f.shape[:-1], lanes)) for f in found]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [arguments[i] for i in self.moving]
+
+    reverse = None
+
+    @property
+    def block(self) -> int:
+        return 1
 
     @property
     def whole(self) -> "_Reverse":
@@ -181,7 +201,7 @@ class _Reverse:
         return outputs
 
 
-def _plain(function: Batched) -> Any:
+def _plain(function: Batched) -> Reverse:
     """The rule `reverse` by differentiation of the computation."""
 
     def reverse(

@@ -33,7 +33,7 @@ def in_dtype(tree: PyTree, dtype: DTypeLike) -> PyTree:
     return jax.tree.map(cast, tree)
 
 
-EXECUTIONS = ("auto", "fast", "dense", "square_root", "parallel")
+EXECUTIONS = ("auto", "core", "fast")
 """The ways to run a filter, see `jgait.filtering.execution`."""
 
 

@@ -93,9 +93,17 @@ def _scalar(value: PyTree, dtype: DTypeLike) -> PyTree:
 class Structures(Protocol):
     """The tree structures of a model's tuples."""
 
-    state: Any
-    error: Any
-    observed: Any
+    @property
+    def state(self) -> Any:
+        """Of the state."""
+
+    @property
+    def error(self) -> Any:
+        """Of the error."""
+
+    @property
+    def observed(self) -> Any:
+        """Of the observation."""
 
 
 def error_structure(model: Model, state: PyTree, dtype: DTypeLike) -> PyTree:
@@ -119,7 +127,7 @@ def component_model(model: Model, params: PyTree, structures: Structures, dtype:
     Args:
         model: model on named tuples.
         params: passed on to its functions.
-        structures: tree structures of its tuples, from `structures_of`.
+        structures: tree structures of its tuples.
         dtype: dtype of all components.
 
     Raises:

@@ -13,19 +13,19 @@ closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
+from jgait.filtering.affine_step import affine_step
+from jgait.filtering.batched_call import Reverse
 from jgait.filtering.lanes import (
     applied,
     diagonal,
     diagonal_matrix,
     held,
-    inverse,
     outer,
     product,
     symmetrised,
@@ -33,6 +33,7 @@ from jgait.filtering.lanes import (
 )
 from jgait.filtering.local_model import Linearised, LocalModel, Shape
 from jgait.filtering.methods import EKF, KF, Method
+from jgait.filtering.update import updated
 
 OUTPUTS = (
     "predicted", "delta", "cov", "predicted_cov", "innovation", "variance", "nis", "log_det", "valid", "closed", "seen",
@@ -59,27 +60,15 @@ FOR_SMOOTHER = ("cov", "closed", "seen", "information", "weighted")
 """The outputs that the backward scan of the smoother uses."""
 
 
-class Update(NamedTuple):
-    """One linear update: K (n, m), G (m, m), G e (m,), H P⁻ (m, n), S (m, m), log |S|, and whether it is finite."""
-
-    gain: PyTree
-    information: PyTree
-    weighted: PyTree
-    cross: PyTree
-    total: PyTree
-    log_det: PyTree
-    good: PyTree
+def linearises_once(method: Method) -> bool:
+    """Whether the linearised model depends on the means alone: KF and EKF without iterations."""
+    return isinstance(method, KF | EKF) and method.iterations == 1
 
 
-def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree) -> Update:
-    """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite."""
-    cross = product(observation, cov)
-    total = product(cross, transposed(observation)) + spread
-    information, log_det, positive = inverse(total)
-    gain, weighted = product(transposed(cross), information), applied(information, innovation)
-    good = positive & jnp.isfinite(jnp.sum(gain, (0, 1)) + jnp.sum(weighted, 0) + log_det)
-    found = (gain, information, weighted, cross, total, log_det)
-    return Update(*(jnp.where(good, v, 0.0) for v in found), good)
+def block_of(shape: Shape) -> int:
+    """The number of recordings that are computed at once [1]."""
+    size = shape.sizes[1] ** 2 * jnp.dtype(shape.dtype).itemsize
+    return 16 if size <= 512 else 8
 
 
 @dataclass(frozen=True)
@@ -96,12 +85,12 @@ class Filter:
 
     @property
     def whole(self) -> "Filter":
-        """The filter with all outputs."""
-        return replace(self, keep=OUTPUTS)
+        """The filter that also returns its belief at each sample."""
+        return replace(self, keep=tuple(name for name in OUTPUTS if name in {*self.keep, *OUTPUTS[:3]}))
 
     def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """The outputs `keep` of all."""
-        told = dict(zip(OUTPUTS, outputs, strict=True))
+        """The outputs `keep` among those of `whole`."""
+        told = dict(zip(self.whole.keep, outputs, strict=True))
         return [told[name] for name in self.keep]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
@@ -117,11 +106,11 @@ class Filter:
             for name in self.keep
         ]
 
-    def _split(self, arguments: tuple[PyTree, ...]) -> tuple[list[PyTree], PyTree, PyTree, PyTree, int]:
+    def _split(self, arguments: tuple[PyTree, ...]) -> tuple[list[PyTree], tuple[PyTree, PyTree], PyTree, int]:
         count = self.shape.params.num_leaves
-        params, (mean, cov, measured), (*controls, dt, seen) = (
-            list(arguments[:count]), arguments[count : count + 3], arguments[count + 3 :]
-        )  # fmt: skip
+        params = list(arguments[:count])
+        mean, cov, measured = arguments[count : count + 3]
+        *controls, dt, seen = arguments[count + 3 :]
         lanes = max(v.shape[-1] for v in arguments)
         return params, (mean, cov), (measured, controls, dt, seen), lanes
 
@@ -140,17 +129,27 @@ class Filter:
             told = self.step(local, carry, sample)
             return (told["predicted"], told["delta"], told["cov"]), [told[name] for name in self.keep]
 
+        # Methods without a closed form are differentiated through the scan, which then stores the beliefs alone.
+        body = body if self.reverse else jax.checkpoint(body, prevent_cse=False)
         return lax.scan(body, start, samples)[1]
+
+    def _priors(self, local: LocalModel, before: PyTree, delta: PyTree, cov: PyTree, sample: PyTree) -> PyTree:
+        """The linearised model, P⁻ and the update, and the innovation and the update of the first iteration."""
+        measured, controls, dt, seen = sample
+        x = local.retracted(list(before), list(delta))
+        if linearises_once(self.method):
+            lin = local.linearised(list(before), list(delta), x, controls, dt, list(measured), seen)
+            lin = Linearised(*held(*lin))
+            prior = held(product(product(lin.matrix, cov), transposed(lin.matrix)) + lin.noise)
+            update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
+            return lin, prior, update, lin.innovation, update
+        return affine_step(self.method, local, (before, delta, x, cov), sample)
 
     def step(self, local: LocalModel, carry: PyTree, sample: PyTree) -> dict[str, PyTree]:
         """One predict and update: all outputs at a sample, from (x⁻, δ, P) at the sample before."""
         before, delta, cov = carry
-        measured, controls, dt, seen = sample
-        x = local.retracted(list(before), list(delta))
-        lin = Linearised(*held(*local.linearised(list(before), list(delta), x, controls, dt, list(measured), seen)))
-        prior = held(product(product(lin.matrix, cov), transposed(lin.matrix)) + lin.noise)
+        lin, prior, update, innovation, first = self._priors(local, before, delta, cov, sample)
         finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
-        update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
         gain, cross = held(update.gain), held(update.cross)
         half = transposed(cross) - 0.5 * product(gain, update.total)
         after = prior - product(gain, transposed(half)) - product(half, transposed(gain))
@@ -158,8 +157,8 @@ class Filter:
         move = applied(gain, jnp.where(update.good, lin.innovation, 0.0))
         told = {"predicted": jnp.where(finite, lin.predicted, before), "delta": jnp.where(finite, move, delta),
                 "cov": held(jnp.where(finite, after, cov)), "predicted_cov": jnp.where(finite, prior, cov),
-                "innovation": jnp.where(valid, lin.innovation, 0.0), "variance": diagonal(update.total),
-                "nis": jnp.where(valid, jnp.sum(lin.innovation * update.weighted, 0), 0.0), "log_det": update.log_det,
+                "innovation": jnp.where(valid, innovation, 0.0), "variance": diagonal(first.total),
+                "nis": jnp.where(valid, jnp.sum(innovation * first.weighted, 0), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
             rows, unit = product(lin.observation, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
@@ -167,13 +166,23 @@ class Filter:
             told["closed"] = jnp.where(finite, lin.matrix - product(gain, told["seen"]), unit)
         return told
 
-    def reverse(
+    @property
+    def block(self) -> int:
+        """Recordings computed at once: more vector lanes, as long as a few matrices fit the first cache."""
+        return block_of(self.shape)
+
+    @property
+    def reverse(self) -> Reverse | None:
+        """The closed form, for filters that linearise once at the prediction."""
+        return self._reverse if linearises_once(self.method) else None
+
+    def _reverse(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`, by a scan back over the samples."""
         params, (mean, cov), samples, lanes = self._split(tuple(arguments))
-        told = dict(zip(OUTPUTS, outputs, strict=True))
-        given = {name: value for name, value in zip(OUTPUTS, cotangents, strict=True) if value is not None}
+        told = dict(zip(self.keep, outputs, strict=True))
+        given = {name: value for name, value in zip(self.keep, cotangents, strict=True) if value is not None}
         first = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in (mean, jnp.zeros_like(told["delta"][0]), cov)]
         befores = [
             jnp.concatenate([a[None], b[:-1]])

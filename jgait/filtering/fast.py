@@ -19,7 +19,7 @@ from jaxtyping import PyTree
 from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.methods import EKF, KF, depends_on_place, reached
+from jgait.filtering.methods import EKF, KF, Method, depends_on_place, reached
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import (
     Components,
@@ -58,7 +58,7 @@ class Advanced(NamedTuple):
     seen: list[PyTree]
 
 
-def check_linear(given: Inputs, method: KF | EKF) -> None:
+def check_linear(given: Inputs, method: Method) -> None:
     """Raise if the method is `KF` and the model is nonlinear.
 
     Raises:

@@ -10,22 +10,20 @@ update is linearised at the result of the previous iteration, but always updates
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree, PyTreeDef
 
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
 from jgait.filtering.component_model import ComponentModel
 from jgait.filtering.covariance import Covariance
-from jgait.filtering.dense import Correction, advanced, corrected, predicted_moments
-from jgait.filtering.execution import Execution, filtered
+from jgait.filtering.execution import Execution, chosen, filtered
 from jgait.filtering.fast import with_gradient_of
 from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
-from jgait.filtering.vectors import Moments, VectorModel, pack, pack_noise, unpack, vector_model
 from jgait.types import Maybe, Values
 
 
@@ -98,66 +96,6 @@ KEEP = ("mean", "cov", "innovation", "log_likelihood", "nis", "count", "valid")
 """The fields of a posterior that a filter returns by default."""
 
 
-def predict(
-    model: Model, params: PyTree, belief: Belief, *, control: PyTree = None, dt: Values = 1.0, method: Method = EKF()
-) -> Belief:
-    """The belief after one interval, before the sample at its end.
-
-    Args:
-        model: state-space model.
-        params: passed on to the model's functions.
-        belief: belief at the start of the interval.
-        control: input over the interval, or None.
-        dt: length of the interval [s].
-        method: how to linearise.
-
-    Returns:
-        The predicted belief; the unchanged belief where the transition is not finite.
-
-    Raises:
-        ValueError: if the belief does not have the types that the model's functions need.
-    """
-    checks.check_arguments(model, method, (), FIELDS)
-    checks.check_belief(belief)
-    dtype = checks.common_dtype(params, belief)
-    params, control = checks.in_dtype((params, control), dtype)
-    vm = vector_model(model, params, belief.mean, None, dtype)
-    return _belief(vm, predicted_moments(vm, _moments(vm, belief, dtype), control, jnp.asarray(dt, dtype), method)[0])
-
-
-def update(
-    model: Model, params: PyTree, belief: Belief, observation: PyTree, *, control: PyTree = None, mask: PyTree = None,
-    method: Method = EKF(),
-) -> Updated:  # fmt: skip
-    """The belief after an observation.
-
-    Args:
-        model: state-space model.
-        params: passed on to the model's functions.
-        belief: belief before the observation.
-        observation: observation tuple of scalars; a masked component may be any finite number.
-        control: passed on to the model's functions.
-        mask: observation tuple of bools, one bool for all components, or None: all components are measured.
-        method: how to linearise.
-
-    Returns:
-        The updated belief with innovation, log-likelihood and normalised innovation squared.
-
-    Raises:
-        ValueError: if belief, observation or mask does not have the types that the model's functions need.
-    """
-    checks.check_arguments(model, method, (), FIELDS)
-    checks.check_belief(belief)
-    dtype = checks.common_dtype(params, belief, observation)
-    params, control = checks.in_dtype((params, control), dtype)
-    checks.check_observation(model, params, belief.mean, control, observation)
-    vm = vector_model(model, params, belief.mean, observation, dtype)
-    measured = pack(observation, vm.observed, dtype, "an observation")
-    seen = checks.seen(mask, observation, ())
-    moments, correction = corrected(vm, _moments(vm, belief, dtype), measured, control, seen, method)
-    return _updated(vm, moments, correction)
-
-
 def step(
     model: Model, params: PyTree, belief: Belief, observation: PyTree, *, control: PyTree = None, dt: Values = 1.0,
     mask: PyTree = None, method: Method = EKF(),
@@ -196,16 +134,17 @@ def _stepped(
     mask: PyTree,
     method: Method,
 ) -> Step:
-    checks.check_belief(belief)
-    dtype = checks.common_dtype(params, belief, observation)
-    params, control = checks.in_dtype((params, control), dtype)
-    checks.check_observation(model, params, belief.mean, control, observation)
-    vm = vector_model(model, params, belief.mean, observation, dtype)
-    measured = pack(observation, vm.observed, dtype, "an observation")
-    seen = checks.seen(mask, observation, ())
-    before, interval = _moments(vm, belief, dtype), jnp.asarray(dt, dtype)
-    predicted, after, correction = advanced(vm, before, measured, control, interval, seen, method)
-    return Step(_belief(vm, predicted), _updated(vm, after, correction))
+    def alone(tree: PyTree) -> PyTree:
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], tree)
+
+    given = inputs(model, params, alone(observation), alone(control), dt, alone(mask), belief)
+    told = posterior(given.cm, filtered(given, method, FIELDS, "core", segments=False))
+    told = jax.tree.map(lambda leaf: leaf[0], told)
+    updated = Updated(
+        Belief(told.mean, told.cov), told.innovation, told.innovation_stddev, told.log_likelihood, told.nis,
+        told.count, told.valid,
+    )  # fmt: skip
+    return Step(Belief(told.predicted_mean, told.predicted_cov), updated)
 
 
 _step = compiled(_stepped, static_argnames=("model", "method"))
@@ -223,7 +162,6 @@ def kalman_filter(
     initial: Belief | None = None,
     keep: tuple[str, ...] = KEEP,
     execution: Execution = "auto",
-    about: PyTree = None,
 ) -> Posterior:
     """Filter a recording: a jitted scan over its samples.
 
@@ -239,8 +177,7 @@ def kalman_filter(
         method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.
         initial: belief before the first interval; None: the model's `initial`.
         keep: fields of `Posterior` to return; other fields are neither computed nor stored.
-        execution: implementation, see `jgait.filtering.execution`; results agree up to rounding.
-        about: state tuple of (T,) arrays, the states at which execution="parallel" linearises an `EKF`.
+        execution: the computation, see `jgait.filtering.execution`; results agree up to rounding.
 
     Returns:
         The posterior, every leaf with the time axis in front, in the widest float type of parameters, observations
@@ -252,9 +189,7 @@ def kalman_filter(
     checks.check_arguments(model, method, keep, FIELDS, execution)
     checks.check_values(observations, controls, dt)
     model, observations, mask = without_hidden(model, observations, mask)
-    return _filter(
-        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), execution
-    )  # fmt: skip
+    return _filter(model, params, observations, controls, dt, mask, initial, method, tuple(keep), execution)
 
 
 def _filtered(
@@ -265,19 +200,20 @@ def _filtered(
     dt: Values,
     mask: PyTree,
     initial: Belief | None,
-    about: PyTree,
     method: Method,
     keep: tuple[str, ...],
     execution: Execution,
 ) -> Posterior:
     def run(
-        segments: bool, params: PyTree, recording: tuple[PyTree, PyTree, PyTree, PyTree], initial: PyTree, about: PyTree
+        segments: bool, params: PyTree, recording: tuple[PyTree, PyTree, PyTree, PyTree], initial: PyTree
     ) -> Posterior:
         given = inputs(model, params, *recording, initial)
-        return posterior(given.cm, filtered(given, method, keep, execution, about, segments))
+        return posterior(given.cm, filtered(given, method, keep, execution, segments))
 
-    function = with_gradient_of(partial(run, False), partial(run, True))
-    return function(params, (observations, controls, dt, mask), initial, about)
+    recording = observations, controls, dt, mask
+    if chosen(inputs(model, params, *recording, initial), method, execution) == "core":
+        return run(False, params, recording, initial)
+    return with_gradient_of(partial(run, False), partial(run, True))(params, recording, initial)
 
 
 _filter = compiled(_filtered, static_argnames=("model", "method", "keep", "execution"))
@@ -296,9 +232,9 @@ def posterior(cm: ComponentModel, kept: dict[str, Any]) -> Posterior:
     })  # fmt: skip
 
 
-def named_values(values: PyTree, structure: PyTreeDef) -> PyTree:
-    """A list of components, or an array (..., k), as a named tuple."""
-    return structure.unflatten(values) if isinstance(values, list) else unpack(values, structure)
+def named_values(values: list[PyTree], structure: PyTreeDef) -> PyTree:
+    """A list of components as a named tuple."""
+    return structure.unflatten(values)
 
 
 def named_covariance(values: PyTree, structure: PyTree) -> Covariance:
@@ -306,19 +242,3 @@ def named_covariance(values: PyTree, structure: PyTree) -> Covariance:
     if isinstance(values, list):
         return Covariance(tuple(values), structure)
     return Covariance.from_dense(values, structure)
-
-
-def _moments(vm: VectorModel, belief: Belief, dtype: DTypeLike) -> Moments:
-    return Moments(
-        pack(belief.mean, vm.state, dtype, "the mean of a belief"),
-        pack_noise(belief.cov, vm.error, dtype, "the covariance of a belief"),
-    )
-
-
-def _belief(vm: VectorModel, moments: Moments) -> Belief:
-    return Belief(unpack(moments.mean, vm.state), Covariance.from_dense(moments.cov, vm.error))
-
-
-def _updated(vm: VectorModel, after: Moments, told: Correction) -> Updated:
-    innovation, stddev = unpack(told.innovation, vm.observed), unpack(told.stddev, vm.observed)
-    return Updated(_belief(vm, after), innovation, stddev, told.log_likelihood, told.nis, told.count, told.valid)

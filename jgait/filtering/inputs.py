@@ -1,4 +1,4 @@
-"""The inputs of a filter: a model and a recording, checked, in one float type, as components or as vectors."""
+"""The inputs of a filter: a model and a recording, checked, in one float type, as components and as arrays."""
 
 from typing import NamedTuple
 
@@ -8,29 +8,20 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering import checks
-from jgait.filtering.component_model import ComponentModel, component_model, noise_matrix, scalars
+from jgait.filtering.component_model import ComponentModel, component_model, error_structure, noise_matrix, scalars
 from jgait.filtering.components import Matrix
+from jgait.filtering.local_model import Shape
 from jgait.filtering.model import Belief, Model
-from jgait.filtering.vectors import Moments, VectorModel, dense_matrix, on_vectors, stacked
 from jgait.types import Values
-
-
-class PreparedInputs(NamedTuple):
-    """A filter's arguments as vectors and matrices."""
-
-    vm: VectorModel
-    start: Moments
-    measured: PyTree  # (T, m)
-    controls: PyTree
-    dt: Values  # (T,)
-    seen: PyTree  # (T, m)
 
 
 class Inputs(NamedTuple):
     """A filter's arguments, component by component.
 
     Attributes:
-        cm: the model.
+        shape: the model, and the tree structures of its tuples.
+        params: its parameters.
+        cm: the model on lists of scalars.
         mean: initial mean (k scalars; known scalars are Python floats).
         cov: initial covariance (n × n scalars).
         measured: observation (m arrays (T,)).
@@ -41,6 +32,8 @@ class Inputs(NamedTuple):
         length: T, number of samples.
     """
 
+    shape: Shape
+    params: PyTree
     cm: ComponentModel
     mean: list[PyTree]
     cov: Matrix
@@ -51,17 +44,18 @@ class Inputs(NamedTuple):
     dtype: DTypeLike
     length: int
 
-    def vectors(self) -> PreparedInputs:
-        """The same arguments as vectors and matrices."""
-        shape = (self.length,)
-        return PreparedInputs(
-            on_vectors(self.cm, self.dtype),
-            Moments(stacked(self.mean, self.dtype), dense_matrix(self.cov, self.dtype)),
+    def arrays(self) -> list[PyTree]:
+        """The arguments of `core.Filter`, without a batch axis."""
+        size, shape = len(self.cov), (self.length,)
+        return [
+            *jax.tree.leaves(self.params),
+            jnp.stack([jnp.asarray(value, self.dtype) for value in self.mean]),
+            jnp.stack([jnp.stack([jnp.asarray(self.cov[i][j], self.dtype) for j in range(size)]) for i in range(size)]),
             jnp.stack(self.measured, axis=-1),
-            self.controls,
+            *(jnp.broadcast_to(leaf, shape) for leaf in jax.tree.leaves(self.controls)),
             jnp.broadcast_to(self.dt, shape),
             jnp.stack([jnp.broadcast_to(jnp.asarray(leaf), shape) for leaf in self.seen], axis=-1),
-        )
+        ]
 
 
 def inputs(
@@ -82,8 +76,15 @@ def inputs(
     checks.check_belief(belief)
     first = jax.tree.map(lambda leaf: leaf[0], controls)
     checks.check_observation(model, params, checks.in_dtype(belief.mean, dtype), first, observations)
-    cm = component_model(model, params, belief.mean, observations, dtype)
+    state: PyTree = jax.tree.structure(belief.mean)
+    shape = Shape(
+        model, jax.tree.structure(params), jax.tree.structure(controls), state, error_structure(model, state, dtype),
+        jax.tree.structure(observations), jnp.dtype(dtype),
+    )  # fmt: skip
+    cm = component_model(model, params, shape, dtype)
     return Inputs(
+        shape,
+        params,
         cm,
         scalars(belief.mean, cm.state, dtype, "the mean of a belief"),
         noise_matrix(belief.cov, cm.error, dtype, "the covariance of a belief"),

@@ -34,7 +34,7 @@ def symmetrised(a: PyTree) -> PyTree:
 
 
 def outer(x: PyTree, y: PyTree) -> PyTree:
-    """x yᵀ, (i, B) (j, B) → (i, j, B)."""
+    """X yᵀ, (i, B) (j, B) → (i, j, B)."""
     return x[:, None] * y[None]
 
 

@@ -13,12 +13,6 @@ def product(a: Float[AnyArray, "row inner"], b: Float[AnyArray, "inner *column"]
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
-def congruence(a: Float[AnyArray, "row n"], p: Float[AnyArray, "n n"]) -> Float[Array, "row row"]:
-    """The product a p aᵀ for symmetric p, exactly symmetric."""
-    result = product(product(a, p), a.T)
-    return 0.5 * (result + result.T)
-
-
 def cholesky(a: Float[AnyArray, "n n"], floor: float = 0.0) -> tuple[Float[Array, "n n"], Bool[Array, ""]]:
     """The lower triangle L with L Lᵀ = a, and whether every pivot was above the floor.
 
@@ -38,17 +32,6 @@ def cholesky(a: Float[AnyArray, "n n"], floor: float = 0.0) -> tuple[Float[Array
         root = jnp.sqrt(jnp.where(above, column[j], floor if floor > 0.0 else 1.0))
         columns.append(jnp.where(rows > j, column / root, jnp.where(rows == j, root, 0.0)))
     return jnp.stack(columns, axis=1), good
-
-
-def forward_substitution(lower: Float[AnyArray, "n n"], b: Float[AnyArray, "n *column"]) -> Float[Array, "n *column"]:
-    """Solve L x = b."""
-    rows: list[Array] = []
-    for i in range(lower.shape[0]):
-        value = b[i]
-        for k in range(i):
-            value = value - lower[i, k] * rows[k]
-        rows.append(jnp.asarray(value / lower[i, i]))
-    return jnp.stack(rows)
 
 
 def backward_substitution(lower: Float[AnyArray, "n n"], b: Float[AnyArray, "n *column"]) -> Float[Array, "n *column"]:
@@ -83,9 +66,3 @@ def scaled_cholesky(
     correlation = jnp.where(eye, 1.0, p * inverse[:, None] * inverse[None, :])
     lower, _ = cholesky(correlation, jitter * float(jnp.finfo(p.dtype).eps))
     return jnp.where(known, 0.0, d), inverse, lower
-
-
-def solve_covariance(p: Float[AnyArray, "n n"], b: Float[AnyArray, "n k"]) -> Float[Array, "n k"]:
-    """Solve p x = b for a covariance p that may have exactly known components (their x is 0)."""
-    _, inverse, lower = scaled_cholesky(p, jitter=p.shape[0])
-    return inverse[:, None] * backward_substitution(lower, forward_substitution(lower, inverse[:, None] * b))

@@ -74,7 +74,7 @@ class LocalModel:
         self.curved = shape.model.local is not None
 
     def _call(self, function: Callable[..., PyTree], *rows: PyTree, columns: PyTree = None) -> PyTree:
-        """Outputs of a function (model, lists of scalars…) for each recording, and for each of the columns, if given."""
+        """Outputs of a function of (model, lists of scalars…) for each recording, and for each column, if given."""
         shape = self.shape
 
         def one(params: list[PyTree], values: Sequence[PyTree], column: PyTree) -> PyTree:
@@ -203,14 +203,12 @@ class LocalModel:
         self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, seen: PyTree
     ) -> Linearised:
         """The model about x = before ⊕ delta, and its observation about the prediction; `seen` (m, B)."""
-        import os
-        H=os.environ.get("HH","")
-        hl=lambda c,v: list(held(*v)) if c in H else v
-        x=hl("x",x)
-        matrix = hl("m",self.error_moved(x, controls, dt, hl("t",self.turned(before, delta, self.identity()))))
-        predicted = hl("p",self.moved(x, controls, dt))
+        x = list(held(*x))
+        matrix = self.error_moved(x, controls, dt, self.turned(before, delta, self.identity()))
+        predicted = self.moved(x, controls, dt)
         expected = self.observed(predicted, controls)
-        residual = self.residual([jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)], expected)
+        shown = [jnp.where(s, y, e) for s, y, e in zip(seen, measured, expected, strict=True)]
+        residual = self.residual(shown, expected)
         observation = self.error_observed(predicted, controls, self.identity())
         unit = jnp.eye(len(expected), dtype=self.shape.dtype)[:, :, None]
         return Linearised(

@@ -3,18 +3,15 @@
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 from jaxtyping import PRNGKeyArray, PyTree
 
 from jgait.filtering import checks
+from jgait.filtering.component_model import component_model, error_structure, scalars
+from jgait.filtering.components import Matrix
+from jgait.filtering.local_model import Shape
 from jgait.filtering.model import Model
-from jgait.filtering.vectors import pack, unpack, vector_model
 from jgait.types import Values
-
-
-def _root(cov: PyTree) -> Values:
-    """A factor of a covariance (n, n), which may be singular."""
-    values, vectors = jnp.linalg.eigh(cov)
-    return vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]
 
 
 def draw(
@@ -42,21 +39,37 @@ def draw(
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
     dtype = checks.common_dtype(params, belief.mean, controls)
     reading = model.observation(params, belief.mean, first)
-    vm = vector_model(model, params, belief.mean, reading, dtype)
+    state: PyTree = jax.tree.structure(belief.mean)
+    shape = Shape(model, None, None, state, error_structure(model, state, dtype), jax.tree.structure(reading), dtype)
+    cm = component_model(model, params, shape, dtype)
     begin, process, sensing = jax.random.split(key, 3)
-    size = vm.error.num_leaves
-    start = pack(belief.mean, vm.state, dtype, "mean")
-    spread = _root(jnp.asarray(belief.cov.dense(), dtype))
-    start = vm.retract(start, spread @ jax.random.normal(begin, (size,), dtype))
+    _, size, observed = shape.sizes
+    start = scalars(belief.mean, state, dtype, "the mean of a belief")
+    start = cm.retract(start, list(_shocks(belief.cov.dense(), jax.random.normal(begin, (size,), dtype))))
     shocks = jax.random.normal(process, (samples, size), dtype)
-    errors = jax.random.normal(sensing, (samples, vm.observed.num_leaves), dtype)
+    errors = jax.random.normal(sensing, (samples, observed), dtype)
     interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
 
     def body(x: PyTree, sample: PyTree) -> tuple[PyTree, PyTree]:
         shock, error, control, step = sample
-        noise = _root(vm.transition_noise(x, control, step))
-        x = vm.retract(vm.transition(x, control, step), noise @ shock)
-        return x, (x, vm.observation(x, control) + _root(vm.observation_noise(x, control)) @ error)
+        noise = _shocks(_dense(cm.transition_noise(list(x), control, step), dtype), shock)
+        x = _typed(cm.retract(cm.transition(list(x), control, step), list(noise)), dtype)
+        error = _shocks(_dense(cm.observation_noise(x, control), dtype), error)
+        return x, (x, [a + e for a, e in zip(cm.observation(x, control), error, strict=True)])
 
-    _, (states, observations) = lax.scan(body, start, (shocks, errors, controls, interval))
-    return unpack(states, vm.state), unpack(observations, vm.observed)
+    _, (states, observations) = lax.scan(body, _typed(start, dtype), (shocks, errors, controls, interval))
+    return shape.state.unflatten(states), shape.observed.unflatten(observations)
+
+
+def _shocks(cov: PyTree, normal: PyTree) -> PyTree:
+    """A draw with the covariance (n, n), which may be singular, from independent normal numbers (n,)."""
+    values, vectors = jnp.linalg.eigh(jnp.asarray(cov, normal.dtype))
+    return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
+
+
+def _typed(values: list[PyTree], dtype: DTypeLike) -> list[PyTree]:
+    return [jnp.asarray(value, dtype) for value in values]
+
+
+def _dense(matrix: Matrix, dtype: DTypeLike) -> PyTree:
+    return jnp.stack([jnp.stack(_typed(row, dtype)) for row in matrix])

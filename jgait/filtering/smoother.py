@@ -18,7 +18,7 @@ from jaxtyping import PyTree
 from jgait.filtering import checks
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import structure_names
-from jgait.filtering.execution import Execution, Form, smoothed
+from jgait.filtering.execution import Execution, smoothed
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
 from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
@@ -54,8 +54,6 @@ def kalman_smoother(
     keep: tuple[str, ...] = KEEP,
     covariance: bool | tuple[str, ...] = True,
     execution: Execution = "auto",
-    about: PyTree = None,
-    form: Form = "auto",
 ) -> Smoothed:
     """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
@@ -73,12 +71,6 @@ def kalman_smoother(
             components of the error, ("position",) all components of the position: the `Covariance` then has the
             error's tuple with None for the other components.
         execution: implementation, see `jgait.filtering.execution`.
-        about: as in `kalman_filter`.
-        form: "rts" scans the smoothed belief backwards; "bryson_frazier", for execution="fast", scans the information
-            of later samples backwards: the same on flat states up to rounding, equal to first order in the
-            smoother's corrections on manifolds, and several times faster (see `jgait.filtering.bryson_frazier`).
-            "auto" uses "bryson_frazier" on the fast path for means and for some components, if states are flat or
-            the model has an `error_shift`.
 
     Returns:
         Smoothed means and covariances, and the filter's posterior.
@@ -87,15 +79,12 @@ def kalman_smoother(
         ValueError: see `kalman_filter`.
     """
     checks.check_arguments(model, method, keep, FIELDS, execution)
-    if form not in ("auto", "rts", "bryson_frazier"):
-        raise ValueError(f"form must be 'auto', 'rts' or 'bryson_frazier'; got {form!r}")
     if not isinstance(covariance, bool | tuple):
         raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
     checks.check_values(observations, controls, dt)
     model, observations, mask = without_hidden(model, observations, mask)
     return _smoother(
-        model, params, observations, controls, dt, mask, initial, about, method, tuple(keep), covariance, execution,
-        form,
+        model, params, observations, controls, dt, mask, initial, method, tuple(keep), covariance, execution,
     )  # fmt: skip
 
 
@@ -107,16 +96,14 @@ def _smoothed(
     dt: Values,
     mask: PyTree,
     initial: Belief | None,
-    about: PyTree,
     method: Method,
     keep: tuple[str, ...],
     covariance: bool | tuple[str, ...],
     execution: Execution,
-    form: Form,
 ) -> Smoothed:
     given = inputs(model, params, observations, controls, dt, mask, initial)
     chosen = _components(covariance, given.cm.error)
-    mean, cov, kept = smoothed(given, method, keep, execution, about, chosen, form)
+    mean, cov, kept = smoothed(given, method, keep, execution, chosen)
     return Smoothed(
         named_values(mean, given.cm.state),
         named_covariance(cov, _part(chosen, given.cm.error)) if chosen else None,
@@ -124,7 +111,7 @@ def _smoothed(
     )
 
 
-_smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "covariance", "execution", "form"))
+_smoother = compiled(_smoothed, static_argnames=("model", "method", "keep", "covariance", "execution"))
 
 
 def _components(covariance: bool | tuple[str, ...], error: PyTree) -> tuple[int, ...]:

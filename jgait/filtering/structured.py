@@ -5,6 +5,7 @@ is finite if all numbers are finite: a comparison costs almost nothing, while st
 loops.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from typing import NamedTuple
@@ -34,11 +35,12 @@ from jgait.filtering.components import (
     where,
 )
 from jgait.filtering.covariance_update import Gains, updated_covariance
-from jgait.filtering.dense import LOG_2PI
 from jgait.filtering.inverse_factor import inverse_factor
 from jgait.filtering.methods import EKF, KF
 from jgait.filtering.tracing import Expansion
 from jgait.types import Values
+
+LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Components(NamedTuple):

@@ -63,7 +63,7 @@ class Trunk(NamedTuple):
     inputs: "WaistInputs"
 
 
-_motion = jax.jit(motion, static_argnames=("smooth", "execution"))
+_motion = jax.jit(motion, static_argnames=("smooth",))
 
 
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
@@ -77,7 +77,7 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
     inputs = waist.prepared(recording, options).inputs
     count = np.size(inputs.time)
     padded = pad(inputs, bucket(count))
-    moved = _motion(p, padded, smooth=smooth, execution=options.execution)
+    moved = _motion(p, padded, smooth=smooth)
     forward, left, upward = (as_float(values)[:count] for values in (moved.forward, moved.left, moved.upward))
     return Trunk(as_float(inputs.time), forward, left, upward, padded)
 

@@ -105,7 +105,6 @@ def _filter_step(
         mask=AnkleObservation(still, seen if options.level else False),
         method=options.method,
         initial=initial,
-        execution=options.execution,
         keep=("mean", "cov", "valid"),
     )
     after = jax.tree.map(lambda leaf: leaf[0], Belief(told.mean, told.cov))

@@ -4,7 +4,6 @@ from typing import Annotated, Any, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
-from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges, real
 
 LENGTHS = ("filter", "3d", "sl1", "sl2")
@@ -86,7 +85,6 @@ class AnkleOptions(NamedTuple):
         level: the ground is level: the filter observes equal heights of successive stances.
         standing: the gyroscope's bias is measured while the leg stands still; False: the filter alone estimates it.
         method: how the filter linearises, see `jgait.filtering`.
-        execution: how the filter computes, see `jgait.filtering`.
     """
 
     length: str = "filter"
@@ -96,7 +94,6 @@ class AnkleOptions(NamedTuple):
     level: bool = False
     standing: bool = True
     method: filtering.Method = filtering.EKF()
-    execution: Execution = "dense"
 
 
 DEFAULT = AnkleOptions()

@@ -24,7 +24,7 @@ CALM_S = 0.5
 JUMP_S = 0.0075
 """[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
-ONLINE = AnkleOptions(detector="swings", smooth=False, execution="fast")
+ONLINE = AnkleOptions(detector="swings", smooth=False)
 """The options of the online estimator; lobes of a causally filtered rate detect slow and impaired gait too."""
 
 DETECTORS = {

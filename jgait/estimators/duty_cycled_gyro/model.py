@@ -272,7 +272,7 @@ def _filtered(
     observations, controls, mask = told
     found = filtering.infer(
         model, params, observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        method=options.method, initial=initial, execution=options.execution,
+        method=options.method, initial=initial,
     )  # fmt: skip
     mean, posterior, deviation = found.mean, found.filtered, found.cov.stddev()
     return SegmentEstimate(

@@ -4,7 +4,6 @@ from typing import Annotated, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.axes import Held, Sampled, Times
-from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Counts, Values
@@ -53,13 +52,11 @@ class DutyOptions(NamedTuple):
         gravity: use the accelerometers; without them angles come from the gyroscopes alone and drift.
         smooth: Rauch–Tung–Striebel smoothing (offline).
         method: how the filters linearise, see `jgait.filtering`.
-        execution: how the filters compute, see `jgait.filtering`.
     """
 
     gravity: bool = True
     smooth: bool = False
     method: filtering.Method = filtering.EKF()
-    execution: Execution = "auto"
 
 
 DEFAULT = DutyOptions()

@@ -23,9 +23,6 @@ from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
 
-LONG = 2**15
-"""[samples] From this length on "auto" uses "fast": computes ten times as fast, compiles twice as long."""
-
 
 def model_params(p: FootParams) -> FootModelParams:
     """The model's parameters."""
@@ -78,15 +75,12 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
 def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> filtering.Inferred:
     zero = jnp.zeros_like(foot.rate)
     stands = foot.stands & foot.valid
-    execution = options.execution
-    if execution == "auto":
-        execution = "fast" if foot.rate.shape[0] >= LONG and isinstance(options.method, filtering.EKF) else "dense"
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
         controls=controls(p, foot), dt=foot.dt,
         mask=FootObservation(Vector(stands, stands, stands), stands if options.level is True else False),
         method=options.method, initial=prior_of(p, foot),
-        covariance=("position", "velocity", "attitude") if execution == "fast" else True, execution=execution,
+        covariance=("position", "velocity", "attitude"),
     )  # fmt: skip
 
 
@@ -98,11 +92,13 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
     _check_options(options)
+    feet = {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
+    together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *feet.values())
+    every = jax.vmap(lambda foot: _one_foot(p, foot, inputs.time, options))(together)
     found = []
-    for side, foot in enumerate((inputs.right, inputs.left)):
-        if foot is not None:
-            path, told, valid = _one_foot(p, foot, inputs.time, options)
-            found.append(_Found(side, path, told, valid, foot.count - 1))
+    for number, (side, foot) in enumerate(feet.items()):
+        path, told, valid = jax.tree.map(lambda leaf, number=number: leaf[number], every)
+        found.append(_Found(side, path, told, valid, foot.count - 1))
     return _assembled(inputs.time, found)
 
 

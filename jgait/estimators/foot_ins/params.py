@@ -4,7 +4,6 @@ from typing import Annotated, Any, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
-from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
 
 
@@ -70,15 +69,12 @@ class FootOptions(NamedTuple):
         detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or the name of a detector
             of `jgait.events.zero_velocity`, with its default threshold and the footholds of the adaptive detector.
         method: how the filter linearises, see `jgait.filtering`.
-        execution: how the filter computes, see `jgait.filtering`; "auto" uses "fast" for recordings of three minutes
-            and more; their smoothed values differ by some micrometres from those of "dense".
     """
 
     smooth: bool = True
     level: bool | str = "auto"
     detector: str = "adaptive"
     method: filtering.Method = filtering.EKF()
-    execution: Execution = "auto"
 
 
 DEFAULT = FootOptions()

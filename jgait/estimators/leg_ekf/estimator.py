@@ -1,11 +1,9 @@
 """Joint angles, foot positions and distance from prepared inputs."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.interface import Estimator, Prepared
@@ -49,17 +47,7 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
         inputs.start_variance,
         smooth=options.smooth,
         standing=options.standing,
-        execution=options.execution,
     )
-
-
-def _each(function: Callable[..., PyTree], options: LegOptions, stacked: PyTree) -> PyTree:
-    """Map over legs or segments: with vmap, or one after the other for the execution "fast".
-
-    "fast" vectorises over recordings; an inner axis of two legs or segments would prevent that.
-    """
-    mapped = jax.vmap(function) if options.execution != "fast" else lambda one: jax.lax.map(function, one)
-    return mapped(stacked)
 
 
 def observe(
@@ -112,13 +100,13 @@ def _leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, 
     inclinations = None
     if options.gravity:
         segments = jax.tree.map(lambda *both: jnp.stack(both), *leg)
-        pair = _each(lambda segment: _incline(p, segment, inputs, options), options, segments)
+        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(segments)
         inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
     observations, controls, mask = observe(p, leg, inclinations, inputs, options)
     return filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
         method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=("cov", *filtering.SUMMARY), execution=options.execution,
+        keep=("cov", *filtering.SUMMARY),
     )  # fmt: skip
 
 
@@ -175,7 +163,7 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
     signals = jax.tree.map(lambda *v: jnp.stack(v), *(leg for _, leg in worn))
-    results = _each(lambda one: _one_leg(one, inputs, options, model), options, (own, signals))
+    results = jax.vmap(lambda one: _one_leg(one, inputs, options, model))((own, signals))
     trajectories: list[LegTrajectory | None] = [None, None]
     deviations: list[LegTrajectory | None] = [None, None]
     diagnostics = {}

@@ -21,7 +21,6 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
-from jgait.filtering.execution import Execution
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
 from jgait.params import Param, Parameter, documented, positive
 from jgait.types import Flags, Values
@@ -160,7 +159,6 @@ def run(
     *,
     smooth: bool = True,
     standing: bool = True,
-    execution: Execution = "auto",
 ) -> Inclination:
     """Filter, and smooth, one segment's inclination over a recording, from signals in segment axes.
 
@@ -175,7 +173,6 @@ def run(
         start_variance: variance of the direction at the first sample [rad²].
         smooth: Rauch–Tung–Striebel smoothing after the filter.
         standing: correct direction and bias at the still samples.
-        execution: see `jgait.filtering`.
     """
     mean = Vector(*(0.5 * (c + jnp.concatenate([c[:1], c[:-1]])) for c in gyr))
     observations, mask = observe(gyr, acc, still if standing else None, measured)
@@ -189,7 +186,6 @@ def run(
         dt=dt,
         mask=mask,
         initial=prior(bias, start_variance),
-        execution=execution,
     )
     return read_out(belief.mean, belief.cov, gyr)
 

@@ -5,7 +5,6 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.leg_ekf.inclination import InclinationNoise
-from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
 from jgait.types import Values
 
@@ -76,8 +75,6 @@ class LegOptions(NamedTuple):
         rate_hz: resample to this rate first [Hz]; None keeps the rate of the recording.
         median: width of a median filter on the gyroscopes in samples; 1 for no filter.
         method: how the filter linearises, see `jgait.filtering`.
-        execution: how the filters compute, see `jgait.filtering`. "fast" is more than ten times faster than "auto" on
-            a hundred recordings at once, with equal results, and takes half a minute longer to compile.
     """
 
     perpendicular_axis: bool = True
@@ -89,7 +86,6 @@ class LegOptions(NamedTuple):
     rate_hz: float | None = None
     median: int = 1
     method: filtering.Method = filtering.EKF()
-    execution: Execution = "auto"
 
 
 DEFAULT = LegOptions()

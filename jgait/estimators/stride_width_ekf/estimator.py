@@ -45,7 +45,7 @@ def _filtered(
     return filtering.infer(
         model, model_params(p), WidthObservation(across, jnp.zeros_like(across) + p.passing_offset), smooth=smooth,
         controls=WidthControl(inputs.right, inputs.left), mask=inputs.seen & inputs.valid, method=options.method,
-        initial=prior_of(p, inputs), execution=options.execution,
+        initial=prior_of(p, inputs),
     )  # fmt: skip
 
 

@@ -4,7 +4,6 @@ import math
 from typing import Annotated, NamedTuple
 
 from jgait import filtering
-from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 
@@ -73,7 +72,6 @@ class WidthOptions(NamedTuple):
         check_swap: run the filter a second time with the feet exchanged, to detect exchanged sensors.
         every_sample: estimate at every sample too, not only at stances, ranges and double support.
         widest_stddev: widths with a larger standard deviation are flagged [m].
-        execution: how the filters compute, see `jgait.filtering`.
     """
 
     method: filtering.Method = filtering.IteratedEKF()
@@ -85,7 +83,6 @@ class WidthOptions(NamedTuple):
     check_swap: bool = True
     every_sample: bool = False
     widest_stddev: float = 0.05
-    execution: Execution = "auto"
 
 
 DEFAULT = WidthOptions()

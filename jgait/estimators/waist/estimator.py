@@ -60,7 +60,7 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: options that are none.
     """
     check_options(options)
-    seen = waist_motion.motion(p, inputs, smooth=options.smooth, execution=options.execution)
+    seen = waist_motion.motion(p, inputs, smooth=options.smooth)
     found = waist_steps.intervals(p, inputs, seen)
     if options.distance == "fused":
         walked = waist_distance.fused(p, inputs, seen, found, options)

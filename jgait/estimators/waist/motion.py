@@ -18,7 +18,6 @@ from jgait.estimators.waist import orientation as waist_orientation
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.orientation import TrunkControl, TrunkError, TrunkNoise, TrunkObservation, TrunkState
 from jgait.estimators.waist.params import WaistParams
-from jgait.filtering.execution import Execution
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, subtract, vector
 from jgait.signal import butterworth
@@ -46,19 +45,17 @@ class TrunkMotion(NamedTuple):
     heading: Values
 
 
-def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True, execution: Execution = "dense") -> TrunkMotion:
+def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> TrunkMotion:
     """Motion of the trunk; with `smooth`, later samples correct earlier attitudes. Decisions on steps are not used."""
-    return _seen(p, inputs, _attitude(p, inputs, smooth=smooth, execution=execution).mean)
+    return _seen(p, inputs, _attitude(p, inputs, smooth=smooth).mean)
 
 
-def motion_and_likelihood(
-    p: WaistParams, inputs: WaistInputs, *, execution: Execution = "dense"
-) -> tuple[TrunkMotion, Values]:
+def motion_and_likelihood(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
     """Motion of the trunk by the filter alone, and the log-likelihood of the accelerometer's readings.
 
     A gyroscope with the wrong sign lowers it: the leans from accelerometer and gyroscope then have opposite signs.
     """
-    posterior = _attitude(p, inputs, smooth=False, execution=execution)
+    posterior = _attitude(p, inputs, smooth=False)
     return _seen(p, inputs, posterior.mean), jnp.sum(posterior.log_likelihood)
 
 
@@ -82,7 +79,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     return TrunkMotion(cosine * x + sine * y, cosine * y - sine * x, z, yaw_rate, heading)
 
 
-def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: Execution) -> Values:
+def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:
     """Attitude and biases at each sample, by the filter or the smoother."""
     gyr = vector(0.5 * (inputs.gyr + jnp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]])))
     lost = jnp.where(inputs.measured, 0.0, LOST_RATE)
@@ -104,5 +101,4 @@ def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool, execution: E
         dt=inputs.dt,
         mask=inputs.measured,
         initial=start,
-        execution=execution,
     )

@@ -9,7 +9,6 @@ from jaxtyping import PyTree
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
-from jgait.filtering.execution import Execution
 from jgait.params import Param, Parameter, documented, interval, positive, ranges
 from jgait.types import Values
 
@@ -114,7 +113,6 @@ class WaistOptions(NamedTuple):
         site: the placement; "auto": the first placement that the recording has.
         updated: "fused" also observes the velocity update in bouts that began from standing, up to a turn.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        execution: how the filters compute, see `jgait.filtering`.
     """
 
     distance: str = "fused"
@@ -122,7 +120,6 @@ class WaistOptions(NamedTuple):
     site: str = "auto"
     updated: bool = False
     smooth: bool = True
-    execution: Execution = "dense"
 
 
 DEFAULT = WaistOptions()

@@ -117,7 +117,7 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
     return time
 
 
-_heard = jax.jit(waist_motion.motion_and_likelihood, static_argnames=("execution",))
+_heard = jax.jit(waist_motion.motion_and_likelihood)
 _found = jax.jit(trunk_events.initial_contacts, static_argnums=3)
 _found_by_paper = jax.jit(trunk_events.initial_contacts, static_argnums=(3, 4))
 
@@ -140,7 +140,7 @@ def _motion(
         one = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(one, axes.rows, mask, rate)
         inputs = pad(_assembled(one, axes, time, mask, rate, rested, NO_NODES), bucket(len(time), 1024))
-        found.append((one, rested, *_heard(WaistParams(), inputs, execution=options.execution)))
+        found.append((one, rested, *_heard(WaistParams(), inputs)))
     if not float(found[1][3]) > float(found[0][3]) + MIRRORED:
         return found[0][:3]
     notes.append(GYROSCOPE_REVERSED())

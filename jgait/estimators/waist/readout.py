@@ -148,7 +148,7 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, o
     known = model_params(p, jnp.any(inputs.still))
     inferred = filtering.infer(
         waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=found.duration, mask=mask,
-        initial=waist_model.initial(known), execution=options.execution,
+        initial=waist_model.initial(known),
     )  # fmt: skip
     mean, deviation = inferred.mean, inferred.cov.stddev()
     last = jnp.maximum(inputs.count - 1, 0)

@@ -1,0 +1,37 @@
+"""The update of a covariance by one linear observation, for a batch."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import PyTree
+
+from jgait.filtering.lanes import applied, inverse, product, transposed
+
+
+class Update(NamedTuple):
+    """One linear update: K (n, m), G (m, m), G e (m,), H P⁻ (m, n), S (m, m), log |S|, and whether it is finite."""
+
+    gain: PyTree
+    information: PyTree
+    weighted: PyTree
+    cross: PyTree
+    total: PyTree
+    log_det: PyTree
+    good: PyTree
+
+
+def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree) -> Update:
+    """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite."""
+    cross = product(observation, cov)
+    total = product(cross, transposed(observation)) + spread
+    information, log_det, positive = inverse(total)
+    gain, weighted = product(transposed(cross), information), applied(information, innovation)
+    good = positive & jnp.isfinite(jnp.sum(gain, (0, 1)) + jnp.sum(weighted, 0) + log_det)
+    found = Update(gain, information, weighted, cross, total, log_det, good)
+    return kept(found, good)
+
+
+def kept(update: Update, good: PyTree) -> Update:
+    """The update where `good` (B,), else none."""
+    return jax.tree.map(lambda value: jnp.where(good, value, jnp.zeros_like(value)), update)
