@@ -20,7 +20,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.batched_call import Reverse
-from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed
+from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed, where
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
 """The outputs: −P λ (T, n), P − P Λ P (T, n, n), λ (T, n) and Λ (T, n, n) of the samples after each."""
@@ -74,10 +74,10 @@ class Backward:
                 known = _taken(transposed(part), self.chosen)
                 smoothed = known - product(product(part, matrix), transposed(part))
                 fine = fine & jnp.isfinite(jnp.sum(smoothed, (0, 1)))
-                told["cov"] = jnp.where(fine, smoothed, known)
+                told["cov"] = where(fine, smoothed, known)
                 half = product(information, rows)
                 matrix = product(product(transposed(closed), matrix), closed) + product(transposed(rows), half)
-            told["move"] = jnp.where(fine, told["move"], 0.0)
+            told["move"] = where(fine, told["move"], 0.0)
             vector = applied(transposed(closed), vector) - applied(transposed(rows), weighted)
             return (vector, matrix), [told[name] for name in names]
 

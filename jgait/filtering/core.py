@@ -26,10 +26,12 @@ from jgait.filtering.lanes import (
     diagonal,
     diagonal_matrix,
     held,
+    lifted,
     outer,
     product,
     symmetrised,
     transposed,
+    where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel, Shape
 from jgait.filtering.methods import EKF, KF, Method
@@ -154,16 +156,16 @@ class Filter:
         half = transposed(cross) - 0.5 * product(gain, update.total)
         after = prior - product(gain, transposed(half)) - product(half, transposed(gain))
         valid = finite & update.good
-        move = applied(gain, jnp.where(update.good, lin.innovation, 0.0))
-        told = {"predicted": jnp.where(finite, lin.predicted, before), "delta": jnp.where(finite, move, delta),
-                "cov": held(jnp.where(finite, after, cov)), "predicted_cov": jnp.where(finite, prior, cov),
-                "innovation": jnp.where(valid, innovation, 0.0), "variance": diagonal(first.total),
-                "nis": jnp.where(valid, jnp.sum(innovation * first.weighted, 0), 0.0), "log_det": first.log_det,
+        move = applied(gain, where(update.good, lin.innovation, 0.0))
+        told = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
+                "cov": held(where(finite, after, cov)), "predicted_cov": where(finite, prior, cov),
+                "innovation": where(valid, innovation, 0.0), "variance": diagonal(first.total),
+                "nis": where(valid, jnp.sum(innovation * first.weighted, 0), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
             rows, unit = product(lin.observation, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
-            told["seen"] = jnp.where(valid, rows, 0.0)
-            told["closed"] = jnp.where(finite, lin.matrix - product(gain, told["seen"]), unit)
+            told["seen"] = where(valid, rows, 0.0)
+            told["closed"] = where(finite, lin.matrix - product(gain, told["seen"]), unit)
         return told
 
     @property
@@ -252,27 +254,27 @@ class Filter:
         if "weighted" in ct:
             g_ct, e_ct = g_ct + outer(ct["weighted"], e), e_ct + applied(g, ct["weighted"])
         if "nis" in ct:
-            g_ct, e_ct = g_ct + ct["nis"] * outer(e, e), e_ct + 2.0 * ct["nis"] * z
+            g_ct, e_ct = g_ct + outer(lifted(ct["nis"], e) * e, e), e_ct + 2.0 * lifted(ct["nis"], z) * z
         if "innovation" in ct:
             e_ct = e_ct + ct["innovation"]
         total_ct = -product(product(g, symmetrised(g_ct)), g)
         if "log_det" in ct:
-            total_ct = total_ct + ct["log_det"] * g
+            total_ct = total_ct + lifted(ct["log_det"], g) * g
         if "variance" in ct:
             total_ct = total_ct + diagonal_matrix(ct["variance"])
         cross_ct = cross_ct + product(total_ct, h)
         h_ct = h_ct + product(cross_ct, prior) + product(total_ct, cross)
-        prior_ct = cov_ct + symmetrised(jnp.where(valid, product(transposed(h), cross_ct), 0.0))
+        prior_ct = cov_ct + symmetrised(where(valid, product(transposed(h), cross_ct), 0.0))
         if "predicted_cov" in ct:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
         a_ct = a_ct + 2.0 * product(prior_ct, moved)
-        seen_ct = (jnp.where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))
+        seen_ct = (where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))
         x_back, delta_back, own, each = pull(Linearised(*held(a_ct, prior_ct, x_ct, *seen_ct)))
         state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
         # A step that was not finite did not change the belief, and says nothing of the parameters.
-        back = tuple(jnp.where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
-        own, each = jax.tree.map(lambda v: jnp.where(valid, v, 0.0), (own, each))
+        back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
+        own, each = jax.tree.map(lambda v: where(valid, v, 0.0), (own, each))
         return back, own, each
 
 

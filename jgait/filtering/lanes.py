@@ -90,3 +90,13 @@ def inverse(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
             rows[i][j] = rows[j][i] = value
     log_det = sum(jnp.log(pivot) for pivot in pivots)
     return jnp.stack([jnp.stack(row) for row in rows]), log_det, good
+
+
+def lifted(value: PyTree, like: PyTree) -> PyTree:
+    """Values (B,) with as many axes as `like` (..., B), for products and choices."""
+    return jnp.reshape(value, (1,) * (like.ndim - 1) + value.shape)
+
+
+def where(flag: PyTree, a: PyTree, b: PyTree) -> PyTree:
+    """The array a (..., B) where the flag (B,) is True, else b, an array or a number."""
+    return jnp.where(lifted(flag, a), a, b)

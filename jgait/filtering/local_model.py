@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from jgait.filtering.component_model import ComponentModel, component_model
 from jgait.filtering.components import known
-from jgait.filtering.lanes import held
+from jgait.filtering.lanes import held, lifted, where
 from jgait.filtering.model import Model
 
 
@@ -196,7 +196,7 @@ class LocalModel:
         first, *others = [jnp.asarray(pattern, self.shape.dtype)[:, :, None] for pattern in patterns]
         total = jnp.broadcast_to(first, (*first.shape[:2], self.lanes))
         for entry, pattern in zip(entries, others, strict=True):
-            total = total + pattern * entry
+            total = total + pattern * lifted(entry, pattern)
         return total
 
     def linearised(
@@ -215,7 +215,7 @@ class LocalModel:
             jnp.stack(matrix),
             self.transition_noise(x, controls, dt),
             jnp.stack(predicted),
-            jnp.stack([jnp.where(s, row, 0.0) for s, row in zip(seen, observation, strict=True)]),
+            jnp.stack([where(s, row, 0.0) for s, row in zip(seen, observation, strict=True)]),
             jnp.stack([jnp.where(s, r, 0.0) for s, r in zip(seen, residual, strict=True)]),
             jnp.where(seen[:, None] & seen[None], self.observation_noise(predicted, controls), unit),
         )

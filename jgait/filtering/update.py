@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.lanes import applied, inverse, product, transposed
+from jgait.filtering.lanes import applied, inverse, product, transposed, where
 
 
 class Update(NamedTuple):
@@ -34,4 +34,4 @@ def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree
 
 def kept(update: Update, good: PyTree) -> Update:
     """The update where `good` (B,), else none."""
-    return jax.tree.map(lambda value: jnp.where(good, value, jnp.zeros_like(value)), update)
+    return jax.tree.map(lambda value: where(good, value, jnp.zeros_like(value)), update)
