@@ -61,6 +61,9 @@ OUTPUTS = (
 FOR_SMOOTHER = ("cov", "closed", "seen", "information", "weighted")
 """The outputs that the backward scan of the smoother uses."""
 
+FOR_GRADIENT = ("predicted", "delta", "cov", "predicted_cov", "information", "weighted")
+"""The outputs that the gradient's scan uses."""
+
 
 def linearises_once(method: Method) -> bool:
     """Whether the linearised model depends on the means alone: KF and EKF without iterations."""
@@ -88,7 +91,7 @@ class Filter:
     @property
     def whole(self) -> "Filter":
         """The filter that also returns its belief at each sample."""
-        return replace(self, keep=tuple(name for name in OUTPUTS if name in {*self.keep, *OUTPUTS[:3]}))
+        return replace(self, keep=tuple(name for name in OUTPUTS if name in {*self.keep, *FOR_GRADIENT}))
 
     def part(self, outputs: list[PyTree]) -> list[PyTree]:
         """The outputs `keep` among those of `whole`."""
@@ -196,19 +199,28 @@ class Filter:
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
             back, summed = carry
-            at, sample, ct = item
-            found, own, each = self._adjoint(params, slots, lanes, at, sample, back, ct)
+            at, sample, known, ct = item
+            found, own, each = self._adjoint(params, slots, lanes, at, sample, known, back, ct)
             return (found, [a + b for a, b in zip(summed, own, strict=True)]), each
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
-        (start, sums), each = lax.scan(body, (zero, none), (befores, samples, given), reverse=True)
+        known = {name: told[name] for name in FOR_GRADIENT[3:]}
+        (start, sums), each = lax.scan(body, (zero, none), (befores, samples, known, given), reverse=True)
         found = dict(zip(slots.params, sums, strict=True)) | {count: start[0], count + 1: start[2]}
         found |= dict(zip(slots.samples, each, strict=True))
         return [found[i] for i in moving]
 
     def _adjoint(
-        self, params: list[PyTree], slots: "_Slots", lanes: int, at: PyTree, sample: PyTree, back: PyTree, ct: PyTree
+        self,
+        params: list[PyTree],
+        slots: "_Slots",
+        lanes: int,
+        at: PyTree,
+        sample: PyTree,
+        known: dict[str, PyTree],
+        back: PyTree,
+        ct: dict[str, PyTree],
     ) -> tuple[PyTree, list[PyTree], list[PyTree]]:
         """Cotangents of (x⁻, δ, P) before a sample, of the parameters, and of the sample."""
         before, delta, cov = at
@@ -224,12 +236,11 @@ class Filter:
         lin, pull = jax.vjp(linear, list(before), list(delta), wide, flat)
         lin = Linearised(*held(*lin))
         a, h, e = lin.matrix, lin.observation, lin.innovation
-        moved = held(product(a, cov))
-        prior = held(product(moved, transposed(a)) + lin.noise)
-        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
-        update = updated(prior, h, e, lin.observation_noise)
-        valid = finite & update.good
-        gain, g, z, cross = update.gain, update.information, update.weighted, update.cross
+        moved, prior = held(product(a, cov)), known["predicted_cov"]
+        g, z, cross = known["information"], known["weighted"], held(product(h, prior))
+        gain = held(product(transposed(cross), g))
+        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(lin.matrix, (0, 1)))
+        valid = finite & (g[0, 0] > 0.0)
 
         def given(name: str, like: PyTree) -> PyTree:
             return ct[name] if name in ct else jnp.zeros_like(like)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
-FORWARD_UP_TO = 12
+FORWARD_UP_TO = 2
 """Largest number of free numbers for which "auto" uses forward mode."""
 
 GRADIENTS = ("auto", "forward", "together", "reverse")
@@ -18,9 +18,9 @@ def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> C
     """`jax.value_and_grad` with respect to the first argument, in a mode that suits a filter.
 
         forward    one tangent after another: constant memory, shortest compilation
-        together   all tangents at once: several times faster than "forward" where the filter computes with components
-                   (see `jgait.filtering.execution`), slower where it computes with matrices
-        reverse    the same cost for any number of parameters; filters over components store √T beliefs for it
+        together   all tangents at once: several times faster than "forward" for small models, whose filter computes
+                   with components (see `jgait.filtering.execution`)
+        reverse    the closed form: about four times the cost of the loss for any number of parameters
         auto       forward up to `FORWARD_UP_TO` numbers in the first argument, reverse beyond
 
     Args:
