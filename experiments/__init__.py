@@ -33,5 +33,9 @@ EXPERIMENTS = FIRST | {name: name for name in _others()}
 """Name of an experiment → its package (or module). A package lists its `PARTS`, modules with a function `rows(quick)`;
 a module has that function itself."""
 
-BENCHMARKS = {"benchmark_filters": "benchmark.filters", "benchmark_import": "benchmark.imports"}
+BENCHMARKS = {
+    "benchmark_filters": "benchmark.filters",
+    "benchmark_core": "benchmark.core",
+    "benchmark_import": "benchmark.imports",
+}
 """The same for comparisons with other libraries: they need the environment of `make bench`."""

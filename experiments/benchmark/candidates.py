@@ -194,7 +194,7 @@ def cuthbert() -> Candidate:
 
 def candidates() -> tuple[list[Candidate], list[str]]:
     """Those that can be had here, and a line on each that cannot."""
-    found, absent = [jgait_candidate("dense", execution="dense"), jgait_candidate("fast", execution="fast")], []
+    found, absent = [jgait_candidate("core", execution="core"), jgait_candidate("fast", execution="fast")], []
     found.append(textbook())
     for make in (dynamax, kalman_py, cuthbert):
         try:

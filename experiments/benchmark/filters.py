@@ -35,9 +35,9 @@ from jgait import filtering
 
 __all__ = ["draw", "rows"]
 
-OURS = ("dense", "fast")
+OURS = ("core", "fast")
 TOLERANCE = {"float64": 1e-5, "float32": 2e-2}
-"""Largest difference of means and gradients from the dense filter in float64 that counts as the same filter."""
+"""Largest difference of means and gradients from the core in float64 that counts as the same filter."""
 
 
 SIZES = (1, 64, 256, 1024)
@@ -59,7 +59,7 @@ def entries(job: str, every: list[Candidate], thorough: bool) -> list[tuple[str,
 
 
 def checked(key: Key, found: Any, every: list[Candidate], reference: Any) -> dict[str, float]:
-    """Largest difference from what the dense filter gave in float64.
+    """Largest difference from what the core gave in float64.
 
     Of means [m, rad, rad/s], of a log-likelihood [nat a sample], of a gradient relative to its largest component.
     """
@@ -90,10 +90,10 @@ def outcome(candidate: Candidate | None, job: str, found: Any) -> dict[str, Any]
     return {"filter": np.asarray(means), "log_likelihood": np.asarray(found[1])}
 
 
-def reference_of(dense: Candidate, job: str, walks: Any, samples: int) -> tuple[dict[str, Any], dict[str, float]]:
-    """What the dense filter gives in float64 for 64 recordings, and what differences from it are divided by."""
+def reference_of(core: Candidate, job: str, walks: Any, samples: int) -> tuple[dict[str, Any], dict[str, float]]:
+    """What the core gives in float64 for 64 recordings, and what differences from it are divided by."""
     data = data_of(*walks, 64, np.float64, LOG_NOISE)
-    wanted = outcome(dense, job, compiled(dense, job, data, "reverse", False).result())
+    wanted = outcome(core, job, compiled(core, job, data, "reverse", False).result())
     scale = {what: float(np.max(np.abs(value))) if job in GRADIENTS else 1.0 for what, value in wanted.items()}
     return wanted, scale | ({"log_likelihood": float(samples)} if job == "filter" else {})
 
@@ -115,7 +115,7 @@ def group(
 
 
 def measured(scope: Scope, every: list[Candidate], limit: Limit | None) -> tuple[dict[Key, Cell], dict[Key, float]]:
-    """All timings, and the differences from the dense filter in float64 (there the job is what differs)."""
+    """All timings, and the differences from the core in float64 (there the job is what differs)."""
     walks = recordings(max(scope.sizes), scope.samples)
     cells: dict[Key, Cell] = {}
     errors: dict[Key, float] = {}

@@ -36,7 +36,7 @@ def tables(cells: dict[Key, Cell], errors: dict[Key, float], scope: Scope) -> No
             show(f"{JOBS[job]}; {dtype}, T = {scope.samples}, {unit}", columns, lines)
     print("MB: temporary memory, B = 64. compile: tracing and compiling for B = 64, nothing cached.")
     print("vectors: w compiled for wide ones, d XLA's default, for each B; where both were tried, the faster.")
-    print("difference: largest from dense in float64 for B = 64, m, rad and rad/s alike; gradients relative.")
+    print("difference: largest from the core in float64 for B = 64, m, rad and rad/s alike; gradients relative.")
     print("C runs on one thread, XLA on as many as it takes.")
 
 
@@ -76,13 +76,13 @@ def rows_of(cells: dict[Key, Cell], errors: dict[Key, float], scope: Scope) -> l
 
 
 STYLES = {
-    "c": ("none", "--", "black"), "fast": ("o", "-", "black"), "dense": ("s", ":", "black"),
+    "c": ("none", "--", "black"), "fast": ("o", "-", "black"), "core": ("s", ":", "black"),
     "textbook": ("^", "-", "0.45"), "dynamax": ("D", "-.", "0.6"), "kalman_py": ("v", "-", "0.3"),
     "cuthbert": ("x", "-", "0.3"), "filterpy": ("*", "none", "0.3"),
 }  # fmt: skip
 """Marker, line and grey of each line of the figure."""
 
-LABELS = {"c": "hand-written C, one thread", "fast": "jgait", "dense": "jgait, dense", "kalman_py": "kalman-py"}
+LABELS = {"c": "hand-written C, one thread", "fast": "jgait", "core": "jgait, core", "kalman_py": "kalman-py"}
 
 
 def draw(rows: list[Row], folder: Path, quick: bool) -> None:
