@@ -133,7 +133,7 @@ def loss(problem: Problem, batch: Any, weights: Any) -> Any:
     controls = structure.unflatten([leaf * jnp.exp(scale) for leaf, scale in zip(leaves, scales, strict=True)])
     leaves, structure = jax.tree.flatten(observed)
     observed = structure.unflatten([leaf + shift for leaf, shift in zip(leaves, shifts, strict=True)])
-    mean, variances = smoother(problem, (observed, controls, mask), logs)
+    mean, _ = smoother(problem, (observed, controls, mask), logs)
     wave = jnp.cos(jnp.arange(jax.tree.leaves(mean)[0].shape[1], dtype=logs.dtype))
     return sum(jnp.mean(wave * (leaf + leaf**2)) for leaf in jax.tree.leaves(mean))
 
