@@ -92,15 +92,23 @@ def _in_blocks(function: Batched, lanes: list[PyTree], count: int) -> list[PyTre
     Fewer recordings than a block are computed one by one: a single recording fills the vector units by its matrices.
     """
     size = function.block if count > function.block else 1
-    blocks = -(-count // size)
-    place = jnp.minimum(jnp.arange(blocks * size), count - 1).reshape(blocks, size)
+    missing = -count % size
 
-    def of(block: PyTree) -> list[PyTree]:
-        return function.value(*(v if v.shape[-1] == 1 else jnp.take(v, block, axis=-1) for v in lanes))
+    def folded(value: PyTree) -> PyTree:
+        if missing:
+            value = jnp.concatenate([value, jnp.repeat(value[..., -1:], missing, axis=-1)], axis=-1)
+        return jnp.moveaxis(value.reshape(*value.shape[:-1], -1, size), -2, 0)
 
-    outputs = lax.map(lambda block: [jnp.broadcast_to(o, (*o.shape[:-1], size)) for o in of(block)], place)
+    own = [value.shape[-1] > 1 for value in lanes]
+
+    def of(block: list[PyTree]) -> list[PyTree]:
+        parts = iter(block)
+        outputs = function.value(*(next(parts) if part else value for value, part in zip(lanes, own, strict=True)))
+        return [jnp.broadcast_to(o, (*o.shape[:-1], size)) for o in outputs]
+
+    outputs = lax.map(of, [folded(value) for value, part in zip(lanes, own, strict=True) if part])
     joined = [jnp.moveaxis(o, 0, -2) for o in outputs]
-    return [o.reshape(*o.shape[:-2], blocks * size)[..., :count] for o in joined]
+    return [o.reshape(*o.shape[:-2], count + missing)[..., :count] for o in joined]
 
 
 def _abstract(*arguments: PyTree, function: Batched, ranks: tuple[int, ...]) -> list[PyTree]:
