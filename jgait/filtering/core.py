@@ -226,21 +226,29 @@ class Filter:
         before, delta, cov = at
         flat = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in slots.values(sample)]
 
-        def linear(before: list[PyTree], delta: list[PyTree], own: list[PyTree], each: list[PyTree]) -> Linearised:
+        def transition(before: list[PyTree], delta: list[PyTree], own: list[PyTree], each: list[PyTree]) -> PyTree:
             local = LocalModel(self.shape, slots.with_params(params, own), lanes)
-            measured, controls, dt, seen = slots.with_values(sample, each)
-            x = local.retracted(before, delta)
-            return local.linearised(before, delta, x, controls, dt, list(measured), seen)
+            _, controls, dt, _ = slots.with_values(sample, each)
+            return local.linearised_transition(before, delta, local.retracted(before, delta), controls, dt)
 
+        def observation(predicted: PyTree, own: list[PyTree], each: list[PyTree]) -> PyTree:
+            local = LocalModel(self.shape, slots.with_params(params, own), lanes)
+            measured, controls, _, seen = slots.with_values(sample, each)
+            return local.linearised_observation(list(predicted), controls, list(measured), seen)
+
+        # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
         wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
-        lin, pull = jax.vjp(linear, list(before), list(delta), wide, flat)
-        lin = Linearised(*held(*lin))
+        moved_model, pull = jax.vjp(transition, list(before), list(delta), wide, flat)
+        seen_model, pull_seen = jax.vjp(observation, moved_model[2], wide, flat)
+        lin = Linearised(*held(*moved_model, *seen_model))
         a, h, e = lin.matrix, lin.observation, lin.innovation
         moved, prior = held(product(a, cov)), known["predicted_cov"]
-        g, z, cross = known["information"], known["weighted"], held(product(h, prior))
-        gain = held(product(transposed(cross), g))
-        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(lin.matrix, (0, 1)))
+        g, z = known["information"], known["weighted"]
+        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(a, (0, 1)) + jnp.sum(diagonal(lin.noise), 0))
         valid = finite & (g[0, 0] > 0.0)
+        h, e = where(valid, h, 0.0), where(valid, e, 0.0)
+        cross = held(product(h, prior))
+        gain = held(product(transposed(cross), g))
 
         def given(name: str, like: PyTree) -> PyTree:
             return ct[name] if name in ct else jnp.zeros_like(like)
@@ -280,12 +288,15 @@ class Filter:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
         a_ct = a_ct + 2.0 * product(prior_ct, moved)
-        seen_ct = (where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))
-        x_back, delta_back, own, each = pull(Linearised(*held(a_ct, prior_ct, x_ct, *seen_ct)))
+        on_x, *seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
+        pulled_x = x_ct + where(valid, on_x, 0.0)
+        x_back, delta_back, *moved_ct = pull(held(a_ct, prior_ct, pulled_x))
         state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
-        # A step that was not finite did not change the belief, and says nothing of the parameters.
+        # What was not finite did not change the belief, and says nothing of the parameters.
         back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))
-        own, each = jax.tree.map(lambda v: where(valid, v, 0.0), (own, each))
+        own, each = jax.tree.map(
+            lambda m, s: where(finite, m, 0.0) + where(valid, s, 0.0), tuple(moved_ct), tuple(seen_ct)
+        )
         return back, own, each
 
 

@@ -29,9 +29,11 @@ Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its g
 """
 
 NEEDS = {
-    "mean": ("predicted", "delta"), "cov": ("predicted", "delta", "cov"), "predicted_mean": ("predicted",),
-    "predicted_cov": ("predicted_cov",), "innovation": ("innovation",), "innovation_stddev": ("variance",),
-    "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",), "count": ("valid",), "valid": ("valid",),
+    "mean": ("predicted", "delta"), "cov": ("predicted", "delta", "cov"),
+    "predicted_mean": ("predicted", "delta", "valid"),
+    "predicted_cov": ("predicted", "delta", "cov", "predicted_cov", "valid"), "innovation": ("innovation",),
+    "innovation_stddev": ("variance",), "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",),
+    "count": ("valid",), "valid": ("valid",),
 }  # fmt: skip
 """Field of `Posterior` → outputs of the core that it is computed from."""
 
@@ -91,13 +93,15 @@ def _fields(given: Inputs, told: dict[str, PyTree], keep: tuple[str, ...]) -> di
     seen = sum(jnp.where(leaf, 1.0, 0.0) for leaf in given.seen)
     for name in keep:
         match name:
-            case "mean":
-                found[name] = list(call(States(given.shape), told["predicted"], told["delta"])[0].T)
-            case "predicted_mean":
-                found[name] = list(told["predicted"].T)
-            case "cov":
+            case "mean" | "predicted_mean":
+                mean = call(States(given.shape), told["predicted"], told["delta"])[0]
+                if name == "predicted_mean":  # where nothing was updated, the belief
+                    mean = jnp.where(told["valid"][:, None], told["predicted"], mean)
+                found[name] = list(mean.T)
+            case "cov" | "predicted_cov":
                 every = tuple(range(len(given.cov)))
-                found[name] = call(Turned(given.shape, every), told["predicted"], told["delta"], told["cov"])[0]
+                cov = call(Turned(given.shape, every), told["predicted"], told["delta"], told["cov"])[0]
+                found[name] = cov if name == "cov" else jnp.where(told["valid"][:, None, None], told[name], cov)
             case "innovation":
                 found[name] = list(told["innovation"].T)
             case "innovation_stddev":
