@@ -127,7 +127,7 @@ class Backward:
                     cov_ct = cov_ct.at[place].add(-2.0 * product(half, matrix))
                     matrix_ct = matrix_ct - product(transposed(part), half)
                 if "matrix" in ct:
-                    matrix_ct = matrix_ct + ct["matrix"]
+                    matrix_ct = matrix_ct + symmetrised(ct["matrix"])
                 m_ct = matrix_ct
             if "move" in ct:
                 cov_ct = cov_ct - symmetrised(outer(ct["move"], vector))
