@@ -1,0 +1,249 @@
+"""Models and recordings for the tests of filters: two states, two observations; linear, bent, and on a manifold."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait import filtering
+from jgait.estimators.leg_ekf import inclination
+from jgait.estimators.leg_ekf import model as leg_model
+from jgait.filtering import EKF, FIELDS, Belief, Covariance, Model
+from jgait.geometry.vectors import Vector
+
+SAMPLES = 12
+ONCE = EKF()
+P = jnp.asarray([0.3, 0.2, 0.1, 0.05])
+"""Process noise, variance of the readings, a parameter of the transition, a parameter of the observation."""
+
+
+class Cart(NamedTuple):
+    """Position and speed; also their errors."""
+
+    position: Any
+    speed: Any
+
+
+class Push(NamedTuple):
+    """Acceleration over the interval, and what makes a function of `BROKEN` fail where it is large."""
+
+    acceleration: Any
+    fault: Any
+
+
+class Reading(NamedTuple):
+    """Two readings that share noise."""
+
+    near: Any
+    far: Any
+
+
+def cart_initial(p: Any) -> Belief:
+    del p
+    return Belief(Cart(0.5, -0.2), Covariance.from_variances(Cart(2.0, 1.0)).with_entries({("speed", "position"): 0.3}))
+
+
+def cart_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
+    return Cart(s.position + dt * s.speed, (1.0 - p[2] * dt) * s.speed + dt * u.acceleration)
+
+
+def cart_noise(p: Any, s: Cart, u: Push, dt: Any) -> Covariance:
+    del s, u
+    variances = Cart(p[0] * dt**3 / 3.0, p[0] * dt)
+    return Covariance.from_variances(variances).with_entries({("position", "speed"): p[0] * dt**2 / 2.0})
+
+
+def cart_observation(p: Any, s: Cart, u: Push) -> Reading:
+    return Reading(s.position, 2.0 * s.position + (1.0 + p[3]) * s.speed + 0.1 * u.acceleration)
+
+
+def cart_reading_noise(p: Any, s: Cart, u: Push) -> Covariance:
+    del s, u
+    return Covariance.from_variances(Reading(p[1], 2.0 * p[1])).with_entries({("near", "far"): 0.3 * p[1]})
+
+
+CART = Model(cart_initial, cart_transition, cart_noise, cart_observation, cart_reading_noise)
+
+
+def bent_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
+    return Cart(s.position + dt * s.speed, s.speed - dt * jnp.sin(s.position) * (1.0 + p[2]) + dt * u.acceleration)
+
+
+def bent_observation(p: Any, s: Cart, u: Push) -> Reading:
+    del u
+    return Reading(jnp.sin(s.position), jnp.exp(0.3 * s.speed + p[3]))
+
+
+BENT = Model(cart_initial, bent_transition, cart_noise, bent_observation, cart_reading_noise)
+"""No constant in the observation's Jacobian."""
+
+
+def broken_transition(p: Any, s: Cart, u: Push, dt: Any) -> Cart:
+    after = bent_transition(p, s, u, dt)
+    return after._replace(speed=after.speed * jnp.exp(u.fault))
+
+
+def broken_observation(p: Any, s: Cart, u: Push) -> Reading:
+    shown = bent_observation(p, s, u)
+    return shown._replace(near=shown.near * jnp.exp(u.fault))
+
+
+def broken_noise(p: Any, s: Cart, u: Push) -> Covariance:
+    del s
+    variances = Reading(p[1] * (1.0 - u.fault), 2.0 * p[1])
+    return Covariance.from_variances(variances).with_entries({("near", "far"): 0.3 * p[1]})
+
+
+BROKEN = {
+    "transition": BENT._replace(transition=broken_transition),
+    "observation": BENT._replace(observation=broken_observation),
+    "noise": BENT._replace(observation_noise=broken_noise),
+}
+"""`BENT` with a function that overflows where the fault is large, or a variance that is negative there."""
+
+
+class Heading(NamedTuple):
+    """A direction as a unit vector, and its rate."""
+
+    east: Any
+    north: Any
+    rate: Any
+
+
+class Turn(NamedTuple):
+    """Errors of a heading, on a chart that bends: the error of the rate depends on the origin."""
+
+    angle: Any
+    rate: Any
+
+
+def heading_retract(s: Heading, e: Turn) -> Heading:
+    c, d = jnp.cos(e.angle), jnp.sin(e.angle)
+    return Heading(c * s.east - d * s.north, d * s.east + c * s.north, s.rate + e.rate + 0.5 * e.angle**2)
+
+
+def heading_local(r: Heading, s: Heading) -> Turn:
+    angle = jnp.arctan2(r.east * s.north - r.north * s.east, r.east * s.east + r.north * s.north)
+    return Turn(angle, s.rate - r.rate - 0.5 * angle**2)
+
+
+def heading_initial(p: Any) -> Belief:
+    del p
+    return Belief(Heading(1.0, 0.0, 0.3), Covariance.from_variances(Turn(0.5, 0.2)))
+
+
+def heading_transition(p: Any, s: Heading, u: Push, dt: Any) -> Heading:
+    c, d = jnp.cos(dt * s.rate), jnp.sin(dt * s.rate)
+    rate = (1.0 - p[2] * dt) * s.rate + dt * u.acceleration
+    return Heading(c * s.east - d * s.north, d * s.east + c * s.north, rate)
+
+
+def heading_noise(p: Any, s: Heading, u: Push, dt: Any) -> Turn:
+    del s, u
+    return Turn(0.1 * p[0] * dt, p[0] * dt)
+
+
+def heading_observation(p: Any, s: Heading, u: Push) -> Reading:
+    del u
+    return Reading(jnp.arctan2(s.north, s.east), (1.0 + p[3]) * s.rate)
+
+
+def heading_residual(a: Reading, b: Reading) -> Reading:
+    turn = a.near - b.near
+    return Reading(jnp.arctan2(jnp.sin(turn), jnp.cos(turn)), a.far - b.far)
+
+
+HEADING = Model(
+    heading_initial, heading_transition, heading_noise, heading_observation, cart_reading_noise, heading_retract,
+    heading_local, heading_residual,
+)  # fmt: skip
+
+
+def heading_error_transition(p: Any, s: Heading, e: Turn, u: Push, dt: Any) -> Turn:
+    del s, u
+    return Turn(e.angle + dt * e.rate, (1.0 - p[2] * dt) * e.rate)
+
+
+def heading_error_observation(p: Any, s: Heading, e: Turn, u: Push) -> Reading:
+    del s, u
+    return Reading(e.angle, (1.0 + p[3]) * e.rate)
+
+
+def heading_error_shift(s: Heading, delta: Turn, e: Turn) -> Turn:
+    del s
+    return Turn(e.angle, e.rate + delta.angle * e.angle)
+
+
+STATED = HEADING._replace(
+    error_transition=heading_error_transition,
+    error_observation=heading_error_observation,
+    error_shift=heading_error_shift,
+)
+"""The same model, which states how its errors move."""
+
+
+class Case(NamedTuple):
+    """A model and a recording."""
+
+    model: Model
+    params: Any
+    observations: Any
+    controls: Any
+    dt: Any
+    mask: Any
+
+
+MODELS = {"cart": CART, "bent": BENT, "heading": HEADING, "stated": STATED}
+
+
+def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
+    """A random recording of a model by name; with a mask, also steps of unequal length."""
+    rng = np.random.default_rng(samples)
+
+    def series(scale: float = 0.5) -> Any:
+        return jnp.asarray(scale * rng.normal(size=samples))
+
+    def mask(like: Any) -> Any:
+        return jax.tree.map(lambda leaf: jnp.asarray(rng.random(samples) > 0.3), like) if masked else None
+
+    dt = jnp.asarray(rng.uniform(0.05, 0.3, samples)) if masked else 0.1
+    if name in MODELS:
+        seen = Reading(series(), series())
+        return Case(MODELS[name], P, seen, Push(series(), jnp.zeros(samples)), dt, mask(seen))
+    if name == "inclination":
+        up = Vector(series(0.1), series(0.1), 1.0 + series(0.1))
+        seen = inclination.InclinationObservation(up, Vector(series(0.1), series(0.1), series(0.1)))
+        still = jnp.asarray(rng.random(samples) > 0.5)
+        rate = Vector(series(), series(), series())
+        controls = inclination.InclinationControl(rate, still, jnp.ones(samples, bool))
+        return Case(inclination.MODEL, inclination.InclinationNoise(), seen, controls, 0.2 * dt, mask(seen))
+    params = leg_model.LegModelParams(0.4, 0.41, 1e-6, 1.0, 1e-8, 1e-3, 2e-3, 1e-4)
+    seen = leg_model.LegObservation(*(series(0.3) for _ in range(6)))
+    controls = leg_model.LegControl(jnp.full(samples, 0.01), jnp.full(samples, 0.02))
+    if name == "rates":  # as `leg_ekf.PAPER` runs it: gyroscopes alone
+        here = jnp.ones(samples, bool)
+        return Case(leg_model.MODEL, params, seen, controls, 0.02, leg_model.LegObservation(here, here, *(~here,) * 4))
+    return Case(leg_model.MODEL, params, seen, controls, 0.2 * dt, mask(seen))
+
+
+def filtered(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = FIELDS, **more: Any) -> Any:
+    return filtering.kalman_filter(
+        c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
+        execution=execution, **more,
+    )  # fmt: skip
+
+
+def smoothed(c: Case, execution: str = "core", method: Any = ONCE, keep: Any = ("log_likelihood",), **more: Any) -> Any:
+    return filtering.kalman_smoother(
+        c.model, c.params, c.observations, controls=c.controls, dt=c.dt, mask=c.mask, method=method, keep=keep,
+        execution=execution, **more,
+    )  # fmt: skip
+
+
+def same(ours: Any, theirs: Any, tolerance: float = 1e-9) -> None:
+    """All numbers of two results agree, relative to their size or to 1."""
+    assert jax.tree.structure(ours) == jax.tree.structure(theirs)
+    for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=tolerance, atol=tolerance)
