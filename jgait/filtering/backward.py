@@ -45,24 +45,26 @@ class Backward:
         """The same with λ and Λ."""
         return replace(self, all=True)
 
-    def _names(self) -> tuple[str, ...]:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the outputs, in order."""
         names = [name for name in OUTPUTS if self.chosen or name in ("move", "vector")]
         return tuple(name for name in names if self.all or name in ("move", "cov"))
 
     def part(self, outputs: list[PyTree]) -> list[PyTree]:
         """The outputs of this function among those of `whole`."""
-        told = dict(zip(self.whole._names(), outputs, strict=True))
-        return [told[name] for name in self._names()]
+        told = dict(zip(self.whole.names, outputs, strict=True))
+        return [told[name] for name in self.names]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
         length, n, _ = arguments[0].shape
         own = {"move": (n,), "vector": (n,), "cov": (len(self.chosen),) * 2, "matrix": (n, n)}
-        return [jax.ShapeDtypeStruct((length, *own[name]), arguments[0].dtype) for name in self._names()]
+        return [jax.ShapeDtypeStruct((length, *own[name]), arguments[0].dtype) for name in self.names]
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
-        names = self._names()
+        names = self.names
 
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
             vector, matrix = carry
@@ -100,7 +102,7 @@ class Backward:
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`, by a scan forward over the samples."""
-        names = self._names()
+        names = self.names
         told = dict(zip(names, outputs, strict=True))
         given = {name: value for name, value in zip(names, cotangents, strict=True) if value is not None}
         second = bool(self.chosen) and ("cov" in given or "matrix" in given)

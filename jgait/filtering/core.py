@@ -179,12 +179,12 @@ class Filter:
     @property
     def reverse(self) -> Reverse | None:
         """The closed form, for filters that linearise once at the prediction."""
-        return self._reverse if linearises_once(self.method) else None
+        return self.closed if linearises_once(self.method) else None
 
-    def _reverse(
+    def closed(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
-        """Cotangents of the arguments `moving`, by a scan back over the samples."""
+        """The closed form: cotangents of the arguments `moving`, by a scan back over the samples."""
         params, (mean, cov), samples, lanes = self._split(tuple(arguments))
         told = dict(zip(self.keep, outputs, strict=True))
         given = {name: value for name, value in zip(self.keep, cotangents, strict=True) if value is not None}

@@ -1,112 +1,52 @@
-"""Covariances about the states that a filter or smoother returns, from those about the predictions."""
+"""States and covariances that a filter or smoother returns, from what the core computes about the predictions."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.core import block_of
 from jgait.filtering.lanes import held, product, transposed
 from jgait.filtering.local_model import LocalModel, Shape
 from jgait.filtering.methods import reached
 
 
-@dataclass(frozen=True)
-class Turned:
-    """Covariances of errors about `States`, from those about x: x (T, k), δ (T, n), P (T, s, s) → (T, s, s).
-
-    Attributes:
-        shape: the model.
-        chosen: the components of P, a `closure`.
-    """
-
-    shape: Shape
-    chosen: tuple[int, ...]
-    reverse = None
-
-    @property
-    def block(self) -> int:
-        """Recordings computed at once."""
-        return block_of(self.shape)
-
-    @property
-    def whole(self) -> "Turned":
-        """The same function."""
-        return self
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """The same outputs."""
-        return outputs
-
-    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
-        """The shape of P."""
-        return [arguments[2]]
-
-    def value(self, *arguments: PyTree) -> list[PyTree]:
-        """The covariances, time axis in front and batch behind."""
-        if self.shape.model.local is None:
-            return [arguments[2]]
-        x, delta, cov, *move = _together(arguments)
-        local = LocalModel(_alone(self.shape), [], cov.shape[-1])
-        unit = local.identity()
-        columns = [row[jnp.asarray(self.chosen)] for row in unit]
-        turned = local.turned(list(x), list(delta), columns)
-        if move:
-            turned = local.turned(*_updated(local, x, delta, *move), turned)
-        turn = held(jnp.stack([turned[i] for i in self.chosen]))
-        return [_apart(product(product(turn, cov), transposed(turn)), arguments)]
+def states(shape: Shape, x: PyTree, delta: PyTree, move: PyTree = None) -> PyTree:
+    """The states x ⊕ δ (T, k, B), or corrected by `move` (T, n, B): an error about x, mapped to errors about x ⊕ δ."""
+    if shape.model.local is None:
+        return x + delta if move is None else x + delta + move
+    flat, *others = _together(x, delta, *(() if move is None else (move,)))
+    local = LocalModel(_alone(shape), [], flat.shape[-1])
+    after, error = _updated(local, flat, *others)
+    return _apart(jnp.stack(after if move is None else local.retracted(after, error)), x)
 
 
-@dataclass(frozen=True)
-class States:
-    """The states after an update and, if there is one, a correction: x (T, k), δ (T, n), correction (T, n) → (T, k).
-
-    A correction is an error about x, like δ, and is mapped to errors about x ⊕ δ.
-    """
-
-    shape: Shape
-    reverse = None
-
-    @property
-    def block(self) -> int:
-        """Recordings computed at once."""
-        return block_of(self.shape)
-
-    @property
-    def whole(self) -> "States":
-        """The same function."""
-        return self
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """The same outputs."""
-        return outputs
-
-    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
-        """The shape of x."""
-        return [arguments[0]]
-
-    def value(self, *arguments: PyTree) -> list[PyTree]:
-        """The states, time axis in front and batch behind."""
-        if self.shape.model.local is None:
-            return [sum(arguments[1:], arguments[0])]
-        x, delta, *move = _together(arguments)
-        local = LocalModel(_alone(self.shape), [], x.shape[-1])
-        after, error = _updated(local, x, delta, *move)
-        return [_apart(jnp.stack(local.retracted(after, error) if move else after), arguments)]
+def covariances(
+    shape: Shape, chosen: tuple[int, ...], x: PyTree, delta: PyTree, cov: PyTree, move: PyTree = None
+) -> PyTree:
+    """Covariances (T, s, s, B) of errors about `states`, from those about x; `chosen` is a `closure`."""
+    if shape.model.local is None:
+        return cov
+    flat, around, about, *others = _together(x, delta, cov, *(() if move is None else (move,)))
+    local = LocalModel(_alone(shape), [], flat.shape[-1])
+    columns = [row[jnp.asarray(chosen)] for row in local.identity()]
+    turned = local.turned(list(flat), list(around), columns)
+    if move is not None:
+        turned = local.turned(*_updated(local, flat, around, *others), turned)
+    turn = held(jnp.stack([turned[i] for i in chosen]))
+    return _apart(product(product(turn, about), transposed(turn)), x)
 
 
-def _together(arguments: tuple[PyTree, ...]) -> list[PyTree]:
+def _together(*arguments: PyTree) -> list[PyTree]:
     """Arrays (T, ..., B) with all samples of all recordings as last axis."""
     lanes = max(v.shape[-1] for v in arguments)
     wide = [jnp.moveaxis(jnp.broadcast_to(v, (*v.shape[:-1], lanes)), 0, -2) for v in arguments]
     return [v.reshape(*v.shape[:-2], -1) for v in wide]
 
 
-def _apart(value: PyTree, arguments: tuple[PyTree, ...]) -> PyTree:
-    """The inverse of `_together`."""
-    length = arguments[0].shape[0]
-    return jnp.moveaxis(value.reshape(*value.shape[:-1], length, -1), -2, 0)
+def _apart(value: PyTree, like: PyTree) -> PyTree:
+    """The inverse of `_together`; `like` (T, ..., B)."""
+    return jnp.moveaxis(value.reshape(*value.shape[:-1], like.shape[0], -1), -2, 0)
 
 
 def _updated(local: LocalModel, x: PyTree, delta: PyTree, move: PyTree = None) -> tuple[list[PyTree], list[PyTree]]:

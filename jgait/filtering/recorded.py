@@ -1,0 +1,188 @@
+"""A filter or smoother over whole recordings as one function of a batch, so that a block stays in the cache."""
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import PyTree
+
+from jgait.filtering.backward import Backward
+from jgait.filtering.batched_call import Reverse
+from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of
+from jgait.filtering.finish import covariances, states
+from jgait.filtering.local_model import Shape
+from jgait.filtering.methods import Method
+from jgait.filtering.structured import LOG_2PI
+
+NEEDS = {
+    "mean": ("predicted", "delta"), "cov": ("predicted", "delta", "cov"),
+    "predicted_mean": ("predicted", "delta", "valid"),
+    "predicted_cov": ("predicted", "delta", "cov", "predicted_cov", "valid"), "innovation": ("innovation",),
+    "innovation_stddev": ("variance",), "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",),
+    "count": ("valid",), "valid": ("valid",),
+}  # fmt: skip
+"""Field of `Posterior` → outputs of the core that it is computed from."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The arguments of `core.Filter` → fields of `Posterior`; then the smoothed mean and covariance, if there are any.
+
+    Attributes:
+        shape: the model.
+        method: how to linearise.
+        keep: fields of `Posterior`.
+        smooth: whether the smoothed mean is returned.
+        components: components of the error whose smoothed covariances are returned.
+        inner: their `closure`.
+        all: whether the outputs of the scans are returned too.
+    """
+
+    shape: Shape
+    method: Method
+    keep: tuple[str, ...]
+    smooth: bool = False
+    components: tuple[int, ...] = ()
+    inner: tuple[int, ...] = ()
+    all: bool = False
+
+    @property
+    def block(self) -> int:
+        """Recordings computed at once: one for a gradient, whose scans then need no other layout."""
+        return 1 if self.all else block_of(self.shape)
+
+    @property
+    def whole(self) -> "Recorded":
+        """The same with the outputs of the scans."""
+        return replace(self, all=True)
+
+    @property
+    def filter(self) -> Filter:
+        """The filter with the outputs that the fields, the smoother and the gradient need."""
+        names = {name for field in self.keep for name in NEEDS[field]}
+        names |= {"predicted", "delta", *FOR_SMOOTHER} if self.smooth else set()
+        names |= set(FOR_GRADIENT) if self.all and self.reverse else set()
+        return Filter(self.shape, self.method, tuple(name for name in OUTPUTS if name in names))
+
+    @property
+    def backward(self) -> Backward:
+        """The smoother's scan."""
+        return Backward(self.inner, self.block, self.all)
+
+    def _told(self) -> int:
+        return len(self.keep) + self.smooth + bool(self.components)
+
+    def part(self, outputs: list[PyTree]) -> list[PyTree]:
+        """The outputs without those of the scans."""
+        return outputs if self.all else outputs[: self._told()]
+
+    def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
+        """The shapes of the outputs without the batch axis."""
+        (k, n, m), length = self.shape.sizes, arguments[-1].shape[0]
+        own = {"mean": (k,), "predicted_mean": (k,), "cov": (n, n), "predicted_cov": (n, n), "innovation": (m,),
+               "innovation_stddev": (m,)}  # fmt: skip
+        shapes = [own.get(name, ()) for name in self.keep]
+        shapes += [(k,)] * self.smooth + [(len(self.components),) * 2] * bool(self.components)
+        flags = [name == "valid" for name in self.keep] + [False] * (len(shapes) - len(self.keep))
+        told = [
+            jax.ShapeDtypeStruct((length, *shape), jnp.bool_ if flag else self.shape.dtype)
+            for shape, flag in zip(shapes, flags, strict=True)
+        ]
+        if not self.all:
+            return told
+        scans = self.filter.shapes(*arguments)
+        if self.smooth:
+            like = [jax.ShapeDtypeStruct((length, n, n), self.shape.dtype)]
+            scans += self.backward.shapes(*like)
+        return told + scans
+
+    def value(self, *arguments: PyTree) -> list[PyTree]:
+        """The outputs, time axis in front and batch behind."""
+        found = self.filter.value(*arguments)
+        told = dict(zip(self.filter.keep, found, strict=True))
+        back: dict[str, PyTree] = {}
+        if self.smooth:
+            outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER))
+            back = dict(zip(self.backward.names, outputs, strict=True))
+        fields = self._fields(told, back, arguments[-1])
+        return [*fields, *found, *back.values()] if self.all else fields
+
+    def _fields(self, told: dict[str, PyTree], back: dict[str, PyTree], flags: PyTree) -> list[PyTree]:
+        """The outputs from those of the scans; `flags` (T, m, B): what is measured."""
+        x, delta = told.get("predicted"), told.get("delta")
+        every = tuple(range(self.shape.sizes[1]))
+        seen = jnp.sum(jnp.where(flags, 1.0, 0.0), axis=1, dtype=self.shape.dtype)
+        found: list[PyTree] = []
+        for name in self.keep:
+            match name:
+                case "mean" | "predicted_mean":
+                    value = states(self.shape, x, delta)
+                    if name == "predicted_mean":  # where nothing was updated, the belief
+                        value = jnp.where(told["valid"][:, None], told["predicted"], value)
+                case "cov" | "predicted_cov":
+                    value = covariances(self.shape, every, x, delta, told["cov"])
+                    if name == "predicted_cov":
+                        value = jnp.where(told["valid"][:, None, None], told[name], value)
+                case "innovation_stddev":
+                    positive = told["variance"] > 0.0
+                    value = jnp.where(positive, jnp.sqrt(jnp.where(positive, told["variance"], 1.0)), 0.0)
+                case "count":
+                    value = jnp.where(told["valid"], seen, 0.0)
+                case "log_likelihood":
+                    terms = told["nis"] + told["log_det"] + seen * LOG_2PI
+                    value = jnp.where(told["valid"], -0.5 * terms, 0.0)
+                case _:
+                    value = told[name]
+            found.append(value)
+        if self.smooth:
+            found.append(states(self.shape, x, delta, back["move"]))
+        if self.components:
+            value = covariances(self.shape, self.inner, x, delta, back["cov"], back["move"])
+            place = jnp.asarray([self.inner.index(i) for i in self.components])
+            found.append(value[:, place[:, None], place[None]] if self.inner != self.components else value)
+        return found
+
+    @property
+    def reverse(self) -> Reverse | None:
+        """The closed form, where the filter has one."""
+        return self._reverse if Filter(self.shape, self.method, ()).reverse else None
+
+    def _reverse(
+        self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
+    ) -> list[PyTree]:
+        """Cotangents of the arguments `moving`: back through the fields, the smoother's scan, and the filter's."""
+        first, names = self._told(), self.filter.keep
+        middle = first + len(names)
+        told = dict(zip(names, outputs[first:middle], strict=True))
+        back = dict(zip(self.backward.names, outputs[middle:], strict=True)) if self.smooth else {}
+        given = [i for i in range(first) if cotangents[i] is not None]
+        fixed = {name: value for name, value in told.items() if value.dtype == jnp.bool_}
+        real = {name: value for name, value in told.items() if name not in fixed and name in self._used()}
+
+        def fields(real: dict[str, PyTree], back: dict[str, PyTree]) -> list[PyTree]:
+            found = self._fields(real | fixed, back, arguments[-1])
+            return [found[i] for i in given]
+
+        shown, pull = jax.vjp(fields, real, {name: back[name] for name in ("move", "cov") if name in back})
+        told_ct, back_ct = pull([jnp.broadcast_to(cotangents[i], v.shape) for i, v in zip(given, shown, strict=True)])
+        _add(told_ct, names, cotangents[first:middle])
+        if self.smooth:
+            _add(back_ct, self.backward.names, cotangents[middle:])
+            parts = [told[name] for name in FOR_SMOOTHER]
+            every = [back_ct.get(name) for name in self.backward.names]
+            into = tuple(range(len(parts)))
+            _add(told_ct, FOR_SMOOTHER, self.backward.reverse(into, parts, list(back.values()), every))
+        return self.filter.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names])
+
+    def _used(self) -> set[str]:
+        """The outputs of the filter's scan that the fields are computed from."""
+        return {name for field in self.keep for name in NEEDS[field]} | (
+            {"predicted", "delta"} if self.smooth else set()
+        )
+
+
+def _add(found: dict[str, PyTree], names: tuple[str, ...], values: list[PyTree]) -> None:
+    """Add cotangents by name; None is zero."""
+    for name, value in zip(names, values, strict=True):
+        if value is not None:
+            found[name] = found[name] + value if name in found else value
