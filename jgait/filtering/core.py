@@ -155,9 +155,12 @@ class Filter:
         before, delta, cov = carry
         lin, prior, update, innovation, first = self._priors(local, before, delta, cov, sample)
         finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
-        gain, cross = held(update.gain), held(update.cross)
-        half = transposed(cross) - 0.5 * product(gain, update.total)
-        after = prior - product(gain, transposed(half)) - product(half, transposed(gain))
+        gain = held(update.gain)
+        # Joseph's form: a variance that the observation makes far smaller keeps its digits.
+        rows, spread = (where(update.good, v, 0.0) for v in (lin.observation, lin.observation_noise))
+        left = held(diagonal_matrix(jnp.ones_like(delta)) - product(gain, rows))
+        noise = product(product(gain, spread), transposed(gain))
+        after = product(product(left, prior), transposed(left)) + noise
         valid = finite & update.good
         move = applied(gain, where(update.good, lin.innovation, 0.0))
         told = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
@@ -166,7 +169,7 @@ class Filter:
                 "nis": where(valid, jnp.sum(innovation * first.weighted, 0), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
-            rows, unit = product(lin.observation, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
+            rows, unit = product(rows, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
             told["seen"] = where(valid, rows, 0.0)
             told["closed"] = where(finite, lin.matrix - product(gain, told["seen"]), unit)
         return told
