@@ -113,10 +113,11 @@ def samples_of(problem: Problem, p: CartParams) -> list[reference.Sample]:
     return out
 
 
-def filtered(problem: Problem, method: Any = EKF(), p: CartParams = CartParams()):  # noqa: B008
+def filtered(problem: Problem, method: Any = EKF(), p: CartParams = CartParams(), execution: Any = "auto"):  # noqa: B008
     return filtering.kalman_filter(
-        CART, p, problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask, method=method
-    )
+        CART, p, problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask, method=method,
+        execution=execution,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", METHODS, ids=str)
@@ -148,86 +149,48 @@ def test_likelihood_is_the_joint_density_of_the_readings(problem):
     assert float(jnp.sum(filtered(problem).log_likelihood)) == pytest.approx(density, abs=1e-9)
 
 
-def test_an_all_false_mask_is_prediction_only(problem):
-    blind = filtered(problem._replace(mask=jax.tree.map(jnp.zeros_like, problem.mask)))
-    belief = CART.initial(CartParams())
-    for k in range(SAMPLES):
-        control = Push(problem.push.acceleration[k])
-        belief = filtering.predict(CART, CartParams(), belief, control=control, dt=problem.dt[k], method=EKF())
-        assert float(blind.mean.position[k]) == pytest.approx(float(belief.mean.position), abs=1e-12)
-        assert float(blind.cov["speed", "speed"][k]) == pytest.approx(float(belief.cov["speed", "speed"]), abs=1e-12)
+@pytest.mark.parametrize("execution", ["core", "fast"])
+def test_an_all_false_mask_is_prediction_only(problem, execution):
+    blind = filtered(problem._replace(mask=jax.tree.map(jnp.zeros_like, problem.mask)), execution=execution)
+    mean, cov = PRIOR
+    for k, sample in enumerate(samples_of(problem, CartParams())):
+        mean, cov = sample.f(mean), sample.F(mean) @ cov @ sample.F(mean).T + sample.Q
+        np.testing.assert_allclose([leaf[k] for leaf in blind.mean], mean, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(blind.cov.dense()[k], cov, rtol=0, atol=1e-12)
     assert float(jnp.sum(blind.log_likelihood)) == 0.0
     assert float(jnp.sum(blind.nis)) == 0.0
     assert not np.any(np.asarray(blind.count))
 
 
-def test_what_the_mask_hides_changes_nothing(problem):
+@pytest.mark.parametrize("execution", ["core", "fast"])
+def test_what_the_mask_hides_changes_nothing(problem, execution):
     spoiled = problem._replace(seen=jax.tree.map(lambda v, m: jnp.where(m, v, 1e6), problem.seen, problem.mask))
-    for a, b in zip(jax.tree.leaves(filtered(problem)), jax.tree.leaves(filtered(spoiled)), strict=True):
+    for a, b in zip(*(jax.tree.leaves(filtered(v, execution=execution)) for v in (problem, spoiled)), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
 
 
-@pytest.mark.parametrize("method", [EKF(), UKF()], ids=str)
-def test_online_equals_offline(problem, method):
-    posterior = filtered(problem, method)
-    belief = CART.initial(CartParams())
-    for k in range(SAMPLES):
-
-        def at(tree: Any, k: int = k) -> Any:
-            return jax.tree.map(lambda v: v[k], tree)
-
-        now = filtering.step(
-            CART, CartParams(), belief, at(problem.seen), control=at(problem.push), dt=problem.dt[k],
-            mask=at(problem.mask), method=method,
-        )  # fmt: skip
-        belief = now.belief
-        np.testing.assert_allclose(np.stack(belief.mean), np.stack(at(posterior.mean)), rtol=0, atol=1e-13)
-        np.testing.assert_allclose(belief.cov.dense(), at(posterior.cov).dense(), rtol=0, atol=1e-13)
-
-
-def test_vmap_equals_a_loop_and_padding_changes_nothing(problem):
-    scales = jnp.array([0.5, 1.0, 2.0])
-    mapped = jax.vmap(lambda r: filtered(problem, p=CartParams(r=r)))(scales)
-    for k, scale in enumerate(scales):
-        alone = filtered(problem, p=CartParams(r=scale))
-        np.testing.assert_allclose(mapped.mean.position[k], alone.mean.position, atol=1e-12)
+@pytest.mark.parametrize("execution", ["core", "fast"])
+def test_padding_changes_nothing(problem, execution):
+    plain = filtered(problem, execution=execution)
     longer = Problem(
         *(jax.tree.map(lambda v: jnp.pad(v, (0, 7)), tree) for tree in (problem.seen, problem.push)),
         np.pad(problem.dt, (0, 7), constant_values=0.1),
         jax.tree.map(lambda v: jnp.pad(v, (0, 7)), problem.mask),
     )
-    padded = filtered(longer)
-    np.testing.assert_array_equal(padded.mean.speed[:SAMPLES], filtered(problem).mean.speed)
-    assert float(jnp.sum(padded.log_likelihood)) == pytest.approx(float(jnp.sum(filtered(problem).log_likelihood)))
+    padded = filtered(longer, execution=execution)
+    np.testing.assert_array_equal(padded.mean.speed[:SAMPLES], plain.mean.speed)
+    assert float(jnp.sum(padded.log_likelihood)) == pytest.approx(float(jnp.sum(plain.log_likelihood)))
 
 
-@pytest.mark.parametrize("smooth", [False, True])
-def test_gradients_equal_finite_differences(problem, smooth):
-    solve = filtering.kalman_smoother if smooth else filtering.kalman_filter
-
-    def value(v: Any) -> Any:
-        p = CartParams(jnp.exp(v[0]), jnp.exp(v[1]), v[2])
-        out = solve(CART, p, problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask)
-        posterior = out.filtered if smooth else out
-        return jnp.sum(out.mean.position**2) + jnp.sum(out.cov["speed", "speed"]) + jnp.sum(posterior.log_likelihood)
-
-    at = jnp.array([-1.0, -1.5, 0.1])
-    value = jax.jit(value)
-    gradient = jax.grad(value)(at)
-    for k in range(3):
-        step = jnp.zeros(3).at[k].set(1e-5)
-        by_differences = (float(value(at + step)) - float(value(at - step))) / 2e-5
-        assert float(gradient[k]) == pytest.approx(by_differences, rel=1e-5)
-
-
-def test_gradients_are_finite_in_float32(problem):
+@pytest.mark.parametrize("execution", ["core", "fast"])
+def test_gradients_are_finite_in_float32(problem, execution):
     def single(tree: Any) -> Any:
         return jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), tree)
 
     def value(v: Any) -> Any:
         out = filtering.kalman_smoother(
             CART, CartParams(v[0], v[1], v[2]), single(problem.seen), controls=single(problem.push),
-            dt=single(problem.dt), mask=problem.mask,
+            dt=single(problem.dt), mask=problem.mask, execution=execution,
         )  # fmt: skip
         return jnp.sum(out.mean.position**2) + jnp.sum(out.filtered.log_likelihood)
 
@@ -402,20 +365,3 @@ def test_exactly_known_states_do_not_break_smoothing_or_sigma_points(problem):
         value, slope = jax.value_and_grad(last)(jnp.asarray(0.2), method)
         assert np.isfinite(float(value))
         assert np.isfinite(float(slope))
-
-
-def negative_noise(p: Any, s: Pendulum, u: Any) -> Shadow:
-    del p, s
-    return Shadow(jnp.where(u.acceleration > 0.0, -10.0, 0.01))
-
-
-def test_a_broken_step_keeps_the_prediction_and_is_not_valid():
-    model = PENDULUM._replace(observation_noise=negative_noise)
-    control = Push(jnp.array([0.0, 1.0, 0.0]))
-    keep = ("mean", "cov", "predicted_mean", "predicted_cov", "valid", "nis")
-    out = filtering.kalman_filter(model, 9.81, Shadow(jnp.full(3, 0.1)), controls=control, dt=0.05, keep=keep)
-    np.testing.assert_array_equal(out.valid, [True, False, True])
-    assert float(out.mean.angle[1]) == float(out.predicted_mean.angle[1])
-    assert float(out.cov["angle", "angle"][1]) == float(out.predicted_cov["angle", "angle"][1])
-    assert np.all(np.isfinite(np.asarray(out.mean.rate)))
-    assert float(out.nis[1]) == 0.0
