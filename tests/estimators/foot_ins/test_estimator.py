@@ -206,14 +206,6 @@ def test_what_cannot_be_used_is_refused_in_words(recording, message):
         foot_ins.estimate(FootParams(), recording)
 
 
-def test_a_long_recording_takes_the_fast_path_to_the_same_strides(straight):
-    made, plain = straight
-    fast = estimated(made, options=FootOptions(execution="fast"))
-    np.testing.assert_allclose(fast.strides.length, plain.strides.length, atol=1e-4)
-    np.testing.assert_allclose(fast.strides_stddev.length, plain.strides_stddev.length, rtol=0.02)
-    np.testing.assert_allclose(fast.feet.right.position, plain.feet.right.position, atol=1e-3)
-
-
 def test_standing_alone_is_an_empty_table():
     made = foot(strides=2)
     imu = made.recording.sensors["foot_right"]

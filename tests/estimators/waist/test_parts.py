@@ -102,7 +102,7 @@ def trunk():
         )  # fmt: skip
         return filtering.kalman_filter(
             waist_orientation.MODEL, TrunkNoise(0.0, 0.0), TrunkObservation(Vector(zero, zero, zero)),
-            controls=controls, dt=np.r_[0.0, np.full(SAMPLES - 1, 1.0 / RATE)], initial=start, execution="dense",
+            controls=controls, dt=np.r_[0.0, np.full(SAMPLES - 1, 1.0 / RATE)], initial=start,
         ).mean  # fmt: skip
 
     return told
