@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from filtering.problems import CART, Cart, Case, P, case, filtered, smoothed
 
 from jgait import filtering
 from jgait.filtering import CKF, EKF, KF, UKF, Belief, Covariance, IteratedEKF, Model
@@ -15,115 +16,35 @@ METHODS = [KF(), EKF(), IteratedEKF(2), IteratedEKF(5), UKF(), UKF(iterations=3)
 SAMPLES = 25
 
 
-class Cart(NamedTuple):
-    """Position and speed."""
-
-    position: Any
-    speed: Any
-
-
-class Seen(NamedTuple):
-    """Two readings of the position and one of the speed."""
-
-    first: Any
-    second: Any
-    speed: Any
-
-
-class Push(NamedTuple):
-    """Acceleration over the interval."""
-
-    acceleration: Any
-
-
-class CartParams(NamedTuple):
-    """Spectral density of the process noise, variance of the readings, friction."""
-
-    q: Any = 0.3
-    r: Any = 0.2
-    friction: Any = 0.1
-
-
-def cart_initial(p: CartParams) -> Belief:
-    del p
-    return Belief(Cart(0.5, -0.2), Covariance.from_variances(Cart(2.0, 1.0)).with_entries({("speed", "position"): 0.3}))
-
-
-def cart_transition(p: CartParams, s: Cart, u: Push, dt: Any) -> Cart:
-    return Cart(
-        s.position + dt * s.speed + 0.5 * dt * dt * u.acceleration,
-        (1.0 - p.friction * dt) * s.speed + dt * u.acceleration,
-    )
-
-
-def cart_noise(p: CartParams, s: Cart, u: Push, dt: Any) -> Covariance:
-    del s, u
-    variances = Cart(p.q * dt**3 / 3.0, p.q * dt)
-    return Covariance.from_variances(variances).with_entries({("position", "speed"): p.q * dt**2 / 2.0})
-
-
-def cart_observation(p: CartParams, s: Cart, u: Push) -> Seen:
-    del p
-    return Seen(s.position, 2.0 * s.position + 0.1 * u.acceleration, s.speed)
-
-
-def cart_reading_noise(p: CartParams, s: Cart, u: Push) -> Covariance:
-    del s, u
-    return Covariance.from_variances(Seen(p.r, 2.0 * p.r, p.r)).with_entries({("first", "speed"): 0.3 * p.r})
-
-
-CART = Model(cart_initial, cart_transition, cart_noise, cart_observation, cart_reading_noise)
-
-
-class Problem(NamedTuple):
-    """One recording, and the same as matrices."""
-
-    seen: Seen
-    push: Push
-    dt: np.ndarray
-    mask: Seen
-
-
 @pytest.fixture(scope="module")
-def problem() -> Problem:
-    rng = np.random.default_rng(0)
-    seen = Seen(*(jnp.asarray(rng.normal(size=SAMPLES)) for _ in range(3)))
-    mask = Seen(*(jnp.asarray(rng.random(SAMPLES) > 0.3) for _ in range(3)))
-    mask = mask._replace(
-        first=mask.first.at[7].set(False), second=mask.second.at[7].set(False), speed=mask.speed.at[7].set(False)
-    )
-    return Problem(seen, Push(jnp.asarray(rng.normal(size=SAMPLES))), rng.uniform(0.05, 0.4, SAMPLES), mask)
+def problem() -> Case:
+    c = case("cart", SAMPLES)
+    return c._replace(mask=jax.tree.map(lambda leaf: leaf.at[7].set(False), c.mask))
 
 
 PRIOR = np.array([0.5, -0.2]), np.array([[2.0, 0.3], [0.3, 1.0]])
 
 
-def samples_of(problem: Problem, p: CartParams) -> list[reference.Sample]:
+def samples_of(c: Case) -> list[reference.Sample]:
     """The cart as matrices, a sample at a time."""
-    H = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]])
-    R = p.r * np.array([[1.0, 0.0, 0.3], [0.0, 2.0, 0.0], [0.3, 0.0, 1.0]])
-    readings, seen = np.stack(problem.seen, -1), np.stack(problem.mask, -1)
+    q, r, friction, excess = map(float, c.params)
+    H = np.array([[1.0, 0.0], [2.0, 1.0 + excess]])
+    R = r * np.array([[1.0, 0.3], [0.3, 2.0]])
+    readings, seen = np.stack(c.observations, -1), np.stack(c.mask, -1)
     out = []
-    for k, dt in enumerate(problem.dt):
-        u = float(problem.push.acceleration[k])
-        F = np.array([[1.0, dt], [0.0, 1.0 - p.friction * dt]])
-        Q = p.q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        b, c = np.array([0.5 * dt**2, dt]) * u, np.array([0.0, 0.1 * u, 0.0])
-        out.append(reference.linear_sample(F, b, Q, H, c, R, readings[k], seen[k]))
+    for k, dt in enumerate(np.asarray(c.dt)):
+        u = float(c.controls.acceleration[k])
+        F = np.array([[1.0, dt], [0.0, 1.0 - friction * dt]])
+        Q = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        b, c_ = np.array([0.0, dt]) * u, np.array([0.0, 0.1 * u])
+        out.append(reference.linear_sample(F, b, Q, H, c_, R, readings[k], seen[k]))
     return out
-
-
-def filtered(problem: Problem, method: Any = EKF(), p: CartParams = CartParams(), execution: Any = "auto"):  # noqa: B008
-    return filtering.kalman_filter(
-        CART, p, problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask, method=method,
-        execution=execution,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_every_filter_is_the_kalman_filter_on_a_linear_model(problem, method):
-    posterior = filtered(problem, method)
-    expected = reference.extended_filter(*PRIOR, samples_of(problem, CartParams()))
+    posterior = filtered(problem, "auto", method)
+    expected = reference.extended_filter(*PRIOR, samples_of(problem))
     np.testing.assert_allclose(np.stack(posterior.mean, -1), expected.mean, rtol=0, atol=1e-10)
     np.testing.assert_allclose(np.asarray(posterior.cov.dense()), expected.cov, rtol=0, atol=1e-10)
     np.testing.assert_allclose(posterior.log_likelihood, expected.log_likelihood, rtol=0, atol=1e-10)
@@ -134,26 +55,24 @@ def test_every_filter_is_the_kalman_filter_on_a_linear_model(problem, method):
 
 @pytest.mark.parametrize("method", [KF(), EKF(), UKF(), CKF()], ids=str)
 def test_smoothing_is_batch_least_squares(problem, method):
-    smoothed = filtering.kalman_smoother(
-        CART, CartParams(), problem.seen, controls=problem.push, dt=problem.dt, mask=problem.mask, method=method
-    )
-    samples = samples_of(problem, CartParams())
+    found = smoothed(problem, "auto", method)
+    samples = samples_of(problem)
     textbook = reference.smoother(reference.extended_filter(*PRIOR, samples), samples)
     for means, covs in (reference.least_squares(*PRIOR, samples), textbook):
-        np.testing.assert_allclose(np.stack(smoothed.mean, -1), means, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(np.asarray(smoothed.cov.dense()), covs, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.stack(found.mean, -1), means, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.asarray(found.cov.dense()), covs, rtol=0, atol=1e-10)
 
 
 def test_likelihood_is_the_joint_density_of_the_readings(problem):
-    density = reference.joint_log_density(*PRIOR, samples_of(problem, CartParams()))
+    density = reference.joint_log_density(*PRIOR, samples_of(problem))
     assert float(jnp.sum(filtered(problem).log_likelihood)) == pytest.approx(density, abs=1e-9)
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_an_all_false_mask_is_prediction_only(problem, execution):
-    blind = filtered(problem._replace(mask=jax.tree.map(jnp.zeros_like, problem.mask)), execution=execution)
+    blind = filtered(problem._replace(mask=jax.tree.map(jnp.zeros_like, problem.mask)), execution)
     mean, cov = PRIOR
-    for k, sample in enumerate(samples_of(problem, CartParams())):
+    for k, sample in enumerate(samples_of(problem)):
         mean, cov = sample.f(mean), sample.F(mean) @ cov @ sample.F(mean).T + sample.Q
         np.testing.assert_allclose([leaf[k] for leaf in blind.mean], mean, rtol=0, atol=1e-12)
         np.testing.assert_allclose(blind.cov.dense()[k], cov, rtol=0, atol=1e-12)
@@ -164,37 +83,31 @@ def test_an_all_false_mask_is_prediction_only(problem, execution):
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_what_the_mask_hides_changes_nothing(problem, execution):
-    spoiled = problem._replace(seen=jax.tree.map(lambda v, m: jnp.where(m, v, 1e6), problem.seen, problem.mask))
-    for a, b in zip(*(jax.tree.leaves(filtered(v, execution=execution)) for v in (problem, spoiled)), strict=True):
+    hidden = jax.tree.map(lambda v, m: jnp.where(m, v, 1e6), problem.observations, problem.mask)
+    spoiled = problem._replace(observations=hidden)
+    for a, b in zip(*(jax.tree.leaves(filtered(v, execution)) for v in (problem, spoiled)), strict=True):
         np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_padding_changes_nothing(problem, execution):
-    plain = filtered(problem, execution=execution)
-    longer = Problem(
-        *(jax.tree.map(lambda v: jnp.pad(v, (0, 7)), tree) for tree in (problem.seen, problem.push)),
-        np.pad(problem.dt, (0, 7), constant_values=0.1),
-        jax.tree.map(lambda v: jnp.pad(v, (0, 7)), problem.mask),
-    )
-    padded = filtered(longer, execution=execution)
+    plain = filtered(problem, execution)
+    arrays = jax.tree.map(lambda v: jnp.pad(v, (0, 7), mode="edge"), problem[2:])
+    longer = Case(*problem[:2], *arrays)._replace(mask=jax.tree.map(lambda v: jnp.pad(v, (0, 7)), problem.mask))
+    padded = filtered(longer, execution)
     np.testing.assert_array_equal(padded.mean.speed[:SAMPLES], plain.mean.speed)
     assert float(jnp.sum(padded.log_likelihood)) == pytest.approx(float(jnp.sum(plain.log_likelihood)))
 
 
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_gradients_are_finite_in_float32(problem, execution):
-    def single(tree: Any) -> Any:
-        return jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), tree)
+    p, *cast = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), problem[1:-1])
 
-    def value(v: Any) -> Any:
-        out = filtering.kalman_smoother(
-            CART, CartParams(v[0], v[1], v[2]), single(problem.seen), controls=single(problem.push),
-            dt=single(problem.dt), mask=problem.mask, execution=execution,
-        )  # fmt: skip
-        return jnp.sum(out.mean.position**2) + jnp.sum(out.filtered.log_likelihood)
+    def value(p: Any) -> Any:
+        found = smoothed(Case(CART, p, *cast, problem.mask), execution)
+        return jnp.sum(found.mean.position**2) + jnp.sum(found.filtered.log_likelihood)
 
-    gradient = jax.jit(jax.grad(value))(jnp.array([0.3, 0.2, 0.1], jnp.float32))
+    gradient = jax.jit(jax.grad(value))(p)
     assert gradient.dtype == jnp.float32
     assert bool(jnp.all(jnp.isfinite(gradient)))
 
@@ -355,10 +268,8 @@ def test_exactly_known_states_do_not_break_smoothing_or_sigma_points(problem):
     known = Belief(Cart(jnp.asarray(0.0), jnp.asarray(1.0)), Covariance.from_variances(Cart(0.0, 0.0)))
 
     def last(scale: Any, method: Any) -> Any:
-        p = CartParams(q=0.0 * scale, r=scale)
-        out = filtering.kalman_smoother(
-            CART, p, problem.seen, controls=problem.push, dt=problem.dt, method=method, initial=known
-        )
+        p = jnp.stack([0.0 * scale, scale, P[2], P[3]])
+        out = smoothed(problem._replace(params=p), "core", method, initial=known)
         return out.mean.position[-1] + out.cov["position", "position"][0]
 
     for method in (EKF(), UKF()):
