@@ -26,7 +26,7 @@ class Settings(NamedTuple):
         tables: file for the tables that come out (pickle), or "".
         out: folder for results, or "" for memory.
         how: "one" process and device, "mesh" of four host devices, "processes", "dask" with two workers.
-        options: "default" or "paper", both with `execution="fast"`.
+        options: "default" or "paper".
         precision: "float32" or "float64".
         batch: recordings that run at once.
         pause: seconds that reading each takes longer, for there to be time to kill it.
@@ -116,7 +116,7 @@ def evaluated(settings: Settings, watch: Watch) -> Any:
     from jgait.evaluate import buckets, store
 
     options = leg_ekf.PAPER if settings.options == "paper" else leg_ekf.DEFAULT
-    estimator = leg_ekf.estimator(options._replace(execution="fast"))
+    estimator = leg_ekf.estimator(options)
     # What is watched is not sent to other processes.
     plain = read_slowly if settings.how == "dask" else watch.timed("read", read_slowly)
     read = functools.partial(plain, settings.folder, settings.pause)

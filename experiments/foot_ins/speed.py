@@ -118,7 +118,7 @@ def subjects(quick: bool) -> list[Row]:
     # the quick form leaves the smoother out, which takes most of the time to compile;
     # many short recordings at once are as much work as a long one
     samples = 1024 if quick else MINUTE
-    options = DEFAULT._replace(smooth=False) if quick else DEFAULT._replace(execution="fast")
+    options = DEFAULT._replace(smooth=False) if quick else DEFAULT
     walk = walked(*QUICK_WALK) if quick else walked(50.0, 100.0)
     rate_hz = walk.sampling_rate_hz
     prepared = []

@@ -18,7 +18,7 @@ WAYS = {"frozen": velocity_update.frozen, "integrated": velocity_update.integrat
 
 def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
     """As `waist.run` with default options, its distance by one of `WAYS`."""
-    seen = motion.motion(p, inputs, smooth=DEFAULT.smooth, execution=DEFAULT.execution)
+    seen = motion.motion(p, inputs, smooth=DEFAULT.smooth)
     found = steps.intervals(p, inputs, seen)
     speed, held = readout.integrated_speed(p, inputs, seen, found, WAYS[kind])
     # at the first contact the person is still setting off, and that speed is held

@@ -101,7 +101,7 @@ def nats(p: Noise, item: Drawn) -> Any:
     return -jnp.sum(filtered(p, item, "log_likelihood").log_likelihood)
 
 
-GYROSCOPES = PAPER._replace(rate_hz=None, median=1, distance="forward", execution="fast")
+GYROSCOPES = PAPER._replace(rate_hz=None, median=1, distance="forward")
 """The paper's filter at the rate of the recording: gyroscopes alone."""
 
 

@@ -225,7 +225,6 @@ def _filtered(
     params = LiteralParams(p.angle_noise, lever**2 * gyro, p.standing_acceleration**2, gyro, inputs.start_variance)
     found = filtering.kalman_filter(
         model, params, observations, controls=controls, dt=inputs.dt, mask=mask, method=options.method,
-        execution=options.execution,
     )  # fmt: skip
     deviation = found.cov.stddev()
     return SegmentEstimate(
