@@ -2,7 +2,7 @@
 
 core   vectors and matrices over a batch (`core`, `backward`): every model and method, short compilation
 fast   scalar components with the structure of the model (`fast`, `bryson_frazier`): several times the rate of the core
-       for KF and EKF on models with few states and observations, where it compiles as quickly
+       for KF and EKF on models with few states and observations that are no manifold, for filters and smoothed means
 """
 
 from typing import Any, Literal
@@ -11,32 +11,36 @@ from jaxtyping import PyTree
 
 from jgait.filtering import bryson_frazier, fast
 from jgait.filtering.batched_call import call
+from jgait.filtering.core import linearises_once
 from jgait.filtering.finish import closure
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.methods import EKF, KF, Method
+from jgait.filtering.methods import Method
 from jgait.filtering.recorded import Recorded
 
 Execution = Literal["auto", "core", "fast"]
 
 FAST_UP_TO = 32
-"""Error components × observed components × iterations below which "auto" uses components [1].
+"""Error components × observed components below which "auto" uses components [1].
 
 Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), longer than most runs.
 """
 
 
-def chosen(given: Inputs, method: Method, execution: Execution, small: bool = True) -> Execution:
-    """The selected computation; `small`: whether the problem is small enough for components.
+def chosen(given: Inputs, method: Method, execution: Execution, covariances: bool = False) -> Execution:
+    """The selected computation; `covariances`: whether smoothed ones are wanted.
 
     Raises:
-        ValueError: if `execution` does not support `method`.
+        ValueError: if `execution` cannot compute it.
     """
-    jacobian = isinstance(method, KF | EKF)
+    can = linearises_once(method) and not given.cm.curved and not covariances
     if execution == "auto":
-        size = len(given.cov) * len(given.measured) * method.iterations
-        return "fast" if jacobian and small and size < FAST_UP_TO else "core"
-    if execution == "fast" and not jacobian:
-        raise ValueError(f"execution='fast' has KF, EKF and iterated EKF; got {method!r}, which needs 'core'")
+        return "fast" if can and len(given.cov) * len(given.measured) < FAST_UP_TO else "core"
+    if execution == "fast" and not can:
+        raise ValueError(
+            "execution='fast' has KF() and EKF() on states that are no manifold, and smoothed means without "
+            f"covariances; got {method!r}, {'a manifold' if given.cm.curved else 'no manifold'}, "
+            f"{'with' if covariances else 'without'} covariances: this needs 'core'"
+        )
     return execution
 
 
@@ -46,7 +50,7 @@ def filtered(
     """Fields of `Posterior` by name, as lists of (T,) arrays or arrays (T, …); `segments` as in `fast.scanned`."""
     fast.check_linear(given, method)
     if chosen(given, method, execution) == "fast":
-        return fast.scanned(given, method, keep, segments=segments)  # type: ignore[arg-type]
+        return fast.scanned(given, keep, segments=segments)
     return _named(keep, call(Recorded(given.shape, method, keep), *given.arrays()))
 
 
@@ -55,9 +59,9 @@ def smoothed(
 ) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed mean, covariance of the selected error components (None without any), the filter's fields by name."""
     fast.check_linear(given, method)
-    flat = not given.cm.curved
-    if chosen(given, method, execution, small=flat and not components) == "fast":
-        return bryson_frazier.bryson_frazier(given, method, keep, components)  # type: ignore[arg-type]
+    if chosen(given, method, execution, bool(components)) == "fast":
+        mean, told = bryson_frazier.bryson_frazier(given, keep)
+        return mean, None, told
     inner = closure(given.shape, components)
     outputs = call(Recorded(given.shape, method, keep, True, components, inner), *given.arrays())
     told = _named(keep, outputs[: len(keep)])

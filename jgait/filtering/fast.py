@@ -19,7 +19,7 @@ from jaxtyping import PyTree
 from jgait.filtering.components import Matrix, from_upper, known, plus, sound, total, upper
 from jgait.filtering.covariance_update import Gains
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.methods import EKF, KF, Method, depends_on_place, reached
+from jgait.filtering.methods import KF, Method, depends_on_place, reached
 from jgait.filtering.sharing import shared
 from jgait.filtering.structured import (
     Components,
@@ -47,14 +47,13 @@ class Noises(NamedTuple):
 
 
 class Advanced(NamedTuple):
-    """One predict and update; `gains`, `after`, `told` and `turn` as in `structured.corrected`."""
+    """One predict and update; `gains`, `after` and `told` as in `structured.corrected`."""
 
     transition: Transition
     predicted: Components
     gains: Gains
     after: Components
     told: Told
-    turn: Matrix | None
     seen: list[PyTree]
 
 
@@ -79,28 +78,27 @@ def check_linear(given: Inputs, method: Method) -> None:
             )
 
 
-def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample, method: KF | EKF) -> Advanced:
+def advanced(given: Inputs, noises: Noises, before: Components, sample: Sample) -> Advanced:
     """Predict, then update, over components."""
     transition = affine_transition(given.cm, before, sample, noises.transition)
     prior = predicted(transition, before.cov)
-    after, gains, told, turn = corrected(given.cm, prior, sample, method, noises.observation)
+    after, gains, told = corrected(given.cm, prior, sample, noises.observation)
     told = told._replace(health=plus(told.health, transition.health))
-    return Advanced(transition, prior, gains, after, told, turn, sample.seen)
+    return Advanced(transition, prior, gains, after, told, sample.seen)
 
 
-def scanned(given: Inputs, method: KF | EKF, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:
+def scanned(given: Inputs, keep: tuple[str, ...], *, segments: bool) -> dict[str, Any]:
     """The filter's scan: fields of `Posterior` by name, each a list of (T,) arrays, or one (T,) array.
 
     Args:
         given: model and recording.
-        method: how to linearise.
         keep: fields to return.
         segments: scan in checkpointed segments, for gradients; a scan without segments is faster.
     """
     noises = constant_noises(given)
 
     def body(carry: Carry, leaves: PyTree) -> tuple[Carry, dict[str, PyTree]]:
-        step = advanced(given, noises, opened(carry, given), sample_of(leaves, given), method)
+        step = advanced(given, noises, opened(carry, given), sample_of(leaves, given))
         return carried(step.after, given.dtype), {name: field(step, name, given.dtype) for name in keep}
 
     body = shared(body)

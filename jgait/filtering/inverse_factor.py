@@ -31,18 +31,6 @@ def inverse_factor(spread: Matrix, summary: Values) -> tuple[Matrix, Values, Val
     return _inverted(lower, roots, [where(good, value, 0.0) for value in roots]), log_det, health
 
 
-def generalised_inverse_factor(cov: Matrix, epsilon: float) -> Matrix:
-    """L⁻¹ for cov = L Lᵀ with zero rows for components that are linear in earlier ones, up to rounding."""
-    floor = 2.0 * len(cov) * epsilon
-
-    def root(pivot: Values, variance: Values) -> Values:
-        above = pivot > floor * variance
-        return jnp.where(above, lax.rsqrt(jnp.where(above, pivot, 1.0)), 0.0)
-
-    lower, roots = _factor(cov, root)
-    return _inverted(lower, roots, roots)
-
-
 def _factor(spread: Matrix, root: Callable[[Values, Values], Values]) -> tuple[Matrix, list[Values]]:
     """L below its diagonal, and the reciprocals of the diagonal, from `root(pivot, variance)`."""
     size = len(spread)

@@ -6,8 +6,7 @@ loops.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial, reduce
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -23,7 +22,6 @@ from jgait.filtering.components import (
     dot,
     from_upper,
     identity,
-    is_zero,
     known,
     minus,
     plus,
@@ -36,7 +34,6 @@ from jgait.filtering.components import (
 )
 from jgait.filtering.covariance_update import Gains, updated_covariance
 from jgait.filtering.inverse_factor import inverse_factor
-from jgait.filtering.methods import EKF, KF
 from jgait.filtering.tracing import Expansion
 from jgait.types import Values
 
@@ -74,24 +71,19 @@ class Noise(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """An affine transition, as `dense.Prediction`.
+    """A linearised transition.
 
     Attributes:
         mean: the predicted state.
-        steps: matrices that propagate the error, in the order of application.
+        matrix: A.
         noise: Q.
         health: finite where the transition was finite.
     """
 
     mean: list[PyTree]
-    steps: list[Matrix]
+    matrix: Matrix
     noise: Matrix
     health: PyTree
-
-    @property
-    def matrix(self) -> Matrix:
-        """The product of the steps."""
-        return reduce(lambda before, step: product(step, before), self.steps)
 
 
 class Told(NamedTuple):
@@ -115,49 +107,24 @@ def affine_transition(cm: ComponentModel, before: Components, sample: Sample, no
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
     trace = Expansion(dtype_of(before))
-    if cm.curved:
-        mean = trace.call(lambda x: cm.transition(x, control, dt), x)
-        steps = _moving_steps(cm, trace, x, mean, control, dt)
-    else:
-        mean, matrix = trace.jacobian(lambda x: cm.transition(x, control, dt), x)
-        steps = [matrix]
+    mean, matrix = trace.jacobian(lambda x: cm.transition(x, control, dt), x)
     if noise is None:
         entries = trace.call(lambda x: upper(cm.transition_noise(x, control, dt)), x)
         noise = Noise(from_upper(entries, size), _summary(entries, set()))
     safe = {id(value) for value in (*x, dt)}
-    health = plus(_summary((*mean, *(e for step in steps for row in step for e in row)), safe), noise.health)
+    health = plus(_summary((*mean, *(e for row in matrix for e in row)), safe), noise.health)
     health = barred(health)[0]
     good = sound(health)
-    steps = [
-        [
-            [a if known(a) and a == b else where(good, a, b) for a, b in zip(row, unit, strict=True)]
-            for row, unit in zip(step, identity(size), strict=True)
-        ]
-        for step in steps
+    matrix = [
+        [a if known(a) and a == b else where(good, a, b) for a, b in zip(row, unit, strict=True)]
+        for row, unit in zip(matrix, identity(size), strict=True)
     ]
     return Transition(
         [where(good, a, b) for a, b in zip(mean, x, strict=True)],
-        barred(steps)[0],
+        barred(matrix)[0],
         symmetric(size, lambda i, j: where(good, noise.matrix[i][j], 0.0)),
         health,
     )
-
-
-def _moving_steps(
-    cm: ComponentModel, trace: Expansion, x: list[PyTree], mean: list[PyTree], control: PyTree, dt: Values
-) -> list[Matrix]:
-    """The matrices that propagate an error, from the model's `error_transition` or through `retract` and `local`."""
-
-    def found(delta: Sequence[PyTree]) -> list[PyTree]:
-        return cm.local(mean, cm.transition(cm.retract(x, delta), control, dt))
-
-    def stated(step: PyTree, delta: Sequence[PyTree]) -> list[PyTree]:
-        return list(step(x, delta, control, dt))
-
-    steps = [partial(stated, step) for step in cm.error_transition]
-    functions: list[Callable[..., list[PyTree]]] = [*steps] if steps else [found]
-    zero = [0.0] * cm.error.num_leaves
-    return [trace.jacobian(function, zero)[1] for function in functions]
 
 
 def _summary(values: Sequence[PyTree], safe: set[int]) -> PyTree:
@@ -168,65 +135,19 @@ def _summary(values: Sequence[PyTree], safe: set[int]) -> PyTree:
 
 def predicted(transition: Transition, cov: Matrix) -> Components:
     """The belief after the interval."""
-    for step in transition.steps[:-1]:
-        cov = barred(congruence(step, cov))[0]
-    return Components(transition.mean, added(congruence(transition.steps[-1], cov), transition.noise))
+    return Components(transition.mean, added(congruence(transition.matrix, cov), transition.noise))
 
 
 def corrected(
-    cm: ComponentModel, prior: Components, sample: Sample, method: KF | EKF, noise: Noise | None
-) -> tuple[Components, Gains, Told, Matrix | None]:
-    """The belief after a sample, the last iteration's gains, the update's statistics, and on a manifold its `turn`.
-
-    Each iteration linearises at the result of the previous iteration, but updates the same prior.
-    """
-    size = len(prior.cov)
-    at: list[PyTree] = [0.0] * size
-    first = last = gains(cm, prior, sample, at, noise)
-    health = first.health
-    for _ in range(method.iterations - 1):
-        at = _delta(last)
-        last = gains(cm, prior, sample, at, noise)
-        health = plus(health, last.health)
-    delta = _delta(last)
-    mean = prior.mean
-    turned = None
-    if cm.curved or method.iterations > 1:
-        trace = Expansion(dtype_of(prior))
-        good = sound(health)
-        delta = [where(good, d, 0.0) for d in delta]
-        mean = trace.call(cm.retract, mean, delta)
-        health = plus(health, total(mean))
-        good = sound(health)
-        cov = updated_covariance(prior.cov, last, sample.seen)
-        if cm.curved:
-            turned = turn(cm, trace, prior.mean, delta, mean)
-            cov = congruence(turned, cov)
-        after = Components(
-            [where(good, a, b) for a, b in zip(mean, prior.mean, strict=True)],
-            symmetric(size, lambda i, j: where(good, cov[i][j], prior.cov[i][j])),
-        )
-        last = last._replace(
-            inverse=[[where(good, e, 0.0) for e in row] for row in last.inverse],
-            white_cross=[[where(good, e, 0.0) for e in row] for row in last.white_cross],
-            white=[where(good, e, 0.0) for e in last.white],
-        )
-    else:
-        after = Components(
-            [plus(a, d) for a, d in zip(mean, delta, strict=True)], updated_covariance(prior.cov, last, sample.seen)
-        )
-    return after, last, _told(first, sample.seen, health), turned
-
-
-def turn(
-    cm: ComponentModel, trace: Expansion, reference: list[PyTree], delta: list[PyTree], state: list[PyTree]
-) -> Matrix:
-    """∂/∂δ of ((reference ⊕ δ) ⊖ state) at `delta`, where the state is reference ⊕ delta."""
-    if cm.error_shift is not None:
-        shift = cm.error_shift
-        return barred(trace.jacobian(lambda e: shift(reference, delta, e), [0.0] * len(delta))[1])[0]
-    state = barred(state)[0]
-    return trace.jacobian(lambda d: cm.local(state, cm.retract(reference, d)), delta)[1]
+    cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | None
+) -> tuple[Components, Gains, Told]:
+    """The belief after a sample, the gains, and the update's statistics."""
+    found = gains(cm, prior, sample, noise)
+    delta = _delta(found)
+    after = Components(
+        [plus(a, d) for a, d in zip(prior.mean, delta, strict=True)], updated_covariance(prior.cov, found, sample.seen)
+    )
+    return after, found, _told(found, sample.seen, found.health)
 
 
 def _delta(g: Gains) -> list[PyTree]:
@@ -247,11 +168,11 @@ def _told(g: Gains, seen: list[PyTree], health: PyTree) -> Told:
     )
 
 
-def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree], noise: Noise | None) -> Gains:
-    """Linearise the observation at error `at` (n), and factor the innovation's covariance."""
+def gains(cm: ComponentModel, prior: Components, sample: Sample, noise: Noise | None) -> Gains:
+    """Linearise the observation at the prediction, and factor the innovation's covariance."""
     x, cov = prior
     seen, count = sample.seen, len(sample.measured)
-    expected, matrix, innovation = _linearised(cm, prior, sample, at)
+    expected, matrix, innovation = _linearised(cm, prior, sample)
     if noise is None:
         trace = Expansion(dtype_of(prior))
         entries = trace.call(lambda x: upper(cm.observation_noise(x, sample.control)), x)
@@ -277,9 +198,6 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree
     innovation, spread = barred(innovation, symmetric(count, spread_entry))
     inverse, log_det, factor_health = inverse_factor(spread, summary)
     error = [where(sound(e), e, 0.0) for e in innovation]
-    if not all(map(is_zero, at)):
-        back = [where(s, dot(row, at), 0.0) for s, row in zip(seen, matrix, strict=True)]
-        error = [plus(e, b) for e, b in zip(error, back, strict=True)]
     inverse, error = barred(inverse, error)
     masked = [[where(s, e, 0.0) for e in row] for s, row in zip(seen, cross, strict=True)]
     white_cross, white = barred(product(inverse, masked), [dot(row, error) for row in inverse])
@@ -289,23 +207,14 @@ def gains(cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree
     )  # fmt: skip
 
 
-def _linearised(
-    cm: ComponentModel, prior: Components, sample: Sample, at: list[PyTree]
-) -> tuple[list[PyTree], Matrix, list[PyTree]]:
-    """The expected observation at error `at`, its Jacobian, and the measured observation."""
+def _linearised(cm: ComponentModel, prior: Components, sample: Sample) -> tuple[list[PyTree], Matrix, list[PyTree]]:
+    """The expected observation at the prediction, its Jacobian, and the innovation."""
     control, x = sample.control, prior.mean
     trace = Expansion(dtype_of(prior))
-    point = x if all(map(is_zero, at)) else trace.call(cm.retract, x, at)
-    if not cm.curved and not cm.wrapped:
-        expected, matrix = trace.jacobian(lambda x: cm.observation(x, control), point)
+    if not cm.wrapped:
+        expected, matrix = trace.jacobian(lambda x: cm.observation(x, control), x)
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
-    expected = trace.call(lambda x: cm.observation(x, control), point)
-    if cm.error_observation is not None and point is x:
-        shown = cm.error_observation
-        matrix = trace.jacobian(lambda delta: shown(x, delta, control), at)[1]
-    else:
-        matrix = trace.jacobian(lambda delta: cm.residual(cm.observation(cm.retract(x, delta), control), expected), at)[
-            1
-        ]
+    expected = trace.call(lambda x: cm.observation(x, control), x)
+    matrix = trace.jacobian(lambda x: cm.residual(cm.observation(x, control), expected), x)[1]
     measured = [where(s, y, e) for s, y, e in zip(sample.seen, sample.measured, expected, strict=True)]
     return expected, matrix, trace.call(cm.residual, measured, expected)

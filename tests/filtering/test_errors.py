@@ -100,9 +100,9 @@ def test_stated_errors_are_the_derivatives_of_the_functions(seed):
     np.testing.assert_allclose(shifted, truth, rtol=0, atol=1e-6)
 
 
-def filtered(model: Any, w: Walk, execution: str, method: Any = ONCE) -> Any:
+def filtered(model: Any, w: Walk, method: Any = ONCE) -> Any:
     return filtering.kalman_filter(
-        model, PARAMS, w.observations, controls=w.controls, dt=DT, mask=w.mask, method=method, execution=execution,
+        model, PARAMS, w.observations, controls=w.controls, dt=DT, mask=w.mask, method=method,
         keep=("mean", "cov"),
     )  # fmt: skip
 
@@ -117,63 +117,17 @@ def close(ours: Any, theirs: Any, tolerance: float) -> None:
                                rtol=0, atol=tolerance)  # fmt: skip
 
 
-@pytest.mark.parametrize("execution", ["fast", "core"])
-def test_a_filter_is_the_same_whether_errors_are_stated_or_derived(execution):
+def test_a_filter_is_the_same_whether_errors_are_stated_or_derived():
     w = walk(120)
-    reference = filtered(FOUND, w, "core")
-    close(filtered(STATED, w, execution), reference, 1e-6)
+    close(filtered(STATED, w), filtered(FOUND, w), 1e-6)
 
 
 def test_iterated_updates_take_the_statement_where_it_holds():
     w = walk(60)
-    close(filtered(STATED, w, "fast", IteratedEKF(2)), filtered(FOUND, w, "core", IteratedEKF(2)), 1e-6)
+    close(filtered(STATED, w, IteratedEKF(2)), filtered(FOUND, w, IteratedEKF(2)), 1e-6)
 
 
 def test_a_flat_model_states_nothing_of_its_errors():
     flat = FOUND._replace(retract=None, local=None, error_shift=fm.error_shift)
     with pytest.raises(ValueError, match="states how errors move gives retract and local"):
-        filtered(flat, walk(3), "core")
-
-
-START = fm.standing_belief(
-    Quaternion(1.0, 0.0, 0.0, 0.0),
-    Vector(0.0, 0.0, 0.0),
-    fm.FootError(*(Vector(v, v, v) for v in (1e-8, 1e-6, 1e-5, 1e-7, 1e-4))),
-)
-
-
-def quiet(samples: int) -> Any:
-    """A walk whose sensors are good enough for smoothing to change an attitude by a few milliradians."""
-    w = walk(samples, noise=0.1)
-    return w._replace(controls=w.controls._replace(
-        gyr_density=0.01 * w.controls.gyr_density, acc_density=0.01 * w.controls.acc_density
-    ))  # fmt: skip
-
-
-def foot_smoothed(w: Any, execution: str, dtype: Any = jnp.float64, **more: Any) -> Any:
-    def cast(tree: Any) -> Any:
-        return jax.tree.map(lambda v: v if jnp.result_type(v) == jnp.bool_ else jnp.asarray(v, dtype), tree)
-
-    return filtering.kalman_smoother(
-        STATED, cast(PARAMS), cast(w.observations), controls=cast(w.controls), mask=w.mask,
-        dt=jnp.asarray(DT, dtype), initial=cast(START), execution=execution, keep=("mean",), **more,
-    )  # fmt: skip
-
-
-def test_on_a_walking_foot_it_is_the_other_smoother_to_first_order():
-    w = quiet(260)
-    reference = foot_smoothed(w, "core")
-    ours = foot_smoothed(w, "fast")
-    assert float(jnp.max(jnp.abs(reference.mean.position.x - reference.filtered.mean.position.x))) > 1e-3
-    close(ours, reference, 1e-3)
-    for a, b in zip(jax.tree.leaves(ours.mean), jax.tree.leaves(reference.mean), strict=True):
-        # What is left is of second order; smoothing moves speeds by centimetres a second here.
-        np.testing.assert_allclose(a, b, rtol=0, atol=5e-6)
-    single = foot_smoothed(w, "fast", jnp.float32, covariance=("position",))
-    part = single.cov
-    assert part.names == ("position.x", "position.y", "position.z")
-    assert part.upper[0].dtype == jnp.float32
-    for name in part.names:
-        np.testing.assert_allclose(part[name, name], ours.cov[name, name], rtol=1e-3, atol=1e-11)
-    for a, b in zip(single.mean.position, ours.mean.position, strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=2e-5)
+        filtered(flat, walk(3))
