@@ -10,7 +10,9 @@ from jgait.commands.console import console, stop, visible, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
-sets = typer.Typer(help="Public recordings with a reference.", no_args_is_help=True)
+sets = typer.Typer(
+    help="Public recordings with a reference.", no_args_is_help=True, rich_markup_mode=None, add_completion=False
+)
 
 
 @sets.command("list")
