@@ -39,11 +39,12 @@ class Commands(TyperGroup):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"jgait.commands.{cmd_name}")
+        function = cmd_name.replace("-", "_")
+        module = importlib.import_module(f"jgait.commands.{function}")
         if cmd_name == "datasets":
             return typer.main.get_command(module.sets)
         one = typer.Typer(rich_markup_mode=None, add_completion=False)
-        one.command(cmd_name)(getattr(module, cmd_name))
+        one.command(cmd_name)(getattr(module, function))
         return typer.main.get_command(one)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

@@ -78,11 +78,7 @@ TOYS = (
         ("jgait/commands/toy_hello.py",),
         {
             "jgait/cli.py": (
-                (
-                    "from jgait.commands.tune",
-                    "from jgait.commands.toy_hello import toy_hello\nfrom jgait.commands.tune",
-                ),
-                ("    (report,", '    (toy_hello, "Greet somebody."),\n    (report,'),
+                ('    "report": "', '    "toy-hello": "Greet somebody.",\n    "report": "'),
             ),
         },
     ),

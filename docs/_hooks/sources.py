@@ -18,8 +18,8 @@ def told(command, name, parent=None):
     context = command.make_context(name, [], parent=parent, resilient_parsing=True)
     context.terminal_width = context.max_content_width = 80
     found = [(context.command_path, command.get_help(context))]
-    for one in getattr(command, "commands", {}):
-        found += told(command.commands[one], one, context)
+    for one in command.list_commands(context) if hasattr(command, "list_commands") else ():
+        found += told(command.get_command(context, one), one, context)
     return found
 
 formats = [(one.title, one.files, one.states, one.module) for one in registry.FORMATS.values()]
