@@ -98,16 +98,15 @@ def params_of(problem: Problem, logs: Any) -> Any:
     return kind(*(jnp.exp(logs[i]) for i in range(len(problem.names))))
 
 
-def smoother(problem: Problem, batch: Any, logs: Any, scale: Any = 1.0) -> Any:
-    """Smoothed means and standard deviations of a batch; `scale` multiplies the controls."""
+def smoother(problem: Problem, batch: Any, logs: Any, variances: bool = True) -> Any:
+    """Smoothed means of a batch, and variances."""
 
     def one(observed: Any, controls: Any, mask: Any) -> Any:
-        controls = jax.tree.map(lambda leaf: leaf * scale, controls)
         found = filtering.kalman_smoother(
             problem.model, params_of(problem, logs), observed, controls=controls, dt=problem.dt, mask=mask,
-            keep=("log_likelihood",), covariance=problem.chosen, execution="core",
+            keep=("log_likelihood",), covariance=problem.chosen if variances else False, execution="core",
         )  # fmt: skip
-        return found.mean, found.cov.variances()
+        return found.mean, found.cov.variances() if variances else None
 
     return jax.vmap(one)(*batch)
 
@@ -133,7 +132,7 @@ def loss(problem: Problem, batch: Any, weights: Any) -> Any:
     controls = structure.unflatten([leaf * jnp.exp(scale) for leaf, scale in zip(leaves, scales, strict=True)])
     leaves, structure = jax.tree.flatten(observed)
     observed = structure.unflatten([leaf + shift for leaf, shift in zip(leaves, shifts, strict=True)])
-    mean, _ = smoother(problem, (observed, controls, mask), logs)
+    mean, _ = smoother(problem, (observed, controls, mask), logs, variances=False)
     wave = jnp.cos(jnp.arange(jax.tree.leaves(mean)[0].shape[1], dtype=logs.dtype))
     return sum(jnp.mean(wave * (leaf + leaf**2)) for leaf in jax.tree.leaves(mean))
 
@@ -148,17 +147,19 @@ def weights_of(problem: Problem) -> Any:
 
 
 def program(function: Callable[..., Any], *arguments: Any, steps: int) -> Program:
-    """A compiled program; `compile_seconds` in seconds of processor time, with tracing."""
+    """A compiled program; `compile_seconds` of processor time without tracing, which is in `operations` here."""
     jax.clear_caches()
     start = time.process_time()
-    executable = filtering.compiled(function).lower(*arguments).compile()
-    took = time.process_time() - start
+    lowered = filtering.compiled(function).lower(*arguments)
+    traced = time.process_time() - start
+    executable = lowered.compile()
+    took = time.process_time() - start - traced
 
     def run() -> Any:
         return jax.block_until_ready(executable(*arguments))
 
     memory = executable.memory_analysis()
-    return Program(run, run, steps, took, memory.temp_size_in_bytes if memory else 0, np.nan, np.nan, "w")
+    return Program(run, run, steps, took, memory.temp_size_in_bytes if memory else 0, traced, np.nan, "w")
 
 
 def on_all_cores(function: Callable[..., Any], batch: Any, logs: Any, steps: int) -> Program:
@@ -212,6 +213,7 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
     first = programs["smoother", 1].compile_seconds
     gradient = programs["gradient", 16]
     rows = [Row(f"{name}_compile_s", first, "s", None, 1, split)]
+    rows.append(Row(f"{name}_trace_s", programs["smoother", 1].operations, "s", None, 1, split))
     for count in counts:
         rate = programs["smoother", count].steps / seconds["smoother", count] / 1e6
         rows.append(Row(f"{name}_msteps_b{count}", rate, "1e6/s", None, count, split))
@@ -252,6 +254,7 @@ def gradient_error(make: Callable[..., Problem]) -> float:
 def rows(quick: bool) -> list[Row]:
     """All of it; `quick` takes fewer sizes and repeats."""
     jax.config.update("jax_enable_compilation_cache", False)
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # else two threads compute one after the other
     with jax.default_device(jax.devices("cpu")[0]), jax.enable_x64(False):
         found = [*measured("foot", foot, quick), *measured("leg", leg, quick)]
     error = max(gradient_error(foot), gradient_error(leg))
