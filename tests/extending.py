@@ -77,9 +77,7 @@ TOYS = (
         "command",
         ("jgait/commands/toy_hello.py",),
         {
-            "jgait/cli.py": (
-                ('    "report": "', '    "toy-hello": "Greet somebody.",\n    "report": "'),
-            ),
+            "jgait/cli.py": (('    "report": "', '    "toy-hello": "Greet somebody.",\n    "report": "'),),
         },
     ),
 )
