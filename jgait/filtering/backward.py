@@ -12,14 +12,13 @@ Source: G. J. Bierman, "Fixed interval smoothing with discrete measurements", In
 F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.filtering.batched_call import Reverse
 from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed, where
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
@@ -32,29 +31,17 @@ class Backward:
 
     Attributes:
         chosen: components whose covariances are computed; without any, Λ is zero.
-        lanes: recordings computed at once.
         all: whether λ and Λ are returned.
     """
 
     chosen: tuple[int, ...]
-    lanes: int
     all: bool = False
-
-    @property
-    def whole(self) -> "Backward":
-        """The same with λ and Λ."""
-        return replace(self, all=True)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the outputs, in order."""
         names = [name for name in OUTPUTS if self.chosen or name in ("move", "vector")]
         return tuple(name for name in names if self.all or name in ("move", "cov"))
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """The outputs of this function among those of `whole`."""
-        told = dict(zip(self.whole.names, outputs, strict=True))
-        return [told[name] for name in self.names]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
@@ -88,20 +75,10 @@ class Backward:
         none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if self.chosen else 0.0)
         return lax.scan(body, none, arguments, reverse=True)[1]
 
-    @property
-    def block(self) -> int:
-        """Recordings computed at once, see `core.block_of`."""
-        return self.lanes
-
-    @property
-    def reverse(self) -> Reverse:
-        """The closed form."""
-        return self._reverse
-
-    def _reverse(
+    def closed(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
-        """Cotangents of the arguments `moving`, by a scan forward over the samples."""
+        """The closed form: cotangents of the arguments `moving`, by a scan forward over the samples."""
         names = self.names
         told = dict(zip(names, outputs, strict=True))
         given = {name: value for name, value in zip(names, cotangents, strict=True) if value is not None}

@@ -12,7 +12,7 @@ Source: C. Parellier, A. Barrau, S. Bonnabel, "Speeding-up backpropagation of gr
 closed-form expressions", IEEE TAC 68(12), 2023 (arXiv 2303.16846), for the form of the backward scan.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,6 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.affine_step import affine_step
-from jgait.filtering.batched_call import Reverse
 from jgait.filtering.lanes import (
     applied,
     diagonal,
@@ -71,7 +70,7 @@ def linearises_once(method: Method) -> bool:
 
 
 def block_of(shape: Shape) -> int:
-    """The number of recordings that are computed at once [1]."""
+    """The number of recordings computed at once [1]: as many as leave a few matrices in the processor's first cache."""
     size = shape.sizes[1] ** 2 * jnp.dtype(shape.dtype).itemsize
     return 16 if size <= 512 else 8
 
@@ -87,16 +86,6 @@ class Filter:
     shape: Shape
     method: Method
     keep: tuple[str, ...]
-
-    @property
-    def whole(self) -> "Filter":
-        """The filter that also returns its belief at each sample."""
-        return replace(self, keep=tuple(name for name in OUTPUTS if name in {*self.keep, *FOR_GRADIENT}))
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """The outputs `keep` among those of `whole`."""
-        told = dict(zip(self.whole.keep, outputs, strict=True))
-        return [told[name] for name in self.keep]
 
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the outputs without the batch axis."""
@@ -135,7 +124,7 @@ class Filter:
             return (told["predicted"], told["delta"], told["cov"]), [told[name] for name in self.keep]
 
         # Methods without a closed form are differentiated through the scan, which then stores the beliefs alone.
-        body = body if self.reverse else jax.checkpoint(body, prevent_cse=False)
+        body = body if linearises_once(self.method) else jax.checkpoint(body, prevent_cse=False)
         return lax.scan(body, start, samples)[1]
 
     def _priors(self, local: LocalModel, before: PyTree, delta: PyTree, cov: PyTree, sample: PyTree) -> PyTree:
@@ -174,16 +163,6 @@ class Filter:
             told["closed"] = where(finite, lin.matrix - product(gain, told["seen"]), unit)
         return told
 
-    @property
-    def block(self) -> int:
-        """Recordings computed at once: more vector lanes, as long as a few matrices fit the first cache."""
-        return block_of(self.shape)
-
-    @property
-    def reverse(self) -> Reverse | None:
-        """The closed form, for filters that linearise once at the prediction."""
-        return self.closed if linearises_once(self.method) else None
-
     def closed(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
@@ -197,8 +176,7 @@ class Filter:
             for a, b in zip(first, (told["predicted"], told["delta"], told["cov"]), strict=True)
         ]
         count, controls = len(params), len(samples[1])
-        wanted = frozenset(moving)
-        slots = _Slots(wanted, count, controls)
+        slots = _Slots(frozenset(moving), count, controls)
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
             back, summed = carry
@@ -208,7 +186,7 @@ class Filter:
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
-        known = {name: told[name] for name in FOR_GRADIENT[3:]}
+        known = {name: told[name] for name in ("predicted_cov", "information", "weighted")}
         (start, sums), each = lax.scan(body, (zero, none), (befores, samples, known, given), reverse=True)
         found = dict(zip(slots.params, sums, strict=True)) | {count: start[0], count + 1: start[2]}
         found |= dict(zip(slots.samples, each, strict=True))

@@ -71,4 +71,4 @@ def smoothed(
 
 def _named(keep: tuple[str, ...], outputs: list[PyTree]) -> dict[str, Any]:
     lists = ("mean", "predicted_mean", "innovation", "innovation_stddev")
-    return {name: list(v.T) if name in lists else v for name, v in zip(keep, outputs, strict=False)}
+    return {name: list(v.T) if name in lists else v for name, v in zip(keep, outputs, strict=True)}

@@ -34,7 +34,7 @@ def symmetrised(a: PyTree) -> PyTree:
 
 
 def outer(x: PyTree, y: PyTree) -> PyTree:
-    """X yᵀ, (i, B) (j, B) → (i, j, B)."""
+    """The products x yᵀ, (i, B) (j, B) → (i, j, B)."""
     return x[:, None] * y[None]
 
 

@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Reverse
-from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of
+from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once
 from jgait.filtering.finish import covariances, states
 from jgait.filtering.local_model import Shape
 from jgait.filtering.methods import Method
@@ -67,7 +67,7 @@ class Recorded:
     @property
     def backward(self) -> Backward:
         """The smoother's scan."""
-        return Backward(self.inner, self.block, self.all)
+        return Backward(self.inner, self.all)
 
     def _told(self) -> int:
         return len(self.keep) + self.smooth + bool(self.components)
@@ -145,7 +145,7 @@ class Recorded:
     @property
     def reverse(self) -> Reverse | None:
         """The closed form, where the filter has one."""
-        return self._reverse if Filter(self.shape, self.method, ()).reverse else None
+        return self._reverse if linearises_once(self.method) else None
 
     def _reverse(
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
@@ -171,7 +171,7 @@ class Recorded:
             parts = [told[name] for name in FOR_SMOOTHER]
             every = [back_ct.get(name) for name in self.backward.names]
             into = tuple(range(len(parts)))
-            _add(told_ct, FOR_SMOOTHER, self.backward.reverse(into, parts, list(back.values()), every))
+            _add(told_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every))
         return self.filter.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names])
 
     def _used(self) -> set[str]:

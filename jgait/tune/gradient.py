@@ -20,7 +20,7 @@ def value_and_grad(function: Callable[..., PyTree], gradient: str = "auto") -> C
         forward    one tangent after another: constant memory, shortest compilation
         together   all tangents at once: several times faster than "forward" for small models, whose filter computes
                    with components (see `jgait.filtering.execution`)
-        reverse    the closed form: about four times the cost of the loss for any number of parameters
+        reverse    the closed form: three to five times the cost of the loss for any number of parameters
         auto       forward up to `FORWARD_UP_TO` numbers in the first argument, reverse beyond
 
     Args:
