@@ -1,8 +1,9 @@
 """Does a shoe turn the way its path does? The gyroscope alone against the directions of the strides."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from jgait.datasets.foot_reference import exponential, level
+from jgait.datasets.foot_reference import level
 from jgait.types import Imu
 
 
@@ -10,8 +11,8 @@ def heading(imu: Imu, rest: float) -> np.ndarray:
     """Direction of the sensor's x from above (T,) [rad], left positive; the first `rest` [s] stand."""
     standing = imu.time < rest
     gyr = imu.gyr - imu.gyr[standing].mean(axis=0)
-    turns = exponential((gyr[1:] + gyr[:-1]) / 2 * np.diff(imu.time)[:, None])
-    axes = level(imu.acc[standing].mean(axis=0))
+    turns = Rotation.from_rotvec((gyr[1:] + gyr[:-1]) / 2 * np.diff(imu.time)[:, None]).as_matrix()
+    axes = level(imu.acc[standing].mean(axis=0)).as_matrix()
     forward = [axes[:, 0]]
     for turn in turns:
         axes = axes @ turn

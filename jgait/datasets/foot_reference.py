@@ -16,6 +16,8 @@ for estimators that use other sensors; against Vicon on `neura_sparse` see tests
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
 
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
@@ -53,25 +55,9 @@ class FootPath(NamedTuple):
     standing: np.ndarray
 
 
-def exponential(rotvec: np.ndarray) -> np.ndarray:
-    """Rotation matrices of rotation vectors, (n, 3) [rad] → (n, 3, 3): I + sin(θ)/θ K + (1-cos θ)/θ² K²."""
-    angle = np.linalg.norm(rotvec, axis=1)[:, None, None]
-    x, y, z = rotvec.T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    first = np.sinc(angle / np.pi)
-    second = np.sinc(angle / (2 * np.pi)) ** 2 / 2
-    return np.eye(3) + first * cross + second * (cross @ cross)
-
-
-def level(acc: np.ndarray) -> np.ndarray:
-    """The smallest rotation (3, 3), sensor to level frame (z up), that turns a specific force (3,) at rest upwards."""
-    up = acc / np.linalg.norm(acc)
-    axis = np.array([up[1], -up[0], 0.0])
-    sine = np.linalg.norm(axis)
-    if sine < 1e-12:
-        return np.diag([1.0, 1.0, 1.0]) if up[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    return exponential((axis / sine * np.arctan2(sine, up[2]))[None])[0]
+def level(acc: np.ndarray) -> Rotation:
+    """The smallest rotation, sensor to level frame (z up), that turns a specific force (3,) at rest upwards."""
+    return Rotation.align_vectors([[0.0, 0.0, 1.0]], acc[None])[0]
 
 
 def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray, acc_end: np.ndarray
@@ -83,23 +69,19 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
     Returns:
         (n, 3) [m] position, z up, with zero velocity at both ends; and the removed attitude drift [rad].
     """
-    turns = exponential((gyr[1:] + gyr[:-1]) * (dt / 2))
+    turns = Rotation.from_rotvec((gyr[1:] + gyr[:-1]) * (dt / 2)).as_matrix()
     attitude = np.empty((len(gyr), 3, 3))
-    attitude[0] = level(acc_start)
+    attitude[0] = level(acc_start).as_matrix()
     for k, turn in enumerate(turns):
         attitude[k + 1] = attitude[k] @ turn
     # At the second rest the specific force must point up: the rotation that achieves this is drift, linear in time.
     correction = level(attitude[-1] @ acc_end)
-    angle = np.arccos(np.clip((np.trace(correction) - 1) / 2, -1.0, 1.0))
-    axis = np.array([correction[2, 1] - correction[1, 2], correction[0, 2] - correction[2, 0], 0.0])
-    axis = axis / max(np.linalg.norm(axis), 1e-12)
-    share = np.linspace(0.0, 1.0, len(gyr))
-    force = np.einsum("kij,kjl,kl->ki", exponential(share[:, None] * angle * axis), attitude, acc)
+    share = np.linspace(0.0, 1.0, len(gyr))[:, None]
+    force = Rotation.from_rotvec(share * correction.as_rotvec()).apply(np.einsum("kij,kj->ki", attitude, acc))
     gravity = np.linalg.norm(acc_start) * (1 - share) + np.linalg.norm(acc_end) * share
-    acceleration = force - gravity[:, None] * np.array([0.0, 0.0, 1.0])
-    velocity = _integral(acceleration, dt)
-    velocity = velocity - share[:, None] * velocity[-1]
-    return _integral(velocity, dt), float(angle)
+    velocity = cumulative_trapezoid(force - gravity * np.array([0.0, 0.0, 1.0]), dx=dt, axis=0, initial=0.0)
+    velocity = velocity - share * velocity[-1]
+    return cumulative_trapezoid(velocity, dx=dt, axis=0, initial=0.0), float(correction.magnitude())
 
 
 def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
@@ -130,8 +112,8 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
     standing = stances(imu, rate_hz)
     if len(standing) < 2:
         raise ValueError(f"the foot stands {len(standing)} times; a stride needs two stances")
-    start, end = max(standing, key=lambda run: run[1] - run[0])
-    gyr = imu.gyr - np.median(imu.gyr[start:end], axis=0)
+    longest = slice(*max(standing, key=lambda run: run[1] - run[0]))
+    gyr = imu.gyr - np.median(imu.gyr[longest], axis=0)
     rows = []
     distance = np.zeros(len(gyr))
     current = 0
@@ -145,16 +127,8 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
         rows.append((stride.first, stride.last, stride.length, stride.rise, stride.tilt))
     if not rows:
         raise ValueError(f"the foot stands {len(standing)} times and never strides between")
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return FootPath(
-        start=columns[0],
-        end=columns[1],
-        length=columns[2],
-        rise=columns[3],
-        distance=distance,
-        tilt=columns[4],
-        standing=_covered(standing, len(gyr)),
-    )
+    start, end, length, rise, tilt = (np.array(column) for column in zip(*rows, strict=True))
+    return FootPath(start, end, length, rise, distance, tilt, _covered(standing, len(gyr)))
 
 
 def select(path: FootPath, keep: np.ndarray) -> FootPath:
@@ -162,15 +136,8 @@ def select(path: FootPath, keep: np.ndarray) -> FootPath:
     step = np.diff(path.distance, prepend=0.0)
     for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
         step[start : end + 1] = 0.0
-    return FootPath(
-        start=path.start[keep],
-        end=path.end[keep],
-        length=path.length[keep],
-        rise=path.rise[keep],
-        distance=np.cumsum(step),
-        tilt=path.tilt[keep],
-        standing=path.standing,
-    )
+    kept = {name: getattr(path, name)[keep] for name in ("start", "end", "length", "rise", "tilt")}
+    return path._replace(distance=np.cumsum(step), **kept)
 
 
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
@@ -241,11 +208,6 @@ def _next_stride(
     if not tried:
         return current + 1, None
     return min(tried, key=lambda candidate: candidate[1].tilt)
-
-
-def _integral(rate: np.ndarray, dt: float) -> np.ndarray:
-    """Cumulative integral by the trapezoid rule along the first axis, 0 at the first sample."""
-    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum((rate[1:] + rate[:-1]) * (dt / 2), axis=0)])
 
 
 def _quietest(gyr: np.ndarray, start: int, end: int) -> int:

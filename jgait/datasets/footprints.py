@@ -32,10 +32,11 @@ from typing import Any
 
 import numpy as np
 
-from jgait.datasets import registry
-from jgait.datasets.notes import FILE_ABSENT, SIDE_UNKNOWN
+from jgait.datasets import reading, registry
+from jgait.datasets.notes import SIDE_UNKNOWN
 from jgait.datasets.one_foot import FLIP, foot_imu, footprint_strides, read_mat, way
-from jgait.notes import ORIGIN, Kind, Note
+from jgait.datasets.reading import Files
+from jgait.notes import ORIGIN, Kind
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
 ROOT = "data/LLIO_training_data"
@@ -60,18 +61,18 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One walk with its footprints."""
-    path, known = registry.file("footprints", f"{ROOT}/{name}{ENDING}")
+    files = Files("footprints", SIDE_UNKNOWN(), AXES_FROM_BELOW())
+    path = files.need(f"{ROOT}/{name}{ENDING}")
     raw = read_mat(path, ("timestamps", "imu_data"))
     values = np.asarray(raw["imu_data"], np.float64)
     if values.ndim != 2 or values.shape[1] != 6:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
     time = np.asarray(raw["timestamps"], np.float64)
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
-    notes, flags = [SIDE_UNKNOWN(), AXES_FROM_BELOW()], [known]
     details: dict[str, Any] = {"footprints": None, "publisher_trajectory": _trajectory(path), "ruler": None}
-    why = _add_ruler(details, name, notes, flags)
+    why = _add_ruler(details, name, files)
     if why is None:
-        why = _add_footprints(details, name, time, flags)
+        why = _add_footprints(details, name, time, files)
     reference, speed = None, None
     if details["footprints"] is not None:
         prints = details["footprints"]
@@ -81,8 +82,8 @@ def load_one(name: str) -> Walk:
         strides = footprint_strides("right", prints["position"], prints["time"], prints["time"])
         reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source, strides)
         speed = float(distance[-1] / (prints["time"][-1] - prints["time"][0]))
-    recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(notes))
-    return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": all(flags)})
+    recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(files.notes))
+    return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": files.verified})
 
 
 def _trajectory(path: Path) -> np.ndarray | None:
@@ -93,14 +94,11 @@ def _trajectory(path: Path) -> np.ndarray | None:
     return np.asarray(trajectory, np.float64)[:, :2] * ABOVE
 
 
-def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: list[bool]) -> str | None:
+def _add_ruler(details: dict[str, Any], name: str, files: Files) -> str | None:
     """Add the ruler's measurements to `details`; returns why the footprints cannot be used, None where they can."""
-    try:
-        path, known = registry.file("footprints", f"{RULER}/{name}.mat")
-    except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
+    path = files.find(f"{RULER}/{name}.mat")
+    if path is None:
         return None
-    flags.append(known)
     content = read_mat(path, ("GCP_exist_and_correct",))
     if not content["GCP_exist_and_correct"]:
         return f"{path.name} says that the footprints were not measured, or not correctly"
@@ -110,19 +108,13 @@ def _add_ruler(details: dict[str, Any], name: str, notes: list[Note], flags: lis
     return None
 
 
-def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, flags: list[bool]) -> str | None:
+def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, files: Files) -> str | None:
     """Add the footprints to `details`; returns why there are none, None where there are some."""
-    import pandas as pd
-
     try:
-        path, known = registry.file("footprints", f"{ROOT}/{name}_strideIndex_timestamp_gcpX_gcpY.csv")
+        path = files.need(f"{ROOT}/{name}_strideIndex_timestamp_gcpX_gcpY.csv")
     except registry.DatasetUnavailable as error:
         return str(error)
-    flags.append(known)
-    table = pd.read_csv(path)
-    lacking = [column for column in COLUMNS if column not in table.columns]
-    if lacking:
-        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    table = reading.table(path, COLUMNS)
     samples, clock, x, y = (table[column].to_numpy(np.float64) for column in COLUMNS)
     if len(samples) < 2 or not np.isfinite([samples, clock, x, y]).all():
         raise RecordingError(f"{path.name} must have at least 2 footprints, all of them numbers; it has {len(samples)}")

@@ -32,9 +32,10 @@ from typing import Any
 
 import numpy as np
 
-from jgait.datasets import registry
-from jgait.datasets.notes import FILE_ABSENT
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.datasets import reading, registry
+from jgait.datasets.reading import Files
+from jgait.geometry.sagittal import path_walked
+from jgait.notes import LEFT_OUT, Kind
 from jgait.types import (
     SIDES,
     Estimate,
@@ -72,24 +73,23 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One recording: the sensors of one or both shoes, and motion capture where available."""
-    path, known = registry.file("gaitmap_example", f"{ROOT}/{name}.csv")
+    files = Files("gaitmap_example")
+    path = files.need(f"{ROOT}/{name}.csv")
     rate = SLOW_HZ if "_ms_" in name or name.endswith("_ic_stride") else RATE_HZ
     sensors = _read_sensors(path, rate)
     # The main walk, the stairs, the cut strides and the person with multiple sclerosis are different people.
     subject = name.removeprefix("imu_sample").strip("_") if name not in CAPTURED else "healthy"
     subject = subject.removesuffix("_left").removesuffix("_right")
-    notes = [FOOT_ABSENT(side=side) for side in SIDES if f"foot_{side}" not in sensors]
+    files.notes += [FOOT_ABSENT(side=side) for side in SIDES if f"foot_{side}" not in sensors]
     details: dict[str, Any] = {"mocap": {}, "mocap_time": None, "stride_borders": {}, "events": {}, "strides": {}}
     reference: Estimate | None = None
     why: str | None = "no motion capture was recorded"
-    flags = [known]
     if name in CAPTURED:
-        reference, why, known = _add_reference(details, as_float(next(iter(sensors.values())).time), rate, notes)
-        flags.append(known)
+        reference, why = _add_reference(details, as_float(next(iter(sensors.values())).time), rate, files)
     elif name.endswith("_ic_stride"):
-        flags.append(_add_borders(details, "stride_borders_sample_ic_stride.csv", notes))
-    recording = Recording(sensors, rate, name, subject, tuple(notes))
-    return Walk(recording, reference, {**details, "no_reference": why, "verified": all(flags)})
+        _add_borders(details, "stride_borders_sample_ic_stride.csv", files)
+    recording = Recording(sensors, rate, name, subject, tuple(files.notes))
+    return Walk(recording, reference, {**details, "no_reference": why, "verified": files.verified})
 
 
 def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
@@ -120,26 +120,23 @@ def _read_sensors(path: Path, rate_hz: float) -> dict[str, Imu]:
 
 
 def _add_reference(
-    details: dict[str, Any], time: np.ndarray, rate_hz: float, notes: list[Note]
-) -> tuple[Estimate | None, str | None, bool]:
-    """Add motion capture and strides to `details`; returns the reference, why there is none, and known files."""
-    known = [_add_borders(details, "stride_borders_sample.csv", notes)]
+    details: dict[str, Any], time: np.ndarray, rate_hz: float, files: Files
+) -> tuple[Estimate | None, str | None]:
+    """Add motion capture and strides to `details`; returns the reference, and why there is none."""
+    _add_borders(details, "stride_borders_sample.csv", files)
     try:
-        path, verified = registry.file("gaitmap_example", f"{ROOT}/mocap_sample.csv")
+        path = files.need(f"{ROOT}/mocap_sample.csv")
     except registry.DatasetUnavailable as error:
-        return None, str(error), all(known)
+        return None, str(error)
     details["mocap"] = _read_mocap(path)
     samples = len(details["mocap"]["right"]["heel"])
     mocap_time = details["mocap_time"] = np.arange(samples) / MOCAP_HZ
-    known.append(verified)
-    try:
-        path, verified = registry.file("gaitmap_example", f"{ROOT}/stride_events_sample.csv")
-        details["events"] = _read_by_foot(path, EVENTS)
+    events = files.find(f"{ROOT}/stride_events_sample.csv")
+    if events is not None:
+        details["events"] = _read_by_foot(events, EVENTS)
         details["strides"] = _strides(details["events"], details["mocap"], mocap_time, rate_hz)
-        known.append(verified)
-    except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
-    walked = _path({side: markers["heel"] for side, markers in details["mocap"].items()})
+    heels = [markers["heel"][:, :2] for markers in details["mocap"].values()]
+    walked = path_walked(np.mean(heels, axis=0), MOCAP_HZ, PATH_SMOOTHING)
     estimate = Estimate(
         time=time,
         legs=Legs(None, None),
@@ -150,20 +147,17 @@ def _add_reference(
         strides=_table(details["events"], details["strides"], rate_hz) if details["strides"] else None,
         feet=Feet(*(_foot(details["mocap"][side], mocap_time, time) for side in SIDES)),
     )
-    return estimate, None, all(known)
+    return estimate, None
 
 
-def _add_borders(details: dict[str, Any], file: str, notes: list[Note]) -> bool:
-    try:
-        path, known = registry.file("gaitmap_example", f"{ROOT}/{file}")
-    except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
-        return True
+def _add_borders(details: dict[str, Any], file: str, files: Files) -> None:
+    path = files.find(f"{ROOT}/{file}")
+    if path is None:
+        return
     borders = _read_by_foot(path, ("start", "end"))
     details["stride_borders"] = {
         side: np.stack([columns["start"], columns["end"]], axis=1).astype(np.int64) for side, columns in borders.items()
     }
-    return known
 
 
 def _read_mocap(path: Path) -> dict[str, dict[str, np.ndarray]]:
@@ -182,25 +176,11 @@ def _read_mocap(path: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _read_by_foot(path: Path, columns: tuple[str, ...]) -> dict[str, dict[str, np.ndarray]]:
-    import pandas as pd
-
-    table = pd.read_csv(path)
-    lacking = [column for column in ("foot", *columns) if column not in table.columns]
-    if lacking:
-        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
+    table = reading.table(path, ("foot", *columns))
     return {
         side: {column: table.loc[table["foot"] == side, column].to_numpy(np.float64) for column in columns}
         for side in SIDES
     }
-
-
-def _path(heels: dict[str, np.ndarray]) -> np.ndarray:
-    """(M,) [m] horizontal path of the midpoint of the heels since the first sample."""
-    from scipy.ndimage import gaussian_filter1d
-
-    middle = sum(heel[:, :2] for heel in heels.values()) / len(heels)
-    smooth = gaussian_filter1d(middle, PATH_SMOOTHING * MOCAP_HZ, axis=0, mode="nearest")
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))])
 
 
 def _strides(

@@ -52,16 +52,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.datasets import registry
-from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED
-from jgait.datasets.one_foot import foot_imu
+from jgait.datasets import reading, registry
+from jgait.datasets.reading import Files
 from jgait.notes import CORRECTED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
 RATE_HZ = 100.0
 SENSORS = {"lb": "lower_back", "rf": "foot_right", "lf": "foot_left"}
-COLUMNS = ("PacketCounter", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z")
+COLUMNS = ("PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z")
 EVENTS = {"right": "RightFootEvents", "left": "LeftFootEvents"}
 LOST = 0.5  # [1] largest share of lost packets; with more, the column is not a packet counter
 REPEATED = 0.01  # [1] largest share of rows that repeat a packet number; with more, the column is not a counter
@@ -105,28 +104,19 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One walk with its contacts."""
-    notes, flags = [ACC_AS_UPSTREAM()], []
+    files = Files("ipol_gait", ACC_AS_UPSTREAM())
+    notes = files.notes
     tables = {}
     for code, placement in SENSORS.items():
-        try:
-            path, known = registry.file("ipol_gait", f"{ROOT}/{name}_{code}.txt")
-        except registry.DatasetUnavailable as error:
-            notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
-            continue
-        tables[placement] = _read_sensor(path)
-        flags.append(known)
+        path = files.find(f"{ROOT}/{name}_{code}.txt")
+        if path is not None:
+            tables[placement] = _read_sensor(path)
     if not tables:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SENSORS.values())}")
     sensors, first = _on_one_clock(name, tables, notes)
     time = next(iter(sensors.values())).time
-    about, why = {}, None
-    try:
-        path, known = registry.file("ipol_gait", f"{ROOT}/{name}.json")
-        about = _read_about(path)
-        flags.append(known)
-    except registry.DatasetUnavailable as error:
-        why = str(error)
-        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
+    path = files.find(f"{ROOT}/{name}.json")
+    about, why = ({}, str(notes[-1])) if path is None else (_read_about(path), None)
     swings = {
         side: _swings(f"{name}.json: {key}", about.get(key, []), first, len(time), notes)
         for side, key in EVENTS.items()
@@ -154,28 +144,20 @@ def load_one(name: str) -> Walk:
         "reference_system": None if reference is None else "checked by hand",
         "feet_exchanged": exchanged,
         "no_reference": why,
-        "verified": all(flags),
+        "verified": files.verified,
     }
     subject = str(about.get("Subject", name.split("-")[0]))
     return Walk(Recording(sensors, RATE_HZ, name, subject, tuple(notes)), reference, details)
 
 
 def _read_sensor(path: Path) -> np.ndarray:
-    """(n, 7): packet, accelerometer [m/s²], gyroscope [rad/s]; a line with the rate may precede the header."""
-    import pandas as pd
-
+    """(n, 7): packet, gyroscope [rad/s], accelerometer [m/s²]; a line with the rate may precede the header."""
     with path.open() as stream:
         first = stream.readline()
     rate = re.match(r"Acquisition frequency:\s*([\d.]+)", first)
     if rate and float(rate.group(1)) != RATE_HZ:
         raise RecordingError(f"{path.name} was recorded at {rate.group(1)} Hz; {RATE_HZ:.0f} Hz is expected")
-    table = pd.read_csv(path, sep="\t", skiprows=1 if rate else 0)
-    lacking = [column for column in COLUMNS if column not in table.columns]
-    if lacking:
-        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
-    values = table[list(COLUMNS)].to_numpy(np.float64)
-    if len(values) < 2:
-        raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
+    values = reading.samples(path, COLUMNS, sep="\t", skiprows=1 if rate else 0)
     packets = values[:, 0]
     least = 0 if np.sum(np.diff(packets) == 0) <= REPEATED * len(packets) else 1
     bad = np.flatnonzero(~(np.diff(packets) >= least) | (packets[1:] % 1 != 0))
@@ -192,22 +174,13 @@ def _on_one_clock(name: str, tables: dict[str, np.ndarray], notes: list[Note]) -
     fewest = min(map(len, tables.values()))
     if fewest < (1 - LOST) * length:
         raise RecordingError(f"{name}: PacketCounter spans {length} packets, and there are {fewest} of a sensor")
-    sensors = {}
     for placement, table in tables.items():
-        signals = np.full((length, 6), np.nan)
-        packets = table[:, 0].astype(np.int64)
-        signals[packets - first] = table[:, 1:]
-        twice = packets[1:][np.diff(packets) == 0]
-        if len(twice):
+        repeated = np.diff(table[:, 0]) == 0
+        if repeated.any():
+            notes.append(COUNTER_REPEATS(placement=placement, numbers=table[1:][repeated, 0].astype(int).tolist()))
             # it is not known which of the two rows was measured at that time
-            signals[twice - first] = np.nan
-            notes.append(COUNTER_REPEATS(placement=placement, numbers=list(twice)))
-        time = np.arange(length) / RATE_HZ
-        sensors[placement], _ = foot_imu(f"{name}, {placement}", time, signals[:, 3:], signals[:, :3])
-        lost = int((~sensors[placement].mask).sum())
-        if lost:
-            notes.append(SAMPLES_MASKED(placement=placement, masked=lost, samples=length))
-    return sensors, first
+            table[np.append(repeated, False) | np.append(False, repeated), 1:] = np.nan
+    return reading.on_counter(tables, first, length, RATE_HZ, notes), first
 
 
 def _read_about(path: Path) -> dict[str, Any]:

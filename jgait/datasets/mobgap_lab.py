@@ -42,8 +42,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.datasets import registry
-from jgait.datasets.notes import FILE_ABSENT, SAMPLES_MASKED, UNITS_CONVERTED
+from jgait.datasets.notes import SAMPLES_MASKED, UNITS_CONVERTED
 from jgait.datasets.one_foot import foot_imu
+from jgait.datasets.reading import Files
 from jgait.notes import LEFT_OUT, ORIGIN, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
@@ -103,9 +104,8 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One trial with its references."""
     participant, key = "/".join(name.split("/")[:2]), name.split("/")[2:]
-    path, known = registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")
-    flags, notes = [known], [UNITS_CONVERTED(), COUNTED_FROM_ONE()]
-    tree = _read(path)
+    files = Files("mobgap_lab", UNITS_CONVERTED(), COUNTED_FROM_ONE())
+    notes, tree = files.notes, _read(files.need(f"{ROOT}/{participant}/data.mat"))
     if len(key) not in (2, 3):
         raise RecordingError(f"{participant}/data.mat holds no trial")
     measure, test, trial = key if len(key) == 3 else (USUAL, *key)
@@ -119,14 +119,13 @@ def load_one(name: str) -> Walk:
         else:
             why.append(f"{system} saw no walking bout")
     chosen = next(iter(systems), None)
-    person, known = _person(participant, measure, notes)
-    flags.append(known)
+    person = _person(participant, measure, files)
     reference = systems[chosen] if chosen else _system([], "", rate, float(imu.time[-1]), notes)
     details = {key: value for key, value in reference.items() if key != "strides"} | person
     details |= {
         "trial": (float(imu.time[0]), float(imu.time[-1])), "test": test, "trial_name": trial,
         "straight": test in STRAIGHT_TESTS, "reference_system": chosen, "systems": systems,
-        "no_reference": None if chosen else "; ".join(why), "verified": all(flags),
+        "no_reference": None if chosen else "; ".join(why), "verified": files.verified,
     }  # fmt: skip
     recording = Recording({"lower_back": imu}, rate, name, participant, tuple(notes))
     return Walk(recording, _reference(imu.time, reference, chosen) if chosen else None, details)
@@ -295,16 +294,14 @@ def _reference(time: AnyArray, details: dict[str, Any], system: str) -> Estimate
     return Estimate(time, Legs(None, None), None, distance, valid, source, details["strides"])
 
 
-def _person(participant: str, measure: str, notes: list[Note]) -> tuple[dict[str, float | None], bool]:
-    """Body measures, and whether jgait lists the file."""
+def _person(participant: str, measure: str, files: Files) -> dict[str, float | None]:
+    """Body measures; None where unknown."""
     about: dict[str, Any] = {}
-    known = True
+    path = files.find(f"{ROOT}/{participant}/infoForAlgo.mat")
     try:
-        path, known = registry.file("mobgap_lab", f"{ROOT}/{participant}/infoForAlgo.mat")
-        about = _descend(_read(path), f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
-    except registry.DatasetUnavailable as error:
-        notes.append(FILE_ABSENT(dataset=error.dataset, file=error.file))
+        if path is not None:
+            about = _descend(_read(path), f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
     except RecordingError as error:
-        notes.append(PERSON_UNKNOWN(reason=error))
+        files.notes.append(PERSON_UNKNOWN(reason=error))
     measures = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}
-    return {ours: value if np.isfinite(value) else None for ours, value in measures.items()}, known
+    return {ours: value if np.isfinite(value) else None for ours, value in measures.items()}

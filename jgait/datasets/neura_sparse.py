@@ -25,10 +25,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.datasets import registry
+from jgait.datasets import reading, registry
 from jgait.datasets.notes import SENSOR_FILE_ABSENT
-from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
-from jgait.notes import LOSSES, Kind
+from jgait.datasets.reading import Files
+from jgait.geometry.sagittal import leg_in_plane, low_pass_heading, path_walked
+from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 IMU_LATE = Kind(
@@ -37,7 +38,6 @@ IMU_LATE = Kind(
     "the IMU lags Vicon by {samples} samples: first {samples} IMU samples, last {samples} Vicon frames dropped",
     "Two measuring systems began at different moments; they were put on one clock.",
 )
-PACKETS_MASKED = Kind("packets_masked", "check", "{lost} packets of {placement} were lost and are masked", LOSSES)
 
 RATE_HZ = 100.0
 LAG = 2  # [samples] delay of the IMU against Vicon
@@ -77,35 +77,23 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One trial: nine sensors, and Vicon as an `Estimate`."""
     trials, list_known = _trials()
-    frames = trials[name]
-    files = {placement: registry.file("neura_sparse", path) for placement, path in _sensor_paths(name).items()}
-    if not files:
+    files = Files("neura_sparse", IMU_LATE(samples=LAG))
+    tables = {placement: _read_sensor(files.need(path)) for placement, path in _sensor_paths(name).items()}
+    if not tables:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
-    vicon_path, vicon_known = registry.file("neura_sparse", f"{ROOT}/vicon/{name}.mat")
-    tables = {placement: _read_sensor(path) for placement, (path, _) in files.items()}
-    vicon = _read_vicon(vicon_path)
-    contact, contact_known = _read_contact(name)
+    vicon = _read_vicon(files.need(f"{ROOT}/vicon/{name}.mat"))
+    contact = _read_contact(name, files)
 
-    sensors, lost = _on_one_clock(tables)
-    samples = min(len(next(iter(sensors.values())).time), len(vicon["RHJC"]) - LAG)
-    sensors = {
-        p: Imu(
-            imu.time[:samples], imu.gyr[:samples], None if imu.acc is None else imu.acc[:samples], imu.mask[:samples]
-        )
-        for p, imu in sensors.items()
-    }
+    sensors = _on_one_clock(tables, len(vicon["RHJC"]) - LAG, files.notes)
+    samples = len(next(iter(sensors.values())).time)
     vicon = {key: values[:samples] for key, values in vicon.items()}
     contact = {side: flags[:samples] for side, flags in contact.items()}
-
-    notes = [IMU_LATE(samples=LAG)]
-    notes += [PACKETS_MASKED(placement=placement, lost=count) for placement, count in lost.items() if count]
     lacking = [placement for placement in SERIALS if placement not in sensors]
     if lacking:
-        notes.append(SENSOR_FILE_ABSENT(placements=lacking))
-    recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(notes))
-    reference, details = _reference(name, frames, sensors, vicon, contact)
-    verified = all([list_known, vicon_known, contact_known, *(known for _, known in files.values())])
-    return Walk(recording, reference, {**details, "verified": verified})
+        files.notes.append(SENSOR_FILE_ABSENT(placements=lacking))
+    recording = Recording(sensors, RATE_HZ, name, name.split("-")[0], tuple(files.notes))
+    reference, details = _reference(name, trials[name], sensors, vicon, contact)
+    return Walk(recording, reference, {**details, "verified": list_known and files.verified})
 
 
 def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
@@ -131,35 +119,17 @@ def _listed(pattern: str) -> list[str]:
 
 def _read_sensor(path: Path) -> np.ndarray:
     """(n, 7): packet counter, gyroscope [rad/s], accelerometer [m/s²]."""
-    import pandas as pd
-
     columns = ["PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z"]
-    table = pd.read_csv(path, comment="/")
-    lacking = [column for column in columns if column not in table.columns]
-    if lacking:
-        raise RecordingError(f"{path.name} has no column {lacking[0]}; it has {', '.join(map(str, table.columns))}")
-    values = table[columns].to_numpy(np.float64)
-    if len(values) < 2:
-        raise RecordingError(f"{path.name} has {len(values)} samples; at least 2 are needed")
-    return values
+    return reading.samples(path, columns, comment="/")
 
 
-def _on_one_clock(tables: dict[str, np.ndarray]) -> tuple[dict[str, Imu], dict[str, int]]:
-    """Sensors on one time axis by packet counter, the lag removed; and the number of lost packets of each sensor."""
-    counters = {p: np.unwrap(table[:, 0], period=65536).astype(np.int64) for p, table in tables.items()}
-    first = min(counter[0] for counter in counters.values()) + LAG
-    length = max(counter[-1] for counter in counters.values()) + 1 - first
-    sensors, lost = {}, {}
-    for placement, table in tables.items():
-        row = counters[placement] - first
-        keep = (row >= 0) & np.isfinite(table).all(axis=1)
-        mask = np.zeros(length, bool)
-        signals = np.zeros((length, 6))
-        mask[row[keep]] = True
-        signals[row[keep]] = table[keep, 1:]
-        sensors[placement] = Imu(np.arange(length) / RATE_HZ, signals[:, :3], signals[:, 3:], mask)
-        lost[placement] = int(length - mask.sum())
-    return sensors, lost
+def _on_one_clock(tables: dict[str, np.ndarray], most: int, notes: list[Note]) -> dict[str, Imu]:
+    """Sensors on one time axis of at most `most` samples by packet counter, the lag removed."""
+    for table in tables.values():
+        table[:, 0] = np.unwrap(table[:, 0], period=65536)
+    first = int(min(table[0, 0] for table in tables.values())) + LAG
+    length = int(max(table[-1, 0] for table in tables.values())) + 1 - first
+    return reading.on_counter(tables, first, min(length, most), RATE_HZ, notes)
 
 
 def _read_vicon(path: Path) -> dict[str, np.ndarray]:
@@ -175,15 +145,12 @@ def _read_vicon(path: Path) -> dict[str, np.ndarray]:
     return {key: np.asarray(content[key], np.float64) / 1000.0 for key in needed}
 
 
-def _read_contact(name: str) -> tuple[dict[str, np.ndarray], bool]:
-    import pandas as pd
-
-    try:
-        path, known = registry.file("neura_sparse", f"{ROOT}/rawstep-detect/{name}-revStepDetect.csv")
-    except registry.DatasetUnavailable:
-        return {}, True
-    table = pd.read_csv(path)
-    return {"right": table["stepR"].to_numpy() == 1, "left": table["stepL"].to_numpy() == 1}, known
+def _read_contact(name: str, files: Files) -> dict[str, np.ndarray]:
+    path = f"{ROOT}/rawstep-detect/{name}-revStepDetect.csv"
+    if path not in registry.listing("neura_sparse", f"{ROOT}/rawstep-detect", Path(path).name):
+        return {}
+    table = reading.table(files.need(path), ("stepR", "stepL"))
+    return {side: table[f"step{side[0].upper()}"].to_numpy() == 1 for side in SIDES}
 
 
 def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
@@ -227,8 +194,6 @@ def _reference(
     vicon: dict[str, np.ndarray],
     contact: dict[str, np.ndarray],
 ) -> tuple[Estimate, dict[str, PyTree]]:
-    from scipy.ndimage import gaussian_filter1d
-
     heading = pelvis_heading(vicon)
     pelvis = (vicon["LASI"] + vicon["RASI"] + vicon["LPSI"] + vicon["RPSI"])[:, :2] / 4
     windows = _windows(name, frames, sensors, heading)
@@ -245,13 +210,11 @@ def _reference(
         for key, marker in (("heel", "HEE"), ("toe", "TOE")):
             if side[0].upper() + marker in vicon:
                 centres[side][key] = vicon[side[0].upper() + marker]
-    smooth = gaussian_filter1d(pelvis, PATH_SMOOTHING_S * RATE_HZ, axis=0, mode="nearest")
-    path = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
     estimate = Estimate(
         time=np.arange(len(heading)) / RATE_HZ,
         legs=Legs(legs["right"], legs["left"]),
         stddev=None,
-        distance=np.concatenate([[0.0], np.cumsum(path)]),
+        distance=path_walked(pelvis, RATE_HZ),
         valid=np.ones(len(heading), bool),
         diagnostics={"source": "Vicon joint centres in the pelvis' sagittal plane"},
     )

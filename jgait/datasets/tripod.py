@@ -30,8 +30,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.datasets import registry
-from jgait.datasets.notes import SAMPLES_MASKED, SENSOR_FILE_ABSENT
+from jgait.datasets import reading, registry
+from jgait.datasets.notes import SENSOR_FILE_ABSENT
+from jgait.datasets.reading import Files
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -80,41 +81,33 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One trial: up to five sensors, and the belt's distance as an `Estimate`."""
     folder = _folders()[name]
-    tables, flags = {}, []
-    notes: list[Note] = []
+    files, tables = Files("tripod"), {}
     for code, placement in SENSORS.items():
-        try:
-            path, known = registry.file("tripod", f"{folder}/IMU/{code}.csv")
-        except registry.DatasetUnavailable:
-            notes.append(SENSOR_FILE_ABSENT(placements=placement))
-            continue
-        tables[placement] = _read_sensor(path)
-        flags.append(known)
+        path = files.find(f"{folder}/IMU/{code}.csv", SENSOR_FILE_ABSENT(placements=placement))
+        if path is not None:
+            tables[placement] = _read_sensor(path)
     if not tables:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SENSORS)}")
-    sensors = _on_one_clock(tables, notes)
+    sensors = _on_one_clock(tables, files.notes)
     time = next(iter(sensors.values())).time
     swings = {side: _swings(sensors[f"shank_{side}"].gyr[:, 2], side) for side in SIDES if f"shank_{side}" in sensors}
     windows = _windows(swings, len(time))
-    zebris, known = _optional(f"{folder}/Zebris/gait_report/parameters.csv", _read_zebris, notes)
-    flags.append(known)
-    optogait, known = _optional(f"{folder}/OptoGait/optogait.csv", _read_optogait, notes)
-    flags.append(known)
+    zebris = _optional(files, f"{folder}/Zebris/gait_report/parameters.csv", _read_zebris)
+    optogait = _optional(files, f"{folder}/OptoGait/optogait.csv", _read_optogait)
     _shift_clock(optogait, swings)
     subject, trial = name.split("/")
-    person, known = _optional(str(Path(folder).parent.parent / "MetaInfo.csv"), _read_people, notes)
-    flags.append(known)
+    person = _optional(files, str(Path(folder).parent.parent / "MetaInfo.csv"), _read_people)
     about = person.get(subject.removeprefix("Sub_"), {})
     speed = about.get(trial, zebris.get("speed"))
     reference, why = _reference(time, windows, speed)
-    return Walk(Recording(sensors, RATE_HZ, name, subject, tuple(notes)), reference, {
+    return Walk(Recording(sensors, RATE_HZ, name, subject, tuple(files.notes)), reference, {
         "speed": speed,
         "leg_length": about.get("leg_length"),
         "windows": windows,
         "optogait": optogait,
         "zebris": zebris,
         "no_reference": why,
-        "verified": all(flags),
+        "verified": files.verified,
     })  # fmt: skip
 
 
@@ -128,14 +121,10 @@ def _folders() -> dict[str, str]:
     return folders
 
 
-def _optional(path: str, read: PyTree, notes: list[Note]) -> tuple[dict[str, PyTree], bool]:
-    """The content of a file and whether jgait lists the file; {} and a note where the file is missing."""
-    try:
-        local, known = registry.file("tripod", path)
-    except registry.DatasetUnavailable:
-        notes.append(TABLE_ABSENT(file=Path(path).name))
-        return {}, True
-    return read(local), known
+def _optional(files: Files, path: str, read: PyTree) -> dict[str, PyTree]:
+    """The content of a file; {} where the file is missing."""
+    local = files.find(path, TABLE_ABSENT(file=Path(path).name))
+    return {} if local is None else read(local)
 
 
 def _read_sensor(path: Path) -> np.ndarray:
@@ -153,23 +142,13 @@ def _read_sensor(path: Path) -> np.ndarray:
 
 def _on_one_clock(tables: dict[str, np.ndarray], notes: list[Note]) -> dict[str, Imu]:
     """Sensors on the time that all of them cover; missing samples of a sensor are masked."""
-    rows = {placement: np.rint(table[:, 0] * RATE_HZ).astype(np.int64) for placement, table in tables.items()}
-    first = max(int(row[0]) for row in rows.values())
-    length = min(int(row[-1]) for row in rows.values()) + 1 - first
+    for table in tables.values():
+        table[:, 0] = np.rint(table[:, 0] * RATE_HZ)
+    first = max(int(table[0, 0]) for table in tables.values())
+    length = min(int(table[-1, 0]) for table in tables.values()) + 1 - first
     if length < RATE_HZ:
         raise RecordingError(f"the sensors have {max(length, 0) / RATE_HZ:.2f} s in common; 1 s is needed")
-    sensors = {}
-    for placement, table in tables.items():
-        row = rows[placement] - first
-        keep = (row >= 0) & (row < length) & np.isfinite(table).all(axis=1)
-        mask = np.zeros(length, bool)
-        signals = np.zeros((length, 6))
-        mask[row[keep]] = True
-        signals[row[keep]] = table[keep, 1:]
-        sensors[placement] = Imu(np.arange(length) / RATE_HZ, signals[:, :3], signals[:, 3:], mask)
-        if not mask.all():
-            notes.append(SAMPLES_MASKED(placement=placement, masked=(~mask).sum(), samples=length))
-    return sensors
+    return reading.on_counter(tables, first, length, RATE_HZ, notes)
 
 
 def _swings(rate: AnyArray, side: str) -> np.ndarray:
@@ -222,12 +201,7 @@ def _read_zebris(path: Path) -> dict[str, float]:
 
 def _read_optogait(path: Path) -> dict[str, dict[str, np.ndarray]]:
     """Side → strides; each row of the file is a contact with the stride that ends at the contact."""
-    import pandas as pd
-
-    table = pd.read_csv(path)
-    lacking = [column for column, _, _ in OPTOGAIT.values() if column not in table.columns]
-    if lacking or "L/R" not in table.columns:
-        raise RecordingError(f"{path.name} has no column {[*lacking, 'L/R'][0]}")
+    table = reading.table(path, [*(column for column, _, _ in OPTOGAIT.values()), "L/R"])
     strides = {}
     begin = table.loc[table["L/R"].isin(["L", "R"]), "Split"].to_numpy(np.float64)[:1]
     for side in SIDES:

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.datasets import registry
+from jgait.datasets import reading, registry
 from jgait.datasets.notes import SIDE_UNKNOWN, UNITS_CONVERTED
 from jgait.datasets.one_foot import foot_imu
 from jgait.notes import LOSSES, ORIGIN, Kind
-from jgait.types import Recording, RecordingError, Walk
+from jgait.types import Recording, Walk
 
 STANDARD_GRAVITY = 9.80665  # [m/s²] one g
 TIME = "Time (s)"
@@ -46,14 +46,8 @@ def names() -> list[str]:
 
 def load_one(name: str) -> Walk:
     """One walk."""
-    import pandas as pd
-
     path, known = registry.file("xio_gait", f"{name}.csv")
-    table = pd.read_csv(path)
-    lacking = [column for column in (TIME, *GYROSCOPE, *ACCELEROMETER) if column not in table.columns]
-    if lacking:
-        raise RecordingError(f"{path.name} has no column {lacking[0]!r}; it has {', '.join(map(str, table.columns))}")
-    values = table[[TIME, *GYROSCOPE, *ACCELEROMETER]].to_numpy(np.float64)
+    values = reading.samples(path, (TIME, *GYROSCOPE, *ACCELEROMETER))
     fresh = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
     values = values[fresh]
     gyr, acc = np.deg2rad(values[:, 1:4]), values[:, 4:] * STANDARD_GRAVITY

@@ -38,19 +38,12 @@ def foot(strides, mount=None, swing=0.6, stance=0.5, lift=0.1, pitch=0.8, delay=
     return Imu(time, gyr, force, np.ones(len(time), bool))
 
 
-def test_exponential_equals_scipy():
-    vectors = np.random.default_rng(0).normal(size=(20, 3)) * np.logspace(-9, 0.3, 20)[:, None]
-    np.testing.assert_allclose(
-        foot_reference.exponential(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-14
-    )
-
-
 @pytest.mark.parametrize(
     "acc", [[0.0, 0, 9], [0, 0, -9], [1e-9, 0, -9], [3, -4, 2], [9, 0, 0], [0, 1e-5, -1], [0, 1e-14, -1]]
 )
 def test_level_turns_gravity_up_by_the_smallest_rotation(acc):
     acc = np.array(acc, float)
-    turn = foot_reference.level(acc)
+    turn = foot_reference.level(acc).as_matrix()
     np.testing.assert_allclose(turn @ acc, [0, 0, np.linalg.norm(acc)], atol=1e-8)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)

@@ -108,7 +108,7 @@ def test_the_lag_is_taken_off_and_lost_packets_are_masked(written):
     np.testing.assert_array_equal(thigh.gyr[~thigh.mask], 0.0)
     np.testing.assert_array_equal(thigh.gyr[thigh.mask], shank.gyr[thigh.mask])
     assert shank.mask.all()
-    assert "3 packets of thigh_right were lost and are masked" in texts(recording.notes)
+    assert "thigh_right: 3 of 1198 samples are masked" in texts(recording.notes)
 
 
 def test_angles_position_distance_and_windows(written):

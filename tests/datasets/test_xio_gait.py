@@ -66,9 +66,9 @@ def test_bad_files_are_named_and_the_others_are_not_lost(folder):
     walks = datasets.load("xio_gait")
     assert [walk.recording.name for walk in walks] == ["good_walk"]
     reasons = dict(walks.failures)
-    assert "a_walk.csv has no column 'Time (s)'" in reasons["a_walk"]
+    assert "a_walk.csv has no column Time (s)" in reasons["a_walk"]
     assert "time must run forwards; it does not after sample 0" in reasons["b_walk"]
-    assert "at least 2 samples" in reasons["c_walk"]
+    assert "c_walk.csv has 1 samples; at least 2 are needed" in reasons["c_walk"]
 
 
 # --- the real file ---

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jgait import datasets
-from jgait.datasets.foot_reference import exponential
 
 RATE, PERIOD, STRIDES = 200.0, 1.2, 8
 AMPLITUDE = {"swing": 6.0, "strike": -3.0, "push": -3.5}
@@ -81,7 +81,7 @@ def test_a_leg_with_known_figures(gait):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_how_the_sensors_sit_does_not_matter(gait, seed):
-    turn = exponential(np.random.default_rng(seed).normal(size=(1, 3)) * 2)[0]
+    turn = Rotation.from_rotvec(np.random.default_rng(seed).normal(size=3) * 2).as_matrix()
     signals, truth, windows = leg(turn)
     check(gait.figures(signals, RATE, windows, gait.Truth(**truth)), gait)
 
