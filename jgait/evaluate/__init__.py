@@ -12,16 +12,14 @@ from jgait.evaluate.errors import (
     trajectory_errors,
     yaw_aligned,
 )
-from jgait.evaluate.reliability import Icc, Limits, icc, icc21, limits_of_agreement
+from jgait.evaluate.reliability import Icc, Limits, icc21, limits_of_agreement
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import (
     AGREEMENT,
     PairedDifference,
     agreement,
     bootstrap_interval,
-    cluster_bootstrap,
     paired_difference,
-    summary,
     with_errors,
 )
 from jgait.evaluate.store import Cohort
@@ -41,17 +39,14 @@ __all__ = [
     "Window",
     "agreement",
     "bootstrap_interval",
-    "cluster_bootstrap",
     "cohort",
     "distance_error",
     "foot_position_error",
-    "icc",
     "icc21",
     "limits_of_agreement",
     "nees_consistency",
     "nis_consistency",
     "paired_difference",
-    "summary",
     "trajectory_errors",
     "whiteness",
     "with_errors",

@@ -62,16 +62,15 @@ class Whiteness(NamedTuple):
     consistent: bool
 
 
-def nis_consistency(
-    nis: npt.ArrayLike, count: npt.ArrayLike, *, mask: npt.ArrayLike | None = None, level: float = 0.95
-) -> Consistency:
+def nis_consistency(nis: npt.ArrayLike, count: npt.ArrayLike, *, level: float = 0.95) -> Consistency:
     """Chi-square test of the innovations ν against the filter's covariance S: the sum of ν'S⁻¹ν is chi-square.
 
     Args:
         nis: (T,) normalised innovation squared, as in the posterior of `jgait.filtering`.
         count: (T,) or a number: number of components that were observed in each step.
-        mask: (T,) bool, False where a step is left out; steps with count 0 or a NaN are always left out.
         level: probability that a consistent filter lies inside each band [1].
+
+    Steps with count 0 or a NaN are left out.
 
     Raises:
         ValueError: if shapes do not fit or no step remains.
@@ -80,7 +79,7 @@ def nis_consistency(
     if squares.ndim != 1 or np.shape(count) not in ((), squares.shape):
         raise ValueError(f"nis must be (T,) and count (T,) or a number; got {squares.shape} and {np.shape(count)}")
     freedom = np.broadcast_to(as_float(count), squares.shape)
-    used = _mask(mask, squares.shape) & np.isfinite(squares) & (freedom > 0)
+    used = np.isfinite(squares) & (freedom > 0)
     return _chi_square(squares[used], freedom[used], level, "nis")
 
 
@@ -89,7 +88,6 @@ def nees_consistency(
     *,
     covariance: npt.ArrayLike | None = None,
     stddev: npt.ArrayLike | None = None,
-    mask: npt.ArrayLike | None = None,
     level: float = 0.95,
 ) -> Consistency:
     """Chi-square test of the estimation errors e against the filter's covariance P: the sum of e'P⁻¹e is chi-square.
@@ -98,10 +96,9 @@ def nees_consistency(
     are correlated, and their mean leaves the band more often than 1 − level, even if the filter is right.
 
     Args:
-        error: (N, n) estimate − truth, or (N,) of one state.
+        error: (N, n) estimate − truth, or (N,) of one state; rows with a NaN are left out.
         covariance: (N, n, n) the filter's covariance; give either `covariance` or `stddev`.
         stddev: (N, n), or (N,), the filter's standard deviations; errors of the states are then assumed independent.
-        mask: (N,) bool, False where a row is left out; rows with a NaN are always left out.
         level: probability that a consistent filter lies inside each band [1].
 
     Raises:
@@ -114,7 +111,7 @@ def nees_consistency(
         raise ValueError(f"error must be (N, n) or (N,); got {errors.shape}")
     if (covariance is None) == (stddev is None):
         raise ValueError("exactly one of covariance and stddev must be given")
-    size, used = errors.shape[1], _mask(mask, errors.shape[:1]) & np.isfinite(errors).all(axis=1)
+    size, used = errors.shape[1], np.isfinite(errors).all(axis=1)
     if stddev is not None:
         spread = as_float(stddev)
         spread = spread[:, None] if spread.ndim == 1 else spread
@@ -137,15 +134,6 @@ def nees_consistency(
     return _chi_square(squares, np.full(squares.shape, float(size)), level, "error")
 
 
-def _mask(mask: npt.ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
-    if mask is None:
-        return np.ones(shape, bool)
-    given = np.asarray(mask)
-    if given.dtype != np.bool_ or given.shape != shape:
-        raise ValueError(f"mask must be bool of shape {shape}; got {given.dtype} of shape {given.shape}")
-    return given
-
-
 def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: str) -> Consistency:
     from scipy import stats
 
@@ -161,9 +149,7 @@ def _chi_square(squares: np.ndarray, freedom: np.ndarray, level: float, name: st
     return Consistency(mean, float(low), float(high), share, squares.size, round(total), bool(low <= mean <= high))
 
 
-def whiteness(
-    innovations: npt.ArrayLike, *, lags: int = 20, mask: npt.ArrayLike | None = None, level: float = 0.95
-) -> Whiteness:
+def whiteness(innovations: npt.ArrayLike, *, lags: int = 20, level: float = 0.95) -> Whiteness:
     """Whiteness of innovations: autocorrelations up to a lag, and Ljung and Box's test of all of them.
 
     r_k = (Σ ν_t ν_{t+k} / n_k) / (Σ ν_t² / n), Q = (n + 2)/n Σ n_k r_k², with n_k the number of pairs of observed
@@ -171,10 +157,10 @@ def whiteness(
     innovations of a consistent filter have mean 0, and the test is to detect a bias.
 
     Args:
-        innovations: (T, m) or (T,), evenly spaced; divide them by their standard deviations where these change.
-            Components are tested as if independent: whiten components that are correlated within a step.
+        innovations: (T, m) or (T,), evenly spaced, NaN where there was no observation; divide them by their standard
+            deviations where these change. Components are tested as if independent: whiten components that are
+            correlated within a step.
         lags: number of lags.
-        mask: (T, m), (T,) or as the innovations, bool, False where there was no observation; NaN is no observation.
         level: probability that white noise passes the test [1].
 
     Raises:
@@ -185,10 +171,6 @@ def whiteness(
     check_level(level)
     values = as_float(innovations)
     finite = np.isfinite(values)
-    if mask is not None:
-        rows = np.shape(mask) == values.shape[:1] and values.ndim == 2
-        given = _mask(mask, values.shape[:1] if rows else values.shape)
-        finite &= given[:, None] if rows else given
     if values.ndim not in (1, 2) or not 0 < lags < len(values):
         raise ValueError(f"innovations must be (T, m) or (T,) with T > lags > 0; got {values.shape} and {lags} lags")
     values, finite = values.reshape(len(values), -1), finite.reshape(len(values), -1)

@@ -108,15 +108,6 @@ def _icc_interval(
     return (float(low), float(high)) if np.isfinite([low, high]).all() else (np.nan, np.nan)
 
 
-def icc(estimate: npt.ArrayLike, reference: npt.ArrayLike, *, level: float = 0.95) -> Icc:
-    """ICC(2,1) of an estimate and its reference, (n,) each, as two raters; see `icc21`.
-
-    Raises:
-        ValueError: if the two differ in length, hold fewer than two values, or one is not finite.
-    """
-    return icc21(np.stack(finite_pair(estimate, reference, "estimate", "reference"), axis=1), level=level)
-
-
 def limits_of_agreement(
     estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None, level: float = 0.95
 ) -> Limits:

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import PyTree
 
-from jgait.evaluate.errors import DistanceError
 from jgait.evaluate.reliability import (
     check_level,
     finite_pair,
@@ -52,29 +51,6 @@ class PairedDifference(NamedTuple):
     def worse_beyond_noise(self) -> bool:
         """Whether the whole interval is above 0: errors increased."""
         return self.low > 0.0
-
-
-def summary(errors: "pd.DataFrame | Sequence[DistanceError]") -> "pd.DataFrame":
-    """Median, worst value, mean and number of values of each numeric column of a table, or of several `DistanceError`.
-
-    The worst is the value furthest from 0, with its sign; missing values do not count.
-
-    Raises:
-        ValueError: if the table has no row or no numeric column.
-    """
-    import pandas as pd
-
-    table = errors if isinstance(errors, pd.DataFrame) else pd.DataFrame(list(errors), columns=DistanceError._fields)
-    table = table.select_dtypes("number")
-    if table.empty:
-        raise ValueError("no errors to summarise: the table has no rows or no numeric column")
-    rows = {}
-    for column in table.columns:
-        values = table[column].dropna().to_numpy(dtype=float)
-        worst = values[np.argmax(np.abs(values))] if values.size else np.nan
-        median, mean = (np.median(values), values.mean()) if values.size else (np.nan, np.nan)
-        rows[column] = {"median": median, "worst": worst, "mean": mean, "n": values.size}
-    return pd.DataFrame.from_dict(rows, orient="index").astype({"n": int})
 
 
 def _draws(count: int, seed: int, level: float, resamples: int) -> Iterator[np.ndarray]:
@@ -123,41 +99,6 @@ def bootstrap_interval(
     if data.ndim != 1 or data.size < 2 or not np.isfinite(data).all():
         raise ValueError(f"bootstrap needs at least two finite values in one dimension; got shape {data.shape}")
     return _ends([statistic(data[draw]) for draw in _draws(data.size, seed, level, resamples)], level)
-
-
-def cluster_bootstrap(
-    table: "pd.DataFrame",
-    statistic: Callable[["pd.DataFrame"], PyTree],
-    *,
-    by: str = "subject",
-    seed: int,
-    level: float = 0.95,
-    resamples: int = 2000,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic of a table, drawing whole subjects with all their rows.
-
-    `by` is the column that names the subject. In a resampled table it has the number of the draw (0 … n − 1): a subject
-    drawn twice is two subjects, also for a statistic that groups by subject. Other arguments and the result are as of
-    `bootstrap_interval`.
-
-    Raises:
-        ValueError: if column `by` is missing, there are fewer than two subjects, or a statistic is not finite.
-    """
-    require_columns(table, (by,))
-    codes, count = number_subjects(table[by])
-    if count < 2:
-        raise ValueError(f"bootstrap over {by!r} needs at least two of them; the table has {count}")
-    order, sizes = np.argsort(codes, kind="stable"), np.bincount(codes)
-    groups = np.split(order, np.cumsum(sizes)[:-1])
-    numbers = np.arange(count)
-    values = []
-    for draw in _draws(count, seed, level, resamples):
-        drawn = table.take(np.concatenate([groups[cluster] for cluster in draw]))
-        values.append(float(statistic(drawn.assign(**{by: np.repeat(numbers, sizes[draw])}))))
-    if not np.isfinite(values).all():
-        bad = int(np.sum(~np.isfinite(values)))
-        raise ValueError(f"the statistic must be finite on every resample; it was not on {bad} of {resamples}")
-    return _ends(values, level)
 
 
 def paired_difference(

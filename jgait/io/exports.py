@@ -4,24 +4,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jgait.io.strides import GAITMAP_SENSORS, strides_to_dataframe, to_gaitmap
+from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
-GAITMAP_PARAMETERS = {
-    "stride_length": "stride length [m]",
-    "gait_velocity": "gait velocity [m/s]",
-    "ic_angle": "ic angle [deg]",
-    "tc_angle": "tc angle [deg]",
-    "turning_angle": "turning angle [deg]",
-    "max_sensor_lift": "max. sensor lift [m]",
-    "stride_time": "stride time [s]",
-    "swing_time": "swing time [s]",
-    "stance_time": "stance time [s]",
-}
-"""Name of a parameter in gaitmap → gaitmap's name with the unit."""
+GAITMAP_PARAMETERS = (
+    "stride_length", "gait_velocity", "ic_angle", "tc_angle", "turning_angle", "max_sensor_lift", "stride_time",
+    "swing_time", "stance_time",
+)  # fmt: skip
+"""Names of the parameters in gaitmap, in its order."""
 
 BREAK = 3.0
 """[s] Longest break between two strides of one walking bout, mobgap's default."""
@@ -43,14 +36,7 @@ class MobgapTables(NamedTuple):
     per_wb_parameters: "pd.DataFrame"
 
 
-def to_gaitmap_parameters(
-    estimate: Estimate,
-    sampling_rate_hz: float,
-    *,
-    first_sample: float = 0.0,
-    sensors: tuple[str, str] = GAITMAP_SENSORS,
-    with_units: bool = False,
-) -> "dict[str, pd.DataFrame]":
+def to_gaitmap_parameters(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.DataFrame]":
     """The parameters of each foot's strides under gaitmap's names, for the strides of `to_gaitmap`.
 
     Columns, each if the estimate has it: `stride_length` [m]; `gait_velocity` [m/s], the length over the time from
@@ -61,9 +47,6 @@ def to_gaitmap_parameters(
     Args:
         estimate: of one recording, with `strides` that have contacts and standing.
         sampling_rate_hz: as `to_gaitmap`; the order of a stride's events is checked at this rate.
-        first_sample: as `to_gaitmap`.
-        sensors: as `to_gaitmap`.
-        with_units: name the columns as gaitmap's `parameters_pretty_`, "stride length [m]", and the index "stride id".
 
     Returns:
         Sensor → table; the table of a foot without a sensor is empty.
@@ -73,7 +56,7 @@ def to_gaitmap_parameters(
     """
     import pandas as pd
 
-    lists = to_gaitmap(estimate, sampling_rate_hz, first_sample=first_sample, sensors=sensors)
+    lists = to_gaitmap(estimate, sampling_rate_hz)
     table = strides_to_dataframe(estimate).set_index("s_id")
     given = {
         "stride_length": table.get("stride_length_m"),
@@ -90,28 +73,19 @@ def to_gaitmap_parameters(
         given["max_sensor_lift"] = table["lift_m"] + table["stride_height_m"].clip(lower=0.0)
     columns = {name: given[name] for name in GAITMAP_PARAMETERS if given.get(name) is not None}
     whole = pd.DataFrame(columns, index=table.index)
-    tables = {sensor: whole.loc[rows.index] for sensor, rows in lists.items()}
-    if with_units:
-        tables = {
-            sensor: rows.rename(columns=GAITMAP_PARAMETERS).rename_axis("stride id") for sensor, rows in tables.items()
-        }
-    return tables
+    return {sensor: whole.loc[rows.index] for sensor, rows in lists.items()}
 
 
-def to_mobgap(
-    estimate: Estimate, sampling_rate_hz: float, *, first_sample: float = 0.0, max_break_s: float = BREAK
-) -> MobgapTables:
+def to_mobgap(estimate: Estimate, sampling_rate_hz: float) -> MobgapTables:
     """Initial contacts, strides and walking bouts under mobgap's names.
 
     In mobgap a stride begins and ends with an initial contact, so a first stride from standing is left out. A bout
-    continues if the next stride begins at most `max_break_s` after the end of the last; mobgap's selection of strides
+    continues if the next stride begins at most `BREAK` after the end of the last; mobgap's selection of strides
     and bouts (`StrideSelection`, `WbAssembly`) can be run on `per_stride_parameters`.
 
     Args:
         estimate: of one recording, with `strides` that have contacts.
-        sampling_rate_hz: of mobgap's data [Hz].
-        first_sample: time of the first sample of mobgap's data [s], on the clock of the estimate.
-        max_break_s: longest break in a bout [s].
+        sampling_rate_hz: of mobgap's data [Hz], whose first sample is at time 0 of the estimate.
 
     Returns:
         The tables; without rows if there are no strides.
@@ -127,13 +101,13 @@ def to_mobgap(
         raise ValueError(f"mobgap's strides need contacts; these have no {', '.join(lacking)}")
     if "standing_s" in table:
         table = table[~(table["standing_s"] < table["start_s"])]
-    contacts = _contacts(estimate, table, sampling_rate_hz, first_sample)
-    strides = _strides(table, sampling_rate_hz, first_sample, max_break_s)
+    contacts = _contacts(estimate, table, sampling_rate_hz)
+    strides = _strides(table, sampling_rate_hz)
     return MobgapTables(contacts, strides, _bouts(strides, contacts, sampling_rate_hz))
 
 
-def _samples(seconds: "np.ndarray", rate: float, first: float) -> np.ndarray:
-    return np.round((np.asarray(seconds, np.float64) - first) * rate).astype(np.int64)
+def _samples(seconds: "np.ndarray", rate: float) -> np.ndarray:
+    return np.round(np.asarray(seconds, np.float64) * rate).astype(np.int64)
 
 
 def _sides(names: "np.ndarray | list[str]") -> "pd.Categorical":
@@ -142,33 +116,33 @@ def _sides(names: "np.ndarray | list[str]") -> "pd.Categorical":
     return pd.Categorical(names, categories=["left", "right"])
 
 
-def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float, first: float) -> "pd.DataFrame":
+def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     """Initial contacts in the estimate's diagnostics, or else those at the ends of its strides."""
     import pandas as pd
 
     diagnostics = estimate.diagnostics
     if "initial_contact" in diagnostics and "initial_contact_side" in diagnostics:
-        ic = _samples(as_float(diagnostics["initial_contact"]), rate, first)
+        ic = _samples(as_float(diagnostics["initial_contact"]), rate)
         side = np.asarray(SIDES, dtype=object)[np.asarray(diagnostics["initial_contact_side"]).astype(int)]
     else:
-        ic = np.concatenate([_samples(table[name].to_numpy(), rate, first) for name in ("start_s", "end_s")])
+        ic = np.concatenate([_samples(table[name].to_numpy(), rate) for name in ("start_s", "end_s")])
         side = np.concatenate([table["side"].to_numpy(dtype=object)] * 2)
     contacts = pd.DataFrame({"ic": ic, "lr_label": side}).drop_duplicates().sort_values("ic", kind="stable")
     contacts = contacts.reset_index(drop=True).rename_axis(index="step_id")
     return contacts.assign(lr_label=_sides(contacts["lr_label"].to_numpy(dtype=object)))
 
 
-def _strides(table: "pd.DataFrame", rate: float, first: float, max_break_s: float) -> "pd.DataFrame":
+def _strides(table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     import pandas as pd
 
     begin, end = table["start_s"].to_numpy(np.float64), table["end_s"].to_numpy(np.float64)
     order = np.argsort(begin, kind="stable")
     begin, end, table = begin[order], end[order], table.iloc[order]
-    fresh = np.concatenate([[True], begin[1:] - np.maximum.accumulate(end)[:-1] > max_break_s])[: len(begin)]
+    fresh = np.concatenate([[True], begin[1:] - np.maximum.accumulate(end)[:-1] > BREAK])[: len(begin)]
     bouts = np.cumsum(fresh)
     columns = pd.DataFrame({
-        "wb_id": bouts - 1, "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate, first),
-        "end": _samples(end, rate, first), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
+        "wb_id": bouts - 1, "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate),
+        "end": _samples(end, rate), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
         "stride_duration_s": end - begin, "cadence_spm": 120.0 / (end - begin),
     })  # fmt: skip
     for name in ("stride_length_m", "walking_speed_mps"):

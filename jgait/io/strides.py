@@ -98,13 +98,7 @@ def _rows(estimate: Estimate) -> np.ndarray:
     return valid[np.argsort(as_float(first)[valid], kind="stable")]
 
 
-def to_gaitmap(
-    estimate: Estimate,
-    sampling_rate_hz: float,
-    *,
-    first_sample: float = 0.0,
-    sensors: tuple[str, str] = GAITMAP_SENSORS,
-) -> "dict[str, pd.DataFrame]":
+def to_gaitmap(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.DataFrame]":
     """The strides of each foot as gaitmap's stride list of type `min_vel`: from standing to standing, in samples.
 
     Columns, all whole numbers: `start` and `min_vel`, when the foot stands; `end`, when the foot stands again, the
@@ -114,12 +108,10 @@ def to_gaitmap(
 
     Args:
         estimate: of one recording, with `strides` that have contacts and standing.
-        sampling_rate_hz: of gaitmap's data [Hz].
-        first_sample: time of the first sample of gaitmap's data [s], on the clock of the estimate.
-        sensors: names of the right and the left foot's sensor in gaitmap's data.
+        sampling_rate_hz: of gaitmap's data [Hz], whose first sample is at time 0 of the estimate.
 
     Returns:
-        Sensor → stride list; the list of a foot without a sensor is empty.
+        `GAITMAP_SENSORS` → stride list; the list of a foot without a sensor is empty.
 
     Raises:
         ValueError: if the estimate has no strides, no contacts or no standing, or the rate is not positive.
@@ -134,7 +126,7 @@ def to_gaitmap(
     if lacking:
         raise ValueError(f"gaitmap's strides need contacts and standing; these have no {', '.join(lacking)}")
     start, final_contact, end, standing, standing_end = (
-        np.round((as_float(getattr(strides, name))[rows] - first_sample) * sampling_rate_hz) for name in TIMES
+        np.round(as_float(getattr(strides, name))[rows] * sampling_rate_hz) for name in TIMES
     )
     events = {
         "start": standing, "end": standing_end, "min_vel": standing, "pre_ic": start, "tc": final_contact, "ic": end,
@@ -142,7 +134,7 @@ def to_gaitmap(
     ordered = np.logical_and.reduce([events[a] < events[b] for a, b in itertools.pairwise(GAITMAP_ORDER)])
     side = np.asarray(strides.side)[rows]
     tables = {}
-    for number, sensor in enumerate(sensors):
+    for number, sensor in enumerate(GAITMAP_SENSORS):
         of_side = np.flatnonzero(ordered & (side == number))
         table = pd.DataFrame({name: events[name][of_side].astype(np.int64) for name in GAITMAP_COLUMNS})
         table.index = pd.Index(of_side, name="s_id", dtype=np.int64)

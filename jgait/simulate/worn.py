@@ -139,8 +139,7 @@ def _readings(
 
 def walk(
     key: PRNGKeyArray, person: Person, along: Route, time: Float[AnyArray, "time"], errors: ImuErrors = IDEAL, *,
-    capacity: int, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
-    clock_of: Mapping[str, Clock] | None = None,
+    capacity: int, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """Simulate one walk; pure, so that it can be jitted, mapped over people and differentiated.
 
@@ -152,7 +151,6 @@ def walk(
         errors: errors and mounting of the sensors.
         capacity: largest number of steps that the arrays hold; at least `person.gait.steps`. Static.
         placements: where sensors are worn, see `jgait.PLACEMENTS`. Static.
-        mounts: positions on the segments that differ from `mount` [m].
         clock_of: placement → a clock with errors; the sensor samples at times that differ from its time stamps.
 
     Returns:
@@ -160,18 +158,18 @@ def walk(
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    read, moving, known = _walked(reads, person, laid, time, errors, tuple(placements), mounts, clock_of)
+    read, moving, known = _walked(reads, person, laid, time, errors, tuple(placements), clock_of)
     return read, _truth(laid, moving, known)
 
 
 def _walked(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    placements: tuple[str, ...], mounts: Mapping[str, Vector] | None, clock_of: Mapping[str, Clock] | None,
+    placements: tuple[str, ...], clock_of: Mapping[str, Clock] | None,
 ) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
     """The readings of a planned walk, its motion (see `moved`), and the other parts of its truth."""
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    places = {name: mount(person.body, name) for name in placements} | dict(mounts or {})
+    places = {name: mount(person.body, name) for name in placements}
     own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
     right = {name: place for name, place in places.items() if name not in own}
     read = {}
@@ -276,8 +274,8 @@ def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> t
 
 def recording(
     key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
-    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, mounts: Mapping[str, Vector] | None = None,
-    clock_of: Mapping[str, Clock] | None = None, name: str = "simulated", subject: str = "simulated",
+    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
+    name: str = "simulated", subject: str = "simulated",
 ) -> tuple[Recording, Truth]:  # fmt: skip
     """Simulate one walk and return records of the library.
 
@@ -288,7 +286,6 @@ def recording(
         errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        mounts: positions on the segments that differ from `mount` [m].
         clock_of: placement → a clock with errors.
         name: name of the recording in tables and figures.
         subject: name of the subject.
@@ -308,20 +305,20 @@ def recording(
     laid, last, left = limits(key, person, along)
     check_slack(person, left, "on this route")
     length = roomy(samples_in(last, rate))
-    worn, true = simulated(key, person, laid, last, length, errors, rate, placements, mounts, clock_of)
+    worn, true = simulated(key, person, laid, last, length, errors, rate, placements, clock_of)
     return Recording(worn, rate, name, subject), true
 
 
 def simulated(
     key: PRNGKeyArray, person: Person, laid: Plan, last: float, length: int, errors: ImuErrors, rate: float,
-    placements: Sequence[str], mounts: Mapping[str, Vector] | None = None, clock_of: Mapping[str, Clock] | None = None,
+    placements: Sequence[str], clock_of: Mapping[str, Clock] | None = None,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
     """One planned walk of `last` seconds, in NumPy arrays; computed in arrays of `length` samples."""
     time = np.arange(length) / rate
-    walked = _walk(key, person, laid, time, errors, tuple(placements), mounts, clock_of)
+    walked = _walk(key, person, laid, time, errors, tuple(placements), clock_of)
     read, *parts = jax.tree.map(np.asarray, walked)
     read, true = trimmed(read, _truth(laid, *parts), samples_in(last, rate))
-    return {name: read[name] for name in (*placements, *(mounts or {}))}, true
+    return {name: read[name] for name in placements}, true
 
 
 QUICKLY = {"xla_backend_optimization_level": 0}
@@ -332,9 +329,9 @@ time; a walk of 20 s then takes 60 ms instead of 26 ms."""
 @partial(jax.jit, static_argnames=("placements",), compiler_options=QUICKLY)
 def _walk(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    placements: tuple[str, ...], mounts: Mapping[str, Vector] | None, clock_of: Mapping[str, Clock] | None,
+    placements: tuple[str, ...], clock_of: Mapping[str, Clock] | None,
 ) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
-    return _walked(jax.random.split(key)[1], person, laid, jnp.asarray(time), errors, placements, mounts, clock_of)
+    return _walked(jax.random.split(key)[1], person, laid, jnp.asarray(time), errors, placements, clock_of)
 
 
 @partial(jax.jit, static_argnames=("capacity",), compiler_options=QUICKLY)

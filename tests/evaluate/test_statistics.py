@@ -18,17 +18,15 @@ def cohort(sizes, *, seed=0, bias=0.01, between=0.03, within=0.02, quantity="str
     return evaluate.with_errors(pd.DataFrame({**table, "reference": reference}))
 
 
-def test_summary_of_a_table_and_of_distances():
-    table = pd.DataFrame({"hip_deg": [1.0, 2.0, 9.0], "rel_error": [-0.5, 0.1, np.nan], "name": ["a", "b", "c"]})
-    result = evaluate.summary(table)
-    assert result.loc["hip_deg"].to_dict() == {"median": 2.0, "worst": 9.0, "mean": 4.0, "n": 3.0}
-    assert result.loc["rel_error", "worst"] == -0.5
-    assert result.loc["rel_error", "n"] == 2
-    assert "name" not in result.index
-    errors = [evaluate.DistanceError(1.0 + e, 1.0, e, abs(e), e, 0.0) for e in (-0.2, 0.1)]
-    both = evaluate.summary(errors)
-    assert both.loc["abs_error", "mean"] == pytest.approx(0.15)
-    assert both.loc["error", "worst"] == -0.2
+def icc(estimate, reference):
+    return evaluate.icc21(np.stack([estimate, reference], axis=1))
+
+
+def over_subjects(table, statistic, *, seed, resamples):
+    """Interval of a statistic of a table of which whole subjects are drawn."""
+    rng, people = np.random.default_rng(seed), [rows for _, rows in table.groupby("subject", sort=False)]
+    draws = [rng.integers(0, len(people), len(people)) for _ in range(resamples)]
+    return tuple(np.quantile([statistic(pd.concat([people[k] for k in draw])) for draw in draws], [0.025, 0.975]))
 
 
 def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
@@ -48,47 +46,6 @@ def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
 
 
 # --- over subjects ---
-
-
-def test_one_row_a_subject_makes_the_cluster_bootstrap_the_plain_one():
-    values = np.random.default_rng(4).normal(size=30)
-    table = pd.DataFrame({"subject": np.arange(30), "value": values})
-    clustered = evaluate.cluster_bootstrap(table, lambda rows: np.median(rows["value"]), seed=5, resamples=300)
-    assert clustered == evaluate.bootstrap_interval(values, seed=5, resamples=300)
-
-
-def test_equal_strides_do_not_narrow_the_interval():
-    one = pd.DataFrame({"subject": list("abcdefgh"), "value": np.arange(8.0)})
-    often = pd.concat([one] * 50).sample(frac=1.0, random_state=0)
-    mean = {"statistic": lambda rows: rows["value"].mean(), "seed": 0, "resamples": 500}
-    np.testing.assert_allclose(
-        np.diff(evaluate.cluster_bootstrap(often, **mean)), np.diff(evaluate.cluster_bootstrap(one, **mean)), rtol=0.15
-    )
-
-
-def test_a_subject_drawn_twice_is_two_to_a_statistic_that_groups():
-    table = pd.DataFrame({"subject": ["a", "b", "b", "c"], "value": [0.0, 1.0, 3.0, 9.0]})
-    seen = []
-
-    def count(rows):
-        seen.append(rows["value"].groupby(rows["subject"]).sum().to_list())
-        return float(rows["subject"].nunique())
-
-    assert evaluate.cluster_bootstrap(table, count, seed=0, resamples=50) == (3.0, 3.0)
-    assert all(set(sums) <= {0.0, 4.0, 9.0} for sums in seen)
-    assert any(len(set(sums)) < 3 for sums in seen)
-
-
-def test_cluster_bootstrap_covers_the_mean_of_people_where_rows_taken_for_people_do_not():
-    covered = plain = 0
-    for seed in range(60):
-        table = cohort([8] * 25, seed=seed, bias=0.01, between=0.03, within=0.01)
-        low, high = evaluate.cluster_bootstrap(table, lambda rows: rows["error"].mean(), seed=seed, resamples=200)
-        covered += low <= 0.01 <= high
-        low, high = evaluate.bootstrap_interval(table["error"], np.mean, seed=seed, resamples=200)
-        plain += low <= 0.01 <= high
-    assert covered >= 48  # 6σ below 95 % would be 47; the percentile interval of 25 people covers about 93 %
-    assert plain <= 45
 
 
 def test_paired_difference_by_hand():
@@ -135,11 +92,11 @@ def test_icc_of_two_raters_by_the_components_of_variance():
     rng = np.random.default_rng(0)
     truth = rng.normal(0.0, 3.0, 4000)
     one, two = truth + rng.normal(0.0, 1.0, 4000), truth + rng.normal(0.0, 1.0, 4000)
-    assert evaluate.icc(one, two).value == pytest.approx(0.9, abs=0.01)
+    assert icc(one, two).value == pytest.approx(0.9, abs=0.01)
     # an offset d between two raters has variance d²/2 and counts against absolute agreement
-    assert evaluate.icc(one + 2.0, two).value == pytest.approx(9.0 / (9.0 + 1.0 + 2.0), abs=0.01)
+    assert icc(one + 2.0, two).value == pytest.approx(9.0 / (9.0 + 1.0 + 2.0), abs=0.01)
     pair = np.stack([one[:50], two[:50]], axis=1)
-    assert evaluate.icc(one[:50], two[:50]) == evaluate.icc21(pair)
+    assert icc(one[:50], two[:50]) == evaluate.icc21(pair)
     np.testing.assert_allclose(evaluate.icc21(1e6 + 10.0 * pair)[:3], evaluate.icc21(pair)[:3], rtol=1e-6)
 
 
@@ -154,9 +111,9 @@ def test_the_interval_of_icc_covers():
 
 
 def test_icc_where_nothing_or_everything_agrees():
-    assert evaluate.icc([1.0, 2.0, 4.0], [1.0, 2.0, 4.0]) == (1.0, 1.0, 1.0, 3)
-    assert np.isnan(evaluate.icc([1.0, 1.0], [1.0, 1.0])[:3]).all()
-    assert evaluate.icc([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]).value < 0.0
+    assert icc([1.0, 2.0, 4.0], [1.0, 2.0, 4.0]) == (1.0, 1.0, 1.0, 3)
+    assert np.isnan(icc([1.0, 1.0], [1.0, 1.0])[:3]).all()
+    assert icc([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]).value < 0.0
 
 
 # --- limits of agreement ---
@@ -251,20 +208,18 @@ def test_a_row_of_agreement_holds_what_its_parts_say():
     slow = {"seed": 4, "resamples": 300}
     np.testing.assert_allclose(
         row[["mae_low", "mae_high"]],
-        evaluate.cluster_bootstrap(length, lambda rows: rows["abs_error"].mean(), **slow),
+        over_subjects(length, lambda rows: rows["abs_error"].mean(), **slow),
     )
-    assert row["icc"] == pytest.approx(evaluate.icc(length["estimate"], length["reference"]).value)
+    assert row["icc"] == pytest.approx(icc(length["estimate"], length["reference"]).value)
     np.testing.assert_allclose(
         row[["icc_low", "icc_high"]],
-        evaluate.cluster_bootstrap(
-            length, lambda rows: evaluate.icc(rows["estimate"], rows["reference"]).value, **slow
-        ),
+        over_subjects(length, lambda rows: icc(rows["estimate"], rows["reference"]).value, **slow),
         rtol=1e-9,
     )
     width = table[table["quantity"] == "stride_width"]
     np.testing.assert_allclose(
         result.loc["stride_width", ["icc", "icc_low", "icc_high"]],
-        evaluate.icc(width["estimate"], width["reference"])[:3],
+        icc(width["estimate"], width["reference"])[:3],
     )
 
 
@@ -287,8 +242,6 @@ def test_a_statistic_that_cannot_be_computed_is_nan():
 
 def test_refusals_state_what_was_wrong():
     table = cohort([2, 2])
-    with pytest.raises(ValueError, match="no errors to summarise"):
-        evaluate.summary([])
     with pytest.raises(ValueError, match="at least two finite values"):
         evaluate.bootstrap_interval([1.0], seed=0)
     with pytest.raises(ValueError, match=r"level must lie in \(0, 1\); got 95"):
@@ -296,13 +249,9 @@ def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match="resamples must be positive; got 0"):
         evaluate.bootstrap_interval([1.0, 2.0], seed=0, resamples=0)
     with pytest.raises(ValueError, match=r"\['person'\] missing"):
-        evaluate.cluster_bootstrap(table, len, by="person", seed=0)
-    with pytest.raises(ValueError, match="at least two of them; the table has 1"):
-        evaluate.cluster_bootstrap(table[:2], len, seed=0)
-    with pytest.raises(ValueError, match="not on 3 of 3"):
-        evaluate.cluster_bootstrap(table, lambda rows: np.nan, seed=0, resamples=3)
+        evaluate.agreement(table, by="person")
     with pytest.raises(ValueError, match="every row needs a subject; 1 of 4 have none"):
-        evaluate.cluster_bootstrap(table.assign(subject=["a", "a", None, "b"]), len, seed=0)
+        evaluate.agreement(table.assign(subject=["a", "a", None, "b"]))
     with pytest.raises(ValueError, match="after must be finite; 1 of 2 are not"):
         evaluate.paired_difference([1.0, 2.0], [1.0, np.nan], ["a", "b"], seed=0)
     with pytest.raises(ValueError, match="at least two subjects; got 1"):
@@ -312,7 +261,7 @@ def test_refusals_state_what_was_wrong():
     with pytest.raises(ValueError, match=r"n, k >= 2; got shape \(3, 1\)"):
         evaluate.icc21(np.ones((3, 1)))
     with pytest.raises(ValueError, match=r"same n >= 2; got \(3,\) and \(2,\)"):
-        evaluate.icc([1.0, 2.0, 3.0], [1.0, 2.0])
+        evaluate.limits_of_agreement([1.0, 2.0, 3.0], [1.0, 2.0])
     with pytest.raises(ValueError, match="limits of agreement need at least two subjects; got 1"):
         evaluate.limits_of_agreement([1.0, 2.0], [1.0, 2.0], subjects=["a", "a"])
     with pytest.raises(ValueError, match=r"each of 2 rows; got shape \(3,\)"):

@@ -66,25 +66,16 @@ UP_UNKNOWN = Kind(
 UP_DEDUCED = Kind("up_deduced", "info", "{axis} points up, for {why}", DEDUCED)
 
 
-def read_c3d(
-    path: str | os.PathLike[str],
-    *,
-    unit: str | None = None,
-    up: str | None = None,
-    name: str | None = None,
-    subject: str | None = None,
-) -> Capture:
+def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
     """Markers, analog signals and events of a C3D file; `joint_centres` makes a body's joints of the markers.
 
     Args:
         path: the file.
         unit: of the markers, 'mm', 'm', 'cm' or 'in', overrules the file.
         up: the file's axis that points up, such as '+y', overrules the file.
-        name: name of the recording in tables and figures; None: the file's name without its ending.
-        subject: name of the person; None: as in the file's labels, else "subject".
 
     Returns:
-        The capture in metres and seconds.
+        The capture in metres and seconds, called by the file, the person by the file's labels.
 
     Raises:
         OSError: if the file does not exist, or may not be read.
@@ -99,17 +90,17 @@ def read_c3d(
     check_file(file, EXPECTED)
     raw = apart(_load, file, EXPECTED, "ezc3d")
     with reading(file, EXPECTED):
-        return _capture(file, raw, unit, up, name, subject)
+        return _capture(file, raw, unit, up)
 
 
-def _capture(file: Path, raw: Tree, unit: str | None, up: str | None, name: str | None, subject: str | None) -> Capture:
+def _capture(file: Path, raw: Tree, unit: str | None, up: str | None) -> Capture:
     """The capture in ezc3d's tree; arguments as of `read_c3d`."""
     parameters = raw["parameters"]
     notes: list[Note] = []
     rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
     values = np.moveaxis(np.asarray(raw["data"]["points"], np.float64)[:3], 0, 2)  # (markers, T, 3)
     samples = values.shape[1]
-    labels, subject_of_labels = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
+    labels, subject = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
     markers, outputs = _apart(parameters, labels, values)
     metres = UNITS[unit] if unit is not None else _metres(parameters, markers, file, notes)
     markers = {label: metres * place for label, place in markers.items()}
@@ -124,7 +115,7 @@ def _capture(file: Path, raw: Tree, unit: str | None, up: str | None, name: str 
         (first + np.arange(samples)) / rate, rate, markers, axis, outputs,
         first / rate + np.arange(count) / (analog_rate or 1.0), analog_rate, analog, units, _events(parameters, file),
         {key: each["value"] for key, each in parameters.get("FORCE_PLATFORM", {}).items() if "value" in each},
-        file.stem if name is None else name, subject or subject_of_labels or "subject", tuple(notes),
+        file.stem, subject or "subject", tuple(notes),
     )  # fmt: skip
 
 

@@ -46,7 +46,6 @@ def recording_from_gaitmap(
     placements: Mapping[str, str] = GAITMAP_PLACEMENTS,
     name: str = "recording",
     subject: str = "subject",
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from gaitmap's data of several sensors, in gaitmap's sensor frame.
 
@@ -57,7 +56,6 @@ def recording_from_gaitmap(
         placements: gaitmap's name of a sensor → its placement.
         name: name of the recording in tables and figures.
         subject: name of the person.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Returns:
         The recording in SI units.
@@ -77,9 +75,7 @@ def recording_from_gaitmap(
         )
     parts = gaitmap_parts(tables, frame, name, placements)
     chosen = {part.label: placements[part.label] for part in parts if part.label in placements}
-    return settle(
-        Measured(parts, name, subject), placements=chosen, sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes
-    )
+    return settle(Measured(parts, name, subject), placements=chosen, sampling_rate_hz=sampling_rate_hz)
 
 
 def recording_from_mobgap(
@@ -90,7 +86,6 @@ def recording_from_mobgap(
     frame: str | None = None,
     name: str = "recording",
     subject: str = "subject",
-    check_sizes: bool = True,
 ) -> Recording:
     """A recording from mobgap's data of one sensor, in mobgap's sensor frame.
 
@@ -101,7 +96,6 @@ def recording_from_mobgap(
         frame: 'sensor' or 'body'; None: deduced from the names.
         name: name of the recording in tables and figures.
         subject: name of the person.
-        check_sizes: refuse units that the size of the signals contradicts.
 
     Raises:
         ValueError: for an unknown frame.
@@ -110,7 +104,7 @@ def recording_from_mobgap(
     if frame is None:
         frame = "body" if set(BODY_MOBGAP) <= set(map(str, table.columns)) else "sensor"
     part = mobgap_part(table, frame, name)._replace(placement=placement)
-    return settle(Measured([part], name, subject), sampling_rate_hz=sampling_rate_hz, check_sizes=check_sizes)
+    return settle(Measured([part], name, subject), sampling_rate_hz=sampling_rate_hz)
 
 
 def gaitmap_parts(

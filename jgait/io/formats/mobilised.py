@@ -69,7 +69,6 @@ def read_mobilised(
     path: str | os.PathLike[str],
     *,
     trial: str | None = None,
-    device: str | None = None,
     name: str | None = None,
     subject: str | None = None,
     check_sizes: bool = True,
@@ -80,8 +79,6 @@ def read_mobilised(
         path: the file.
         trial: one of `mobilised_trials`, or the end of its name if only one ends so ('Test5/Trial1'); None: the file
             has one only.
-        device: 'SU', 'SU_INDIP' or 'SU_INDIP2' for the sensors of one device; None: all, where two devices wore one at
-            the same place the first of these.
         name: name of the recording in tables and figures; None: the file's folder and the trial.
         subject: name of the person; None: the folder in which the file lies.
         check_sizes: refuse units that the size of the signals contradicts.
@@ -91,34 +88,21 @@ def read_mobilised(
 
     Raises:
         OSError: if the file does not exist, or may not be read.
-        ValueError: for an unknown device.
         RecordingError: if the file is not in this format, lacks the trial or has many, or holds no usable recording.
     """
-    _check_device(device)
     with reading(Path(path), EXPECTED):
-        content = _measured(Path(path), trial, device)
+        content = _measured(Path(path), trial)
         return settle(content, name=name, subject=subject, check_sizes=check_sizes)
 
 
-def read_all_mobilised(
-    path: str | os.PathLike[str], *, device: str | None = None, subject: str | None = None, check_sizes: bool = True
-) -> dict[str, Recording]:
-    """Every trial of a Mobilise-D file, read once: trial → recording; arguments and errors as `read_mobilised`."""
+def read_all_mobilised(path: str | os.PathLike[str]) -> dict[str, Recording]:
+    """Every trial of a Mobilise-D file, read once: trial → recording; errors as `read_mobilised`."""
     file = Path(path)
-    _check_device(device)
     with reading(file, EXPECTED):
-        return {
-            trial: settle(_of_trial(file, trial, tree, device), subject=subject, check_sizes=check_sizes)
-            for trial, tree in _trials(file).items()
-        }
+        return {trial: settle(_of_trial(file, trial, tree)) for trial, tree in _trials(file).items()}
 
 
-def _check_device(device: str | None) -> None:
-    if device is not None and device not in DEVICES:
-        raise ValueError(f"device must be one of {', '.join(DEVICES)}; got {device!r}")
-
-
-def _measured(path: Path, trial: str | None, device: str | None = None) -> Measured:
+def _measured(path: Path, trial: str | None) -> Measured:
     every = _trials(path)
     if trial is None:
         if len(every) > 1:
@@ -134,7 +118,7 @@ def _measured(path: Path, trial: str | None, device: str | None = None) -> Measu
     if len(chosen) != 1:
         what = f"has no trial {trial!r}" if not chosen else f"has {len(chosen)} trials that end in {trial!r}"
         raise RecordingError(f"{path.name} {what}; its trials are {', '.join(chosen or every)}")
-    return _of_trial(path, chosen[0], every[chosen[0]], device)
+    return _of_trial(path, chosen[0], every[chosen[0]])
 
 
 def _trials(path: Path) -> dict[str, Tree]:
@@ -191,15 +175,12 @@ def _descend(tree: Tree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:
             yield from _descend(below, (*above, key))
 
 
-def _of_trial(path: Path, trial: str, tree: Tree, device: str | None) -> Measured:
+def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
     """The sensors of one trial."""
     where = f"{path.name}, {trial}"
-    worn = [each for each in DEVICES if isinstance(tree.get(each), dict)]
-    if device is not None and device not in worn:
-        raise RecordingError(f"{where} has no device {device}; it has {', '.join(worn)}")
     notes, left_out = list[Note](), list[str]()
     parts, starts = list[Part](), list[float | None]()
-    for each in worn if device is None else [device]:
+    for each in (device for device in DEVICES if isinstance(tree.get(device), dict)):
         for place, sensor in tree[each].items():
             if not isinstance(sensor, dict) or "Gyr" not in sensor:
                 left_out.append(f"{each}.{place} (no gyroscope)")

@@ -66,15 +66,12 @@ class OpenSimMotion(NamedTuple):
     notes: tuple[Note, ...]
 
 
-def read_opensim(
-    path: str | os.PathLike[str], *, degrees: bool | None = None, name: str | None = None
-) -> OpenSimMotion:
+def read_opensim(path: str | os.PathLike[str], *, degrees: bool | None = None) -> OpenSimMotion:
     """The columns of an OpenSim motion in SI units; `opensim_reference` makes an `Estimate` of them.
 
     Args:
         path: the file.
         degrees: whether angles are in degrees, overrules the file.
-        name: name of the recording in tables and figures; None: the file's name without its ending.
 
     Returns:
         The motion.
@@ -87,10 +84,10 @@ def read_opensim(
     file = Path(path)
     check_file(file, EXPECTED)
     with reading(file, EXPECTED):
-        return _motion(file, degrees, name)
+        return _motion(file, degrees)
 
 
-def _motion(file: Path, degrees: bool | None, name: str | None) -> OpenSimMotion:
+def _motion(file: Path, degrees: bool | None) -> OpenSimMotion:
     header, skipped, names = _header(file)
     kind = header.get("datatype", "double").lower()
     if kind != "double":
@@ -114,7 +111,7 @@ def _motion(file: Path, degrees: bool | None, name: str | None) -> OpenSimMotion
         degrees = _told_degrees(file, columns, notes)
     if degrees:
         columns |= {column: np.deg2rad(columns[column]) for column in angles}
-    return OpenSimMotion(time, columns, angles, file.stem if name is None else name, tuple(notes))
+    return OpenSimMotion(time, columns, angles, file.stem, tuple(notes))
 
 
 def opensim_reference(

@@ -1,4 +1,4 @@
-"""Motion capture replayed: the readings of virtual sensors, perfect or with errors, from joint centres.
+"""Motion capture replayed: the readings of perfect virtual sensors, from joint centres.
 
 A smoothing spline through each joint centre gives its position, velocity and acceleration at any time; the segments'
 axes are built from the points and differentiated exactly. So a real walk gives signals without noise, soft tissue or
@@ -16,10 +16,10 @@ already smooth: cut-offs from 10 to 25 Hz give the same. With white noise of 1 m
 """
 
 from jgait.simulate.replay.body import JointCentres, LegCentres, PelvisMarkers, Replay, body_motion, frames
-from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, acceleration_noise, covered, evaluate, smooth
+from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, covered, evaluate, smooth
 from jgait.simulate.replay.wear import from_walk, mount, replay
 
 __all__ = [
     "CUTOFF_HZ", "MAX_GAP", "JointCentres", "LegCentres", "PelvisMarkers", "Replay", "Trajectory",
-    "acceleration_noise", "body_motion", "covered", "evaluate", "frames", "from_walk", "mount", "replay", "smooth",
+    "body_motion", "covered", "evaluate", "frames", "from_walk", "mount", "replay", "smooth",
 ]  # fmt: skip

@@ -163,11 +163,3 @@ def covered(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
 def evaluate(trajectory: Trajectory, time: np.ndarray) -> Motion[np.ndarray]:
     """Position [m], velocity [m/s] and acceleration [m/s²] of a smoothed point, each (T, 3), at times (T,) [s]."""
     return Motion(*(trajectory.spline(time, nu) for nu in range(3)))
-
-
-def acceleration_noise(noise: float, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> float:
-    """Standard deviation σ_a [m/s²] of a spline's second derivative that is caused by white noise σ of the points [m].
-
-    σ_a² = σ² / f_s · ∫ (2πν)⁴ / (1 + (ν/f)⁶)² dν = σ² / f_s · (2π)⁴ f⁵ π / 9,   away from the ends and f ≪ f_s / 2
-    """
-    return noise * math.sqrt((2.0 * math.pi) ** 4 * cutoff_hz**5 * math.pi / 9.0 / rate_hz)

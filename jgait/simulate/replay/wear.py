@@ -1,21 +1,20 @@
 """Sensors on a replayed body, and the truth in the type of an estimate."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray, PyTree
+from jaxtyping import PyTree
 
 from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
 from jgait.geometry.segments import Motion, in_segment, inertial, segment_of
 from jgait.geometry.vectors import Vector
 from jgait.simulate.replay.body import JointCentres, LegCentres, Replay, body_motion, median
 from jgait.simulate.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
-from jgait.simulate.sensors import ImuErrors, measure
-from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Maybe, Recording, as_float
+from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, as_float
 
 _PLACES = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "ankle", "foot") for side in SIDES))
 _BEHIND = 0.1  # [m] distance of the pelvis' sensor behind the middle of the hips
@@ -23,7 +22,6 @@ _ABOVE = 0.05  # [m] height of the foot's sensor above the middle of heel and to
 _SHARE = {"thigh": 0.5, "shank": 0.5, "ankle": 0.9}  # [1] position along the bone, from its proximal end
 
 _inertial = jax.jit(jax.vmap(inertial))
-_measure = jax.jit(jax.vmap(measure, in_axes=(0, None, 0, 0, None, 0)))
 
 
 def replay(
@@ -31,29 +29,21 @@ def replay(
     rate_hz: float,
     *,
     placements: Sequence[str] | None = None,
-    offsets: Mapping[str, Sequence[float]] | None = None,
-    errors: ImuErrors | None = None,
-    key: PRNGKeyArray | None = None,
     cutoff_hz: float = CUTOFF_HZ,
     noise: float | None = None,
     max_gap: float = MAX_GAP,
-    name: str = "replayed",
-    subject: str = "replayed",
 ) -> tuple[Recording, Estimate]:
-    """The readings of virtual sensors on this body, and the truth at the same times.
+    """The readings of perfect sensors on this body, and the truth at the same times.
+
+    For readings with errors, pass those of a sensor on to `jgait.simulate.sensors.measure`.
 
     Args:
         points: points measured by motion capture.
         rate_hz: sampling rate of the sensors [Hz].
         placements: placements of the sensors; None: pelvis, thigh, shank, ankle and foot, as far as measured.
-        offsets: placement → (3,) [m] offset of the sensor from `mount`, in the segment's axes.
-        errors: errors of the sensors; None for perfect sensors.
-        key: PRNG key of these errors.
         cutoff_hz: frequency at which the splines halve the amplitude [Hz].
         noise: standard deviation of the points' noise [m]; if given, chooses the cut-off of each point separately.
         max_gap: longest gap that is interpolated [s]; samples in longer gaps are masked.
-        name: name of the recording in tables and figures.
-        subject: name of the subject.
 
     Returns:
         The recording, each sensor in the axes of its segment (x forward, y left, z up), and the truth: legs in the
@@ -61,10 +51,8 @@ def replay(
         the segments [m], and for each point the spline's residual [m] and cut-off [Hz].
 
     Raises:
-        ValueError: if the points are malformed, a placement cannot be had, or errors come without a key.
+        ValueError: if the points are malformed, or a placement cannot be had.
     """
-    if errors is not None and key is None:
-        raise ValueError("errors of the sensors are random: give a key")
     if not 0.0 < rate_hz < math.inf:
         raise ValueError(f"rate_hz must be positive; got {rate_hz:g}")
     start, end = checked_time(points.time)[[0, -1]]
@@ -74,11 +62,10 @@ def replay(
     body = body_motion(points, time, cutoff_hz=cutoff_hz, noise=noise, max_gap=max_gap)
     there = [place for place in _PLACES if getattr(body.motion.pose, segment_of(place)) is not None]
     chosen = there if placements is None else list(placements)
-    lacking = [place for place in (*chosen, *(offsets or {})) if place not in there]
+    lacking = [place for place in chosen if place not in there]
     if lacking or not chosen:
         raise ValueError(f"sensors can be placed at {', '.join(there)}; got {', '.join(lacking) or 'none'}")
-    sensors = _sensors(body, chosen, offsets or {}, errors, key)
-    return Recording(sensors, rate_hz, name, subject), _truth(points, body, rate_hz)
+    return Recording(_sensors(body, chosen), rate_hz, "replayed", "replayed"), _truth(points, body, rate_hz)
 
 
 def mount(body: Replay, placement: str) -> np.ndarray:
@@ -105,32 +92,14 @@ def _length(body: Replay, part: str, side: str) -> float:
     return median(np.linalg.norm(bone, axis=1), getattr(body.valid, f"{part}_{side}"))
 
 
-def _sensors(
-    body: Replay,
-    placements: list[str],
-    offsets: Mapping[str, Sequence[float]],
-    errors: ImuErrors | None,
-    key: Maybe[PRNGKeyArray],
-) -> dict[str, Imu]:
-    places, frames = [], []
-    for placement in placements:
-        offset = as_float(offsets.get(placement, (0.0, 0.0, 0.0)))
-        if offset.shape != (3,):
-            raise ValueError(f"offsets[{placement!r}] must be (3,); got {offset.shape}")
-        places.append(mount(body, placement) + offset)
-        frames.append([getattr(order, segment_of(placement)) for order in body.motion])
+def _sensors(body: Replay, placements: list[str]) -> dict[str, Imu]:
+    places = [mount(body, placement) for placement in placements]
+    frames = [[getattr(order, segment_of(placement)) for order in body.motion] for placement in placements]
     stacked: Motion[PyTree] = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *(Motion(*f) for f in frames))
     gyr, acc = (jnp.stack(felt, axis=-1) for felt in _inertial(stacked, Vector(*map(jnp.asarray, np.stack(places).T))))
-    lost = np.zeros(gyr.shape[:2], bool)
-    if errors is not None:
-        flipped = errors.left_flipped * np.asarray([placement.endswith("left") for placement in placements], float)
-        keys = jax.random.split(key, len(placements))
-        clock = jnp.asarray(body.time - body.time[0], gyr.dtype)
-        read = _measure(keys, clock, gyr, acc, errors, jnp.asarray(flipped, gyr.dtype))
-        gyr, acc, lost = read.gyr, read.acc, ~np.asarray(read.mask)
     sensors = {}
     for i, placement in enumerate(placements):
-        mask = getattr(body.valid, segment_of(placement)) & ~lost[i]
+        mask = getattr(body.valid, segment_of(placement))
         rate, force = (np.where(mask[:, None], as_float(signal[i]), 0.0) for signal in (gyr, acc))
         sensors[placement] = Imu(body.time, rate, force, mask)
     return sensors
