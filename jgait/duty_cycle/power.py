@@ -28,6 +28,9 @@ JOULES_PER_WATT_HOUR = 3600.0
 PAPER_UNIT = 1.4
 """Unit of the paper's schedules [s]: a tenth of the paper's period of 14 s, about the duration of a stride."""
 
+MOST_UNITS = 10
+"""[1] Largest number of units in the period of a schedule from a duty cycle; the paper's tenths need as many."""
+
 
 class Sensor(NamedTuple):
     """The power of a sensor.
@@ -77,20 +80,17 @@ class Battery(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """A periodic schedule: an on-time, followed by an off-time.
+    """A periodic schedule: an on-time, all of it measured, followed by an off-time, at whose end the sensor wakes up.
 
     Attributes:
         on: units on in each period [1].
         off: units off in each period [1]; 0: the sensor is always on.
         unit: length of a unit [s].
-        ahead: True: the sensor wakes up at the end of the off-time, and the whole on-time is measured (the paper);
-            False: the sensor wakes up at the start of the on-time, whose first samples are lost.
     """
 
     on: int
     off: int
     unit: float = PAPER_UNIT
-    ahead: bool = True
 
     @property
     def period(self) -> float:
@@ -146,41 +146,36 @@ def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
     if schedule.off == 0:
         return
     on_time, off_time = schedule.on * schedule.unit, schedule.off * schedule.unit
-    if sensor.wake_up > on_time or (sensor.wake_up == on_time and not schedule.ahead):
+    if sensor.wake_up > on_time:
         raise ValueError(
             f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its on-time of {on_time:g} s: it would "
             f"spend more on waking than on measuring; make the unit or the duty cycle longer"
         )
-    if schedule.ahead and sensor.wake_up > off_time:
+    if sensor.wake_up > off_time:
         raise ValueError(
             f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its off-time of {off_time:g} s: it would "
             f"never be off; make the unit longer or leave the sensor on"
         )
 
 
-def schedule_of_duty(
-    duty: float, unit: float = PAPER_UNIT, *, largest: int = 10, ahead: bool = True, sensor: Sensor = GYROSCOPE
-) -> Schedule:
+def schedule_of_duty(duty: float, unit: float = PAPER_UNIT, *, sensor: Sensor = GYROSCOPE) -> Schedule:
     """The shortest schedule of whole units with a given duty cycle: p of q units on, p/q in lowest terms.
 
     Args:
         duty: share of the time in which the sensor is on [1], in (0, 1].
         unit: length of a unit [s].
-        largest: largest number of units in a period; the paper's tenths need 10.
-        ahead: see `Schedule`.
         sensor: the sensor that follows the schedule.
 
     Raises:
         ValueError: if `duty` is outside (0, 1] or no such fraction, or the sensor cannot follow the schedule.
     """
     check_duty(duty)
-    fraction = Fraction(duty).limit_denominator(largest)
+    fraction = Fraction(duty).limit_denominator(MOST_UNITS)
     if abs(float(fraction) - duty) > 1e-6 or fraction == 0:
         raise ValueError(
-            f"no schedule of at most {largest} units has a duty cycle of {duty:g}; the nearest is {fraction}, or allow "
-            f"more units with `largest`"
+            f"no schedule of at most {MOST_UNITS} units has a duty cycle of {duty:g}; the nearest is {fraction}"
         )
-    schedule = Schedule(fraction.numerator, fraction.denominator - fraction.numerator, unit, ahead)
+    schedule = Schedule(fraction.numerator, fraction.denominator - fraction.numerator, unit)
     check_schedule(schedule, sensor)
     return schedule
 
@@ -193,7 +188,7 @@ def mean_power(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
     """
     check_schedule(schedule, sensor)
     wake = sensor.wake_up if schedule.off else 0.0
-    on_time = schedule.on * schedule.unit - (0.0 if schedule.ahead else wake)
+    on_time = schedule.on * schedule.unit
     asleep = schedule.period - on_time - wake
     return (sensor.on * on_time + sensor.waking * wake + sensor.off * asleep) / schedule.period
 
@@ -206,7 +201,7 @@ def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
 def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
     """The (T,) masks of a schedule at the samples of a recording that starts with the on-time.
 
-    The sensor followed the schedule before the recording too: with `ahead`, the first sample is usable.
+    The sensor followed the schedule before the recording too: the first sample is usable.
 
     Raises:
         ValueError: if the sensor cannot follow the schedule, or the rate is not positive.
@@ -220,9 +215,7 @@ def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYR
     late = 0.01 / rate_hz
     phase = np.mod(np.arange(samples) / rate_hz + late, schedule.period)
     on = phase < schedule.on * schedule.unit
-    if schedule.ahead:
-        return Masks(on | (phase >= schedule.period - sensor.wake_up), on)
-    return Masks(on, on & (phase >= sensor.wake_up))
+    return Masks(on | (phase >= schedule.period - sensor.wake_up), on)
 
 
 def wake_samples(sensor: Sensor, rate_hz: float) -> int:

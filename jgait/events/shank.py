@@ -207,26 +207,25 @@ def check_rate(sampling_rate_hz: float) -> None:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
 
 
-def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, start_s: ArrayLike = 0.0) -> ShankEvents:
+def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> ShankEvents:
     """The paper's state machine over a recording; the filter and the machine run in one scan.
 
     Args:
         rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
         sampling_rate_hz: sampling rate [Hz]; static.
         d: settings.
-        start_s: time of the first sample [s].
 
     Returns:
-        The events at each sample (T,), times without the filter's delay.
+        The events at each sample (T,), times from the first sample on, without the filter's delay.
 
     Raises:
         ValueError: if the rate of the samples is not supported, or there is none.
     """
     check_rate(sampling_rate_hz)
     values = _rates(rate)
-    cascade = butterworth.sections(d.cutoff_hz, sampling_rate_hz)
+    cascade = butterworth.section(d.cutoff_hz, sampling_rate_hz)
     late = butterworth.delay(d.cutoff_hz, sampling_rate_hz)
-    time = start_s + jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
+    time = jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
 
     def one(carried: PyTree, sample: PyTree) -> PyTree:
         filtered, state = carried
@@ -239,7 +238,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE, star
     return found._replace(push_off=found.push_off - late, start=found.start - late, end=found.end - late)
 
 
-def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_s: ArrayLike = 0.0) -> ShankEvents:
+def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> ShankEvents:
     """The detector of swings over a recording (T,), on the rate filtered both ways: offline. Arguments as `phases`.
 
     Raises:
@@ -247,7 +246,7 @@ def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES, start_
     """
     check_rate(sampling_rate_hz)
     values = butterworth.low_pass_both_ways(_rates(rate), d.cutoff_hz, sampling_rate_hz)
-    time = start_s + jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
+    time = jnp.arange(values.shape[0], dtype=values.dtype) / sampling_rate_hz
     steps = (values, time)
     return lax.scan(lambda s, x: swing_step(d, s, x[0], x[1]), begin(values[0], time[0]), steps)[1]
 

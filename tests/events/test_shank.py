@@ -70,7 +70,7 @@ def test_a_foot_that_stops_ends_its_swing_in_time():
 
 def test_sample_by_sample_as_over_the_recording():
     rate, d = sagittal(TIME)[:600], shank_events.MACHINE
-    cascade = butterworth.sections(d.cutoff_hz, RATE)
+    cascade = butterworth.section(d.cutoff_hz, RATE)
     filtered, state = butterworth.at_rest(cascade, rate[0]), shank_events.begin(rate[0], 0.0)
     step, smooth = jax.jit(shank_events.phase_step), jax.jit(butterworth.step)
     online = []

@@ -109,7 +109,7 @@ class Filters(NamedTuple):
 def filters_of(p: AnkleParams, worn: Worn, options: AnkleOptions, dtype: DTypeLike) -> Filters:
     """The low-passes of the online estimator."""
     cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, DETECTORS[options.detector][1].cutoff_hz)
-    cascades = (butterworth.sections(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
+    cascades = (butterworth.section(jnp.asarray(hz, dtype), worn.rate_hz) for hz in cutoffs)
     return Filters(*cascades)
 
 

@@ -212,8 +212,7 @@ def _standing(
     """(T,) bool: samples with a zero-velocity update."""
     if detector == "adaptive":
         return events.inside(found, len(gyr))
-    flags = zero_velocity.zero_velocity(gyr, acc, hz, detector=detector, mask=mask)
-    return np.asarray(flags)
+    return zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
 
 
 def level(up: np.ndarray) -> np.ndarray:
