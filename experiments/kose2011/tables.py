@@ -137,9 +137,7 @@ def _contact_rows(suffix: str, s: contacts.Score, both: contacts.Score, share: f
 @partial(jax.jit, static_argnames="kind")
 def _true(p: VelocityUpdateParams, acc: Any, cycles: Cycles, dt: Any, kind: str) -> Any:
     """Displacement at the last sample, by integration of the true acceleration."""
-    ways: dict[str, Callable[..., Any]] = {
-        "update": velocity_update.updated, "frozen": velocity_update.frozen, "integrated": velocity_update.integrated,
-    }  # fmt: skip
+    ways: dict[str, Callable[..., Any]] = {"update": velocity_update.updated, **WAYS}
     return ways[kind](p, acc, cycles, dt).displacement[-1]
 
 

@@ -7,13 +7,55 @@
 from typing import Any
 
 import jax.numpy as jnp
+from jax import lax
+from jax.typing import ArrayLike
 
-from jgait.estimators.waist import motion, readout, steps, velocity_update
+from jgait.estimators.waist import motion, readout, steps
 from jgait.estimators.waist.estimator import stated
+from jgait.estimators.waist.ofdri import Cycles, since
 from jgait.estimators.waist.params import DEFAULT, WaistParams
+from jgait.estimators.waist.velocity_update import (
+    Covered,
+    VelocityUpdateParams,
+    changes,
+    covered,
+    listed,
+    sampled,
+    way_of,
+)
 from jgait.types import Estimate
 
-WAYS = {"frozen": velocity_update.frozen, "integrated": velocity_update.integrated}
+
+def frozen(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout.
+
+    Arguments, result and errors as of `updated`; `updated` is False everywhere.
+    """
+    seen = sampled(p, acc, cycles, dt, start, mask, known)
+    number = jnp.arange(seen.anew.shape[0])
+    begun = (seen.begin + changes(seen)[1])[lax.cummax(jnp.where(seen.anew, number, 0))]
+    return covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
+
+
+def integrated(
+    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
+    mask: ArrayLike | None = None, known: ArrayLike | None = None,
+) -> Covered:  # fmt: skip
+    """OFI over each bout, without a restart of its filter in the bout; cycles only define where lengths are read.
+
+    Arguments, result and errors as of `updated`; `updated` is True for every cycle.
+    """
+    seen = sampled(p, acc, cycles, dt, start, mask, known)
+    velocity = seen.start + since(seen.acc, seen.steps, p.cutoff_hz, seen.given).change
+    left = jnp.concatenate([jnp.where(seen.given[:-1], seen.start[1:], velocity[:-1]), velocity[-1:]])
+    way, begun = way_of(left, velocity, seen), left[cycles.begin]
+    return listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
+
+
+WAYS = {"frozen": frozen, "integrated": integrated}
 
 
 def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:

@@ -1,4 +1,4 @@
-"""A figure of the trunk's speed in a walk, by each method of integrating its forward acceleration.
+"""A figure of the trunk's speed in a walk: its forward acceleration integrated with the velocity update.
 
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
@@ -6,26 +6,18 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jgait.estimators import waist
 from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.readout import bouts_begin
-from jgait.estimators.waist.velocity_update import VelocityUpdateParams
-from jgait.plot.style import BLUE, DASHED, RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
+from jgait.plot.style import DASHED, RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import Trunk, contacts_of, moves
 from jgait.types import Estimate, Recording, as_float
 
 ACCELERATION: Style = {"color": "0.35", "linewidth": 0.8}
-WAYS: dict[str, tuple[str, Style]] = {
-    "integrated": ("integrated, no more", {"color": "0.85", "linewidth": 4.0}),
-    "frozen": ("direct and reverse, no update", {"color": BLUE, "linewidth": 1.9}),
-    "updated": ("direct and reverse, velocity update", {"color": "black", "linewidth": 0.9}),
-}
-"""Function of `velocity_update` → its name in the legend, and its line."""
-
+UPDATED: Style = {"color": "black", "linewidth": 0.9, "label": "direct and reverse, velocity update"}
 OURS: Style = {"color": RED, "linewidth": 2.2}
 TRUE: Style = {"color": "black", "linewidth": 1.3, "linestyle": DASHED}
 EVERY = 5
@@ -45,11 +37,11 @@ def forward_speed(
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
-    """Forward acceleration, speed and distance of the trunk: by each method of integration, and as estimated.
+    """Forward acceleration, speed and distance of the trunk: integrated with the velocity update, and as estimated.
 
     The estimate is of `waist` for this recording, with these parameters and options; a reference with a distance is
     dashed. Distances begin with 0 at the start of the window `seconds`, from and to [s]. Vertical lines mark every
-    fifth integrated cycle. An integral that diverges leaves the axes.
+    fifth integrated cycle.
 
     Raises:
         ValueError: if the estimate has no distance or no contacts, or no sample lies in the window.
@@ -62,18 +54,14 @@ def forward_speed(
     check_overlap(estimate.time, (first, last))
     p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=options.smooth)
-    covered = _covered(trunk, p)
+    velocity, gone = _covered(trunk, p)
     kept = windowed(trunk.time, (first, last))
     figure, axes = blank(3, 1, 8.8, 7.6, sharex=True, height_ratios=(1.0, 1.5, 1.3))
     above, speed, way = axes[:, 0]
     above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)
-    for name, (words, style) in WAYS.items():
-        velocity, gone = covered[name]
-        speed.plot(trunk.time[kept], velocity[kept], label=words, **style)
-        way.plot(trunk.time[kept], gone[kept] - gone[kept][0], **style)
+    speed.plot(trunk.time[kept], velocity[kept], **UPDATED)
+    way.plot(trunk.time[kept], gone[kept] - gone[kept][0], **UPDATED)
     _ours(speed, way, estimate, contacts, (first, last))
-    for axis in (speed, way):
-        _framed(axis)
     if reference is not None and reference.distance is not None:
         _known(speed, way, reference, contacts, (first, last))
     begins = np.asarray(trunk.inputs.cycle_begin)[: int(trunk.inputs.cycles) : EVERY]
@@ -90,25 +78,18 @@ def forward_speed(
     return figure
 
 
-@jax.jit
-def _integrate(
-    p: VelocityUpdateParams, forward: Array, cycles: Cycles, dt: Array, start: Array, mask: Array, known: Array
-) -> dict[str, tuple[Array, Array]]:
-    """Velocity and distance by each method of integration."""
-    results = {name: getattr(velocity_update, name)(p, forward, cycles, dt, start, mask=mask, known=known)
-            for name in WAYS}  # fmt: skip
-    return {name: (result.velocity, result.displacement) for name, result in results.items()}
+_updated = jax.jit(velocity_update.updated)
 
 
-def _covered(trunk: Trunk, p: "WaistParams") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Method of integration → velocity [m/s] and distance [m] (T,)."""
+def _covered(trunk: Trunk, p: "WaistParams") -> tuple[np.ndarray, np.ndarray]:
+    """Velocity [m/s] and distance [m] (T,) with the velocity update."""
     inputs, count = trunk.inputs, len(trunk.time)
     forward = np.zeros(np.size(inputs.time))
     forward[:count] = trunk.forward
     known, start = bouts_begin(p, jax.tree.map(jnp.asarray, inputs), jnp.asarray(forward))
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    results = _integrate(p.update, forward, cycles, inputs.dt, start, inputs.valid, known)
-    return {name: (as_float(velocity)[:count], as_float(way)[:count]) for name, (velocity, way) in results.items()}
+    found = _updated(p.update, forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
+    return as_float(found.velocity)[:count], as_float(found.displacement)[:count]
 
 
 def _steps(estimate: Estimate, contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,11 +117,3 @@ def _ours(speed: Axes, way: Axes, estimate: Estimate, contacts: np.ndarray, span
 def _known(speed: Axes, way: Axes, reference: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
     speed.plot(*_steps(reference, contacts), label="reference, contact to contact", **TRUE)
     way.plot(*_gone(reference, span), **TRUE)
-
-
-def _framed(axis: Axes) -> None:
-    """Set the limits of the axis by all lines except the plain integral, which diverges."""
-    values = np.concatenate([as_float(line.get_ydata()) for line in axis.lines[1:]])
-    values = values[np.isfinite(values)]
-    low, high = min(0.0, float(values.min(initial=0.0))), float(values.max(initial=0.1))
-    axis.set_ylim(low - 0.15 * (high - low), high + 0.25 * (high - low))

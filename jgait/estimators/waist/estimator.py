@@ -38,7 +38,7 @@ _PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_no
 _EXCURSION = ("excursion_hz", "pendulum_length", "excursion_power", "surge_power", "turn_shortening")
 _SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
 _FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
-_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold", "update.width")
+_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold")
 UNUSED = {
     "fused": ("update_noise", "update"),
     "pendulum": (*_SPEED, *_FUSION, "update_noise", "update"),

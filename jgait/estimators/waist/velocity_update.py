@@ -3,7 +3,7 @@ r"""Walking speed from forward acceleration, cycle by cycle from a known initial
 From the start (standing: 0) up to the first heel strike and over the first cycles, the velocity is integrated (OFI).
 In each later cycle, which begins with v_i, OFI gives the final velocity v_f = v_i + J(T). With the gate
 
-    G = 1 if |v_f − v_i| < ε, else 0;   softly, σ((ε − |v_f − v_i|) / width),
+    G = 1 if |v_f − v_i| < ε, else 0,
 
     v = (1 − G) OFI(v_i) + G OFDRI(v_i, v_f := v_i),   v_i of the next cycle: v_i + (1 − G) J(T):
 
@@ -13,10 +13,8 @@ last cycle, and between cycles that do not touch, the velocity is that of OFI. T
 trapezoids. If a recording has several bouts, OFI restarts at samples whose velocity is known, and the initial heel
 strikes are counted in each bout.
 
-`updated` is a `lax.scan` over cycles; `frozen` is OFDRI without the update (each cycle begins and ends with the
-velocity at the first heel strike of its bout); `integrated` is OFI over the whole bout. The results are differentiable
-in the acceleration, the initial velocity, ε, the gate's width, cut-offs and β; the gradient in ε is zero with the hard
-gate, and the gradient in the cycles' begin and end is always zero.
+`updated` is a `lax.scan` over cycles. The results are differentiable in the acceleration, the initial velocity,
+cut-offs and β; the gradient in ε and in the cycles' begin and end is zero.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c.
@@ -31,7 +29,6 @@ Readings, where the paper leaves a choice:
 
 from typing import Annotated, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
@@ -51,10 +48,13 @@ class VelocityUpdateParams(NamedTuple):
     threshold: Annotated[Param, Parameter(
         positive, "m/s", "ε, the least change over a cycle that is taken for a change of speed",
     )] = 0.3  # fmt: skip
-    width: Annotated[Param, Parameter(positive, "m/s", "of the soft gate")] = 0.05
     cutoff_hz: Annotated[Param, Parameter(fixed, "Hz", "of OFI's high-pass, 0 for none")] = 0.0
     highest_hz: Annotated[Param, Parameter(fixed, "Hz", "f_max of the optimum rule")] = HIGHEST
     beta: Annotated[Param, Parameter(positive, "1", "β of OFDRI's weight")] = 0.1
+
+
+INITIAL = 3
+"""Number of heel strikes of each bout that take their velocity from OFI."""
 
 
 class Covered(NamedTuple):
@@ -81,7 +81,7 @@ class Covered(NamedTuple):
     valid: Flags
 
 
-class _Sampled(NamedTuple):
+class Sampled(NamedTuple):
     """The inputs that all methods of this module share, at samples (T,) or of cycles (K,).
 
     OFI restarts where the velocity is `given`, or a cycle begins or ends; `change` is J since then [m/s], `start` the
@@ -104,8 +104,7 @@ class _Sampled(NamedTuple):
 
 def updated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    initial: int = 3, soft: bool = False, optimum: bool = True, mask: ArrayLike | None = None,
-    known: ArrayLike | None = None,
+    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
 ) -> Covered:  # fmt: skip
     """The velocity update.
 
@@ -115,8 +114,6 @@ def updated(
         cycles: from heel strike to heel strike of one side.
         dt: sample time [s], or (T,) time from the sample before.
         start: velocity at the first sample and wherever it is known, one or (T,) [m/s]; 0 when standing.
-        initial: number of heel strikes of each bout that take their velocity from OFI, 1 or more; static.
-        soft: whether the gate is a sigmoid; static.
         optimum: whether OFDRI's cut-off is that of the optimum rule, or OFI's; static.
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
         known: (T,) bool, a bout begins with the velocity `start`. Samples in a cycle, its end included, are ignored.
@@ -126,58 +123,25 @@ def updated(
         Velocity, displacement and cycles.
 
     Raises:
-        ValueError: if shapes do not fit, or `initial` is not positive.
+        ValueError: if shapes do not fit.
     """
-    if initial < 1:
-        raise ValueError(f"initial must be 1 or more: no cycle begins with a known velocity otherwise; got {initial}")
-    seen = _sampled(p, acc, cycles, dt, start, mask, known)
-    change, before, there = _changes(seen)
+    seen = sampled(p, acc, cycles, dt, start, mask, known)
+    change, before, there = changes(seen)
     number = jnp.arange(there.shape[0])
-    first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < initial - 1
+    first = number - lax.cummax(jnp.where(seen.anew, number, 0)) < INITIAL - 1
 
     def one(v: Values, cycle: Values) -> PyTree:
         anew, begin, gap, gain, gated = cycle
-        off = p.threshold - jnp.abs(gain)
-        gate = jax.nn.sigmoid(off / p.width) if soft else (off > 0.0).astype(gain.dtype)
-        kept = jnp.where(gated, jnp.asarray(gate, gain.dtype), 0.0)
+        kept = (gated & (jnp.abs(gain) < p.threshold)).astype(gain.dtype)
         begun = jnp.where(anew, begin, v) + gap
         return begun + (1.0 - kept) * gain, (begun, kept)
 
     rows = (seen.anew, seen.begin, before, change, there & ~first)
     begun, kept = lax.scan(one, jnp.zeros_like(seen.acc[0]), rows)[1]
-    return _covered(p, seen, begun, kept, optimum=optimum)
+    return covered(p, seen, begun, kept, optimum=optimum)
 
 
-def frozen(
-    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
-) -> Covered:  # fmt: skip
-    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout.
-
-    Arguments, result and errors as of `updated`; `updated` is False everywhere.
-    """
-    seen = _sampled(p, acc, cycles, dt, start, mask, known)
-    number = jnp.arange(seen.anew.shape[0])
-    begun = (seen.begin + _changes(seen)[1])[lax.cummax(jnp.where(seen.anew, number, 0))]
-    return _covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
-
-
-def integrated(
-    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    mask: ArrayLike | None = None, known: ArrayLike | None = None,
-) -> Covered:  # fmt: skip
-    """OFI over each bout, without a restart of its filter in the bout; cycles only define where lengths are read.
-
-    Arguments, result and errors as of `updated`; `updated` is True for every cycle.
-    """
-    seen = _sampled(p, acc, cycles, dt, start, mask, known)
-    velocity = seen.start + since(seen.acc, seen.steps, p.cutoff_hz, seen.given).change
-    left = jnp.concatenate([jnp.where(seen.given[:-1], seen.start[1:], velocity[:-1]), velocity[-1:]])
-    way, begun = _way(left, velocity, seen), left[cycles.begin]
-    return _listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
-
-
-def _sampled(
+def sampled(
     p: VelocityUpdateParams,
     acc: ArrayLike,
     cycles: Cycles,
@@ -185,7 +149,8 @@ def _sampled(
     start: ArrayLike,
     mask: Values,
     known: Values,
-) -> _Sampled:
+) -> Sampled:
+    """The shared inputs; arguments as of `updated`."""
     values, steps = _checked(acc, dt, mask)
     at = placed(cycles, values.shape[0])
     given = jnp.zeros_like(at.inside) if known is None else jnp.asarray(known, bool)
@@ -206,13 +171,13 @@ def _sampled(
     # of each cycle, the last sample with a known velocity, up to and including the cycle's begin
     last = upto[cycles.begin]
     earlier = jnp.concatenate([jnp.full_like(ends[:1], -1), ends[:-1]])
-    return _Sampled(
+    return Sampled(
         values, steps, cycles, at, anew, restart, change, starts[jnp.maximum(before, 0)], before >= ended,
         (last >= earlier) & at.valid, starts[jnp.maximum(last, 0)],
     )  # fmt: skip
 
 
-def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
+def changes(seen: Sampled) -> tuple[Array, Array, Array]:
     """J over each cycle, J over the gap between the cycle before and this one, and whether the row holds a cycle."""
     begin, there = seen.cycles.begin, seen.at.valid
     # there is no gap if a cycle begins where the cycle before ends, or where the velocity is known
@@ -221,10 +186,10 @@ def _changes(seen: _Sampled) -> tuple[Array, Array, Array]:
     return over, jnp.where(there & gap, seen.change[begin], 0.0), there
 
 
-def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
+def covered(p: VelocityUpdateParams, seen: Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
     """Velocity at all samples, from the initial velocity of each cycle and the weight of OFDRI in it."""
     cycles, at = seen.cycles, seen.at
-    change = _changes(seen)[0]
+    change = changes(seen)[0]
     cutoff = optimum_cutoffs(seen.acc, cycles, 0.0, seen.steps, p.highest_hz) if optimum else p.cutoff_hz
     stop = begun + (1.0 - kept) * change
     behind = jnp.where(seen.behind, seen.start, stop[jnp.maximum(at.ended - 1, 0)])
@@ -234,17 +199,18 @@ def _covered(p: VelocityUpdateParams, seen: _Sampled, begun: Array, kept: Array,
     velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
     # At a mark the velocity may jump: the interval after the mark begins with the velocity after the jump.
     left = jnp.where(seen.restart[:-1], base[1:], velocity[:-1])
-    way = _way(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
-    return _listed(seen, velocity, way, begun, change, kept)
+    way = way_of(jnp.concatenate([left, velocity[-1:]]), velocity, seen)
+    return listed(seen, velocity, way, begun, change, kept)
 
 
-def _way(left: Array, velocity: Array, seen: _Sampled) -> Array:
+def way_of(left: Array, velocity: Array, seen: Sampled) -> Array:
     """The displacement (T,), from the velocity at the begin and the end of the interval after each sample."""
     each = 0.5 * seen.steps[1:] * (left[:-1] + velocity[1:])
     return jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
 
 
-def _listed(seen: _Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
+def listed(seen: Sampled, velocity: Array, way: Array, begun: Array, change: Array, kept: Array) -> Covered:
+    """Velocity and displacement (T,), with the initial velocity, change and weight of OFDRI of the cycles (K,)."""
     there = seen.at.valid
     begun, change, kept = (jnp.where(there, v, 0.0) for v in (begun, change, kept))
     length = jnp.where(there, way[seen.cycles.end] - way[seen.cycles.begin], 0.0)
