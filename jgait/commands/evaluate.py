@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from jaxtyping import PyTree
 from rich.table import Table
 
 from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, visible, write_json, wrote
 from jgait.commands.folder import results_folder
+from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.report.cohort import DRAWN
 from jgait.report.recording import CURVES, readable
@@ -19,11 +21,14 @@ from jgait.report.recording import CURVES, readable
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jgait.estimators import Estimator
     from jgait.evaluate import Cohort
 
 TABLES = ("recordings", "quantities", "strides", "agreement", "failures")
 FIGURES = ("agreement", "per_subject")
+LOSSES = "losses.csv"
 PLANNED = (
+    LOSSES,
     *(f"{name}.csv" for name in TABLES),
     *(f"{quantity.rpartition('_')[0]}_{figure}.png" for quantity in DRAWN for figure in FIGURES),
 )
@@ -40,6 +45,9 @@ def evaluate(
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
+    loss: Annotated[
+        str | None, typer.Option(help="Losses of jgait tune to report too, for example position,stride_length.")
+    ] = None,
     batch: Annotated[int, typer.Option(min=1, help="Recordings that run at once.")] = 64,
     out: Annotated[Path, typer.Option(help="Folder for tables and figures; an interrupted run continues there.")] = (
         Path("jgait-evaluation")
@@ -62,6 +70,7 @@ def evaluate(
     body_of = functools.partial(cohorts.body, measures=measures)
     for line in source.notes:
         note(line)
+    names = [] if loss is None else list(losses_of("--loss", loss))
     read = [table, params, *source.files]
     with results_folder(
         out, "evaluate", source.marks, planned=PLANNED, inputs=read, json_file=json_file, fresh=fresh
@@ -88,16 +97,52 @@ def evaluate(
         if not len(results.recordings):
             stop(f"none of the {len(failures)} recordings of {source.title} could be used")
         agreement = results.agreement()
+        judged = _judged(pipeline, source, start, names) if names else None
         try:
-            files = folder.publish(_write(folder.stage, results, agreement, failures))
+            written = _write(folder.stage, results, agreement, failures)
+            if judged is not None:
+                written.append(folder.stage / LOSSES)
+                judged.to_csv(written[-1], index=False)
+            files = folder.publish(written)
         except OSError as error:
             stop(f"nothing more could be written: {error}")
     _write_json(json_file, pipeline.name, results, agreement, failures, files)
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
+    if judged is not None:
+        _show_losses(judged, names)
     wrote(files)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")
         raise typer.Exit(1)
+
+
+def _judged(
+    pipeline: "Estimator[PyTree, PyTree]", source: cohorts.Source, start: PyTree, names: list[str]
+) -> "pd.DataFrame":
+    """The errors of all recordings in the losses; exits with code 2 if they cannot be computed."""
+    from jgait import evaluate as evaluation
+    from jgait.tune import LOSSES as KNOWN
+
+    lessons = lessons_of(pipeline, source, start, [], [], any(KNOWN[name].needs for name in names))
+    try:
+        return evaluation.judged(pipeline, start, lessons, names)
+    except ValueError as error:
+        stop(f"--loss: {error}")
+
+
+def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
+    """Print the errors over the recordings."""
+    from jgait.tune import LOSSES as KNOWN
+
+    console.print("\nlosses, over the recordings", style="italic")
+    shown = Table()
+    for column in ("loss", "error", "median", "mean", "worst"):
+        shown.add_column(column, justify="left" if column in ("loss", "error") else "right")
+    for name in names:
+        column, known = judged[name], KNOWN[name]
+        numbers = (number(v) for v in (column.median(), column.mean(), column.max()))
+        shown.add_row(name, visible(f"{known.words} [{known.unit}]"), *numbers)
+    console.print(shown)
 
 
 def _write(out: Path, results: "Cohort", agreement: "pd.DataFrame", failures: list[tuple[str, str]]) -> list[Path]:

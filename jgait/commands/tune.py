@@ -2,9 +2,8 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 from jaxtyping import PyTree
 
@@ -12,12 +11,9 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import recordings
 from jgait.commands.console import Bar, console, note, progress, say_failures, stop
 from jgait.commands.folder import results_folder
+from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
 from jgait.estimators import Estimator
-from jgait.types import Walk
-
-if TYPE_CHECKING:
-    from jgait.tune import Lessons
 
 
 def tune(
@@ -25,10 +21,12 @@ def tune(
     table: cohorts.File = None,
     dataset: cohorts.Dataset = None,
     simulated: cohorts.Simulated = None,
-    loss: Annotated[str, typer.Option(help="distance, trajectory or likelihood (which needs no reference).")] = (
+    loss: Annotated[str, typer.Option(help="Losses with weights, for example position=1,stride_length=0.2.")] = (
         "distance"
     ),
-    judge: Annotated[str | None, typer.Option(help="The error by which people are judged; default: the loss.")] = None,
+    judge: Annotated[
+        str | None, typer.Option(help="The loss whose error judges people; default: the first loss.")
+    ] = None,
     steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
     rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; decreases to 0.")] = 0.05,
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
@@ -53,12 +51,12 @@ def tune(
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
     """
+    from jgait import tune as tuning
     from jgait.commands import tune_report, tune_run
     from jgait.tune.checkpoint import OtherFitError
 
-    for option, given in (("--loss", loss), ("--judge", judge or loss)):
-        if given not in tune_run.LOSSES:
-            stop(f"{option} is {', '.join(tune_run.LOSSES)}; got '{given}'")
+    weights = losses_of("--loss", loss)
+    judged = next(iter(weights if judge is None else losses_of("--judge", judge)))
     pipeline = pipeline_of(estimator, paper)
     start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
@@ -67,9 +65,15 @@ def tune(
     for line in source.notes:
         note(line)
     failures = list(source.failures)
-    made = _lessons(pipeline, source, start, names, failures, {loss, judge or loss} != {"likelihood"})
+    asked_for = list(dict.fromkeys([*weights, judged]))
+    try:
+        tuning.objective(pipeline, None, dict.fromkeys(asked_for, 1.0))
+    except ValueError as error:
+        stop(str(error))
+    made = lessons_of(pipeline, source, start, names, failures, any(tuning.LOSSES[one].needs for one in asked_for))
     say_failures(failures)
-    _check_reference(made, {loss, judge or loss}, source.title)
+    for lacks in filter(None, (tuning.lacking(one, made.data.reference) for one in asked_for)):
+        stop(f"{lacks}; the reference of {source.title} has none")
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
@@ -77,7 +81,7 @@ def tune(
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {
-        **how, "estimator": pipeline.name, "judge": judge or loss, "folds": folds, "cross_validation": cross,
+        **how, "estimator": pipeline.name, "judge": judged, "folds": folds, "cross_validation": cross,
         "params": None if params is None else str(params), **source.marks,
     }  # fmt: skip
     read = [table, params, *source.files]
@@ -85,12 +89,12 @@ def tune(
         out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
     ) as folder:
         job = tune_run.job_of(
-            pipeline, start, freed, made, loss, judge or loss, steps, rate, starts, folds, seed, folder.run
+            pipeline, start, freed, made, weights, judged, steps, rate, starts, folds, seed, folder.run
         )  # fmt: skip
         with progress() as bars, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                results = tune_run.learned(job, Bar(bars), cross, loss)
+                results = tune_run.learned(job, Bar(bars), cross, weights)
             except OtherFitError as error:
                 stop(f"{error}; --fresh starts anew")
             except (ValueError, TypeError, OSError) as error:
@@ -116,49 +120,3 @@ def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:
         return freed(pipeline.transforms, *names)
     except ValueError as error:
         stop(f"--free: {error}")
-
-
-def _lessons(
-    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
-    failures: list[tuple[str, str]], reference: bool,
-) -> "Lessons":  # fmt: skip
-    """The lessons of the cohort, with the measures of each person; exits with code 2 if there are none."""
-    from jgait import tune as tuning
-    from jgait.params import check_params
-
-    learned = {name.split(".")[0] for name in names}
-    measures = measures_of(pipeline)
-    if learned & set(measures):
-        note(
-            f"{', '.join(sorted(learned & set(measures)))}: a single value is learned for all people, not one for each "
-            "person"
-        )
-
-    def body_of(walk: Walk) -> dict[str, np.ndarray]:
-        # All lessons must have the same measures, so unknown measures get their default.
-        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
-        known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
-        check_params(pipeline.own(start, known), pipeline.transforms)
-        both = {name: np.asarray(value, float) for name, value in known.items()}
-        both |= {name: np.broadcast_to(both[name], 2) for name in both if isinstance(getattr(start, name), tuple)}
-        return {name: value for name, value in both.items() if name not in learned}
-
-    with progress() as bars:
-        bar, total = Bar(bars), len(source.items)
-        walks = source.walks(failures, lambda number: bar("reading", number, total))
-        try:
-            made = tuning.lessons(pipeline, walks, own=body_of, reference=reference)
-        except ValueError as error:
-            say_failures(failures)
-            stop(str(error))
-    failures += made.failures
-    return made
-
-
-def _check_reference(made: "Lessons", losses: set[str], title: str) -> None:
-    """Exit with code 2 if the reference lacks a quantity that the losses need."""
-    truth = made.data.reference
-    if "trajectory" in losses and not any(truth.legs):
-        stop(f"trajectory errors need joint angles, and the reference of {title} has none: --loss distance")
-    if "distance" in losses and truth.distance is None:
-        stop(f"distance errors need a distance, and the reference of {title} has none: --loss trajectory")

@@ -1,9 +1,10 @@
 """The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
 
+import dataclasses
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,13 +17,6 @@ from jgait import tune as tuning
 from jgait.commands.console import Bar, console, count
 from jgait.estimators import Estimator
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
-
-LOSSES = {
-    "distance": ("distance_percent", "%", "|error of the distance|"),
-    "trajectory": ("trajectory_rms", "° or cm", "error of angles and foot path"),
-    "likelihood": ("likelihood", "nat", "negative log-likelihood"),
-}
-"""Loss → the error that is reported for each person, its unit and its name."""
 
 
 class Job(NamedTuple):
@@ -78,19 +72,25 @@ class TuningResults(NamedTuple):
 
 
 def job_of(
-    pipeline: Estimator[PyTree, PyTree], start: PyTree, freed: PyTree, made: Lessons, loss: str, judge: str, steps: int,
-    rate: float, starts: int, folds: int | None, seed: int, run: Path,
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, freed: PyTree, made: Lessons, loss: dict[str, float],
+    judge: str, steps: int, rate: float, starts: int, folds: int | None, seed: int, run: Path,
 ) -> Job:  # fmt: skip
-    """The task of the options; the name of its checkpoint folder is a digest of all inputs of the results."""
-    term, unit, judged = LOSSES[judge]
-    objective, error = (tuning.objective(pipeline, made.options, name) for name in (loss, term))
+    """The task of the options; the name of its checkpoint folder is a digest of all inputs of the results.
+
+    Raises:
+        ValueError: if the estimator cannot answer the loss or the error.
+    """
+    judging = tuning.LOSSES[judge]
+    objective = tuning.objective(pipeline, made.options, loss)
+    error = tuning.objective(pipeline, made.options, judge)
+    error = dataclasses.replace(error, terms=((judging.error, 1.0),))
     optimizer = optax.adam(optax.cosine_decay_schedule(rate, steps))
     settings = json.dumps([loss, repr(freed), repr(start), repr(made.options), steps, rate, starts, folds, seed])
     digest = hashlib.sha256(_without_addresses(settings).encode())
     for leaf in jax.tree.leaves(made.data):
         digest.update(np.ascontiguousarray(leaf).tobytes())
     return Job(
-        pipeline, start, freed, made, objective, error, unit, judged, optimizer, steps, starts,
+        pipeline, start, freed, made, objective, error, judging.unit, judging.words, optimizer, steps, starts,
         jax.random.key(seed), folds, run / digest.hexdigest()[:12],
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def _without_addresses(text: str) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def learned(job: Job, bar: Bar, cross: bool, loss: str) -> TuningResults:
+def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:
     """Cross-validate, fit, and compute which parameters the data determine."""
     people = len(set(job.made.subjects))
     if job.run.exists():
@@ -125,7 +125,7 @@ def learned(job: Job, bar: Bar, cross: bool, loss: str) -> TuningResults:
         subjects=job.made.subjects,
     )  # fmt: skip
     bar("which parameters the data determine (compiling)", 0, None)
-    known, unknown = _determined(job, fit, people, "hessian" if loss == "likelihood" else "sandwich")
+    known, unknown = _determined(job, fit, people, "hessian" if set(loss) == {"likelihood"} else "sandwich")
     return TuningResults(validation, fit, known, [line for line in (why, unknown) if line])
 
 

@@ -205,6 +205,7 @@ class About(NamedTuple):
         figures: figures that are drawn.
         flags: flags of strides.
         numbers: estimate → JSON numbers in addition to those of every estimate.
+        losses: names of the losses that the estimates can answer, see `jgait.tune.LOSSES`; None: not stated.
     """
 
     title: str = "Gait from wearable sensors"
@@ -222,3 +223,4 @@ class About(NamedTuple):
     figures: tuple[EstimateFigure, ...] = ()
     flags: tuple[StrideFlag, ...] = ()
     numbers: Callable[[Estimate], Mapping[str, PyTree]] = no_numbers
+    losses: tuple[str, ...] | None = None

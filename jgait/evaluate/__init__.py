@@ -12,6 +12,7 @@ from jgait.evaluate.errors import (
     trajectory_errors,
     yaw_aligned,
 )
+from jgait.evaluate.losses import judged
 from jgait.evaluate.reliability import Icc, Limits, icc21, limits_of_agreement
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import (
@@ -43,6 +44,7 @@ __all__ = [
     "distance_error",
     "foot_position_error",
     "icc21",
+    "judged",
     "limits_of_agreement",
     "nees_consistency",
     "nis_consistency",

@@ -6,7 +6,7 @@ from jgait.tune.gradient import FORWARD_UP_TO, GRADIENTS, value_and_grad
 from jgait.tune.identifiability import INFORMATION, Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
 from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
-from jgait.tune.objective import TERMS, Objective, by_subject, objective
+from jgait.tune.objective import LOSSES, TERMS, Loss, Objective, by_subject, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
 from jgait.tune.words import Direction
 
@@ -14,6 +14,7 @@ __all__ = [
     "FORWARD_UP_TO",
     "GRADIENTS",
     "INFORMATION",
+    "LOSSES",
     "TERMS",
     "CrossValidation",
     "Direction",
@@ -21,6 +22,7 @@ __all__ = [
     "Identifiability",
     "Lesson",
     "Lessons",
+    "Loss",
     "Objective",
     "Profile",
     "Progress",
@@ -32,9 +34,11 @@ __all__ = [
     "cross_validate",
     "fit",
     "identifiability",
+    "lacking",
     "lessons",
     "named_windows",
     "objective",
+    "parsed",
     "profile",
     "value_and_grad",
 ]

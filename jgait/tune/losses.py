@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory, Scalar
+from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
 
 _DEGREE = jnp.pi / 180.0
 _CENTIMETRE = 0.01
@@ -141,34 +141,169 @@ def distance(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
     return ((ours - theirs) / theirs) ** 2
 
 
-def stride_length(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
-    """Mean squared error of the stride lengths [m²], computed from the distance walked; 0 if no stride is valid.
+def _span(strides: Strides, standing: bool) -> tuple[Array, Array]:
+    """Start and end (n,) [s] of each stride: from standing to standing, or from contact to contact."""
+    ends = (strides.standing, strides.standing_end) if standing else (strides.start, strides.end)
+    return jnp.asarray(ends[0]), jnp.asarray(ends[1])
 
-    (1/n) Σ (d(end) − d(start) − length)² over the n valid strides of the reference, whose times carry no gradient
+
+def _matched(ours: Strides, theirs: Strides) -> tuple[Array, Array]:
+    """For each of n strides of `theirs` the row of the matching stride of `ours`, and (n,) bool, whether there is one.
+
+    Two strides match if they are of one foot, each is the other's nearest in time, and their middles differ by less
+    than half the duration of the reference's stride: the rule of `evaluate.scores.matched`. No gradient.
+    """
+    standing = theirs.start is None or (ours.standing is not None and theirs.standing is not None)
+    (first, last), (start, end) = (jax.lax.stop_gradient(_span(one, standing)) for one in (ours, theirs))
+    apart = jnp.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
+    side = jnp.asarray(theirs.side)[:, None] == jnp.asarray(ours.side)[None, :]
+    known = jnp.asarray(theirs.valid)[:, None] & jnp.asarray(ours.valid)[None, :]
+    apart = jnp.where(side & known, apart, jnp.inf)
+    nearest, back = jnp.argmin(apart, axis=1), jnp.argmin(apart, axis=0)
+    rows = jnp.arange(start.shape[0])
+    return nearest, (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
+
+
+def _finite(values: Values, also: Array) -> Array:
+    """(n,) True where `also` is True and the values are finite."""
+    return also & jnp.isfinite(jnp.asarray(values))
+
+
+def _duration(strides: Strides, standing: bool) -> Array:
+    first, last = _span(strides, standing)
+    return last - first
+
+
+def stride(estimate: Estimate, reference: Estimate, field: str) -> Float[Array, ""]:
+    """Mean squared error of one quantity of the strides that the estimate and the reference share; 0 if there is none.
+
+    `field` is a field of `Strides`, or "duration" [s]. NaN in the reference or the estimate leaves the stride out. An
+    estimate without strides, but with a distance, gives lengths: d(end) − d(start).
 
     Raises:
-        ValueError: if the estimate has no distance, or the reference has no strides.
+        ValueError: if the estimate or the reference does not have the quantity.
     """
-    if estimate.distance is None or reference.strides is None:
-        raise ValueError("stride_length needs an estimate with distance and a reference with strides")
-    rows = reference.strides
-    at = [jnp.interp(jax.lax.stop_gradient(ends), estimate.time, estimate.distance) for ends in (rows.start, rows.end)]
-    return mean_squared(at[1] - at[0], rows.length, rows.valid)
+    theirs, ours = reference.strides, estimate.strides
+    if theirs is None:
+        raise ValueError("the reference has no strides to compare")
+    if field == "length" and ours is None and estimate.distance is not None and theirs.start is not None:
+        ends = (jax.lax.stop_gradient(jnp.asarray(at)) for at in (theirs.start, theirs.end))
+        before, after = (jnp.interp(at, estimate.time, estimate.distance) for at in ends)
+        return mean_squared(after - before, theirs.length, theirs.valid)
+    if ours is None:
+        raise ValueError(f"the estimate has no strides, so no {field} of strides to compare")
+    row, found = _matched(ours, theirs)
+    if field == "duration":
+        standing = theirs.start is None
+        values, true = _duration(ours, standing), _duration(theirs, standing)
+    else:
+        for name, one in (("estimate", ours), ("reference", theirs)):
+            if getattr(one, field) is None:
+                raise ValueError(f"the strides of the {name} have no {field}")
+        values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
+    values = values[row]
+    return mean_squared(values, true, _finite(true, _finite(values, found)))
 
 
-def event_time(
-    estimate: Float[AnyArray, "event"],
-    reference: Float[AnyArray, "event"],
-    valid: Bool[AnyArray, "event"] | None = None,
+def contact_times(estimate: Estimate, reference: Estimate) -> Float[Array, ""]:
+    """Mean squared error of the initial contacts at the end of the matched strides, and of the final contacts if both
+    sides have them [s²].
+
+    Raises:
+        ValueError: if the estimate or the reference has no contacts.
+    """
+    theirs, ours = reference.strides, estimate.strides
+    for name, one in (("estimate", ours), ("reference", theirs)):
+        if one is None or one.end is None:
+            raise ValueError(f"the {name} has no contacts to compare")
+    row, found = _matched(ours, theirs)
+    fields = [f for f in ("end", "final_contact") if getattr(ours, f) is not None and getattr(theirs, f) is not None]
+    terms = []
+    for field in fields:
+        values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
+        terms.append(mean_squared(values, true, _finite(true, _finite(values, found))))
+    return jax.tree.reduce(jnp.add, terms) / len(terms)
+
+
+def aligned_error(
+    path: Float[AnyArray, "time 3"], reference: Float[AnyArray, "time 3"], valid: Bool[AnyArray, "time"]
+) -> Float[Array, "time 3"]:
+    """Path minus reference [m], after the yaw and the shift of the path that give the smallest mean square.
+
+    With both paths relative to their means, the yaw is atan2(Σ a × b, Σ a · b) of their horizontal parts. No rotation
+    about a horizontal axis is removed: it would change heights. Rows that are not valid are 0.
+    """
+    weight = jnp.asarray(valid)[:, None]
+    count = jnp.maximum(jnp.sum(weight, dtype=jnp.asarray(path).dtype), 1.0)
+
+    def centred(values: Float[AnyArray, "time 3"]) -> Array:
+        known = jnp.where(weight, values, 0.0)
+        return jnp.where(weight, known - jnp.sum(known, axis=0, keepdims=True) / count, 0.0)
+
+    a, b = centred(path), centred(reference)
+    along, across = jnp.sum(a[:, :2] * b[:, :2]), jnp.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    # The root's argument is above 0, so that paths without extent have a finite gradient.
+    size = jnp.sqrt(along * along + across * across + jnp.finfo(a.dtype).tiny ** 0.5)
+    c, s = along / size, across / size
+    turned = jnp.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
+    return turned - b
+
+
+def position(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
+    """Mean squared 3-D error of the path of each foot [m²], see `aligned_error`; mean of the feet that both have.
+
+    Raises:
+        ValueError: if the estimate and the reference share no foot.
+    """
+    look = _window(estimate, reference, window)
+    ours, theirs = estimate.feet or (None, None), reference.feet or (None, None)
+    pairs = [(a.position, b.position) for a, b in zip(ours, theirs, strict=True) if a is not None and b is not None]
+    if not pairs:
+        raise ValueError("the estimate and the reference share no path of a foot")
+    terms = [masked_mean(jnp.sum(aligned_error(a, b, look) ** 2, axis=1), look) for a, b in pairs]
+    return jax.tree.reduce(jnp.add, terms) / len(terms)
+
+
+def calibration(
+    estimate: Estimate,
+    reference: Estimate,
+    window: Bool[AnyArray, "time"] | None = None,
+    relative_to: Bool[AnyArray, "time"] | None = None,
 ) -> Float[Array, ""]:
-    """Mean squared difference of the times (n,) [s] of matched events [s²]; 0 if nothing is valid.
+    """Mean negative log-likelihood of the reference under the stated deviations [nat], without the constant ½ log 2π.
 
-    An estimator's event times are differentiable if they are computed between samples, for example by a soft argmax.
+    ½ (e/σ)² + log σ, over the stride lengths with a stated deviation, and over the joint angles of the legs, in units
+    of 1 cm and 1°; the mean of both if both exist. `window` and `relative_to` as in `trajectory`, for angles.
 
     Raises:
-        ValueError: if the shapes differ.
+        ValueError: if nothing of the reference has a stated deviation.
     """
-    return mean_squared(estimate, reference, valid)
+    terms = []
+    if reference.strides is not None and estimate.strides_stddev is not None and estimate.strides is not None:
+        row, found = _matched(estimate.strides, reference.strides)
+        values, spread = (jnp.asarray(one.length)[row] for one in (estimate.strides, estimate.strides_stddev))
+        terms.append(_normal(values, reference.strides.length, spread, found, _CENTIMETRE))
+    if estimate.stddev is not None:
+        look = _window(estimate, reference, window)
+        still = None if relative_to is None else _window(estimate, reference, relative_to)
+        for leg, true, deviation in zip(estimate.legs, reference.legs, estimate.stddev, strict=True):
+            if leg is None or true is None or deviation is None:
+                continue
+            for field in ("hip_angle", "knee_angle"):
+                a, b, stated = (getattr(one, field) for one in (leg, true, deviation))
+                offset = 0.0 if still is None else masked_mean(_difference(a, b, still), still)
+                terms.append(_normal(jnp.asarray(a) - offset, b, stated, look, _DEGREE))
+    if not terms:
+        raise ValueError("nothing of the reference has a deviation that the estimate states")
+    return jax.tree.reduce(jnp.add, terms) / len(terms)
+
+
+def _normal(values: Values, true: Values, stddev: Values, valid: Array, unit: float) -> Float[Array, ""]:
+    """Mean of ½ (e/σ)² + log σ with σ in `unit`, over the valid rows with finite numbers."""
+    use = _finite(true, _finite(values, _finite(stddev, valid))) & (jnp.asarray(stddev) > 0.0)
+    error = _difference(values, true, use)
+    spread = jnp.where(use, stddev, unit)
+    return masked_mean(0.5 * (error / spread) ** 2 + jnp.log(spread / unit), use)
 
 
 def negative_log_likelihood(posterior: PyTree, valid: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:

@@ -1,7 +1,9 @@
-"""The loss of one walk: a weighted sum of terms of its estimate."""
+"""The losses by which walks are tuned and judged, and the loss of one walk as a weighted sum of them."""
 
+import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,14 +40,73 @@ def distance_percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
 
 def trajectory(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Squared error of angles and foot path in the lesson's `look`, relative to standing; see `losses.trajectory`."""
-    if lesson.reference is None:
-        raise ValueError("a trajectory error needs a reference")
-    return losses.trajectory(estimate, lesson.reference, window=lesson.look, relative_to=lesson.standing)
+    return _legs(estimate, lesson, losses.TrajectoryWeights())
 
 
 def trajectory_rms(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Root mean square error over hip and knee [°] and foot path [cm], 1° weighted as 1 cm, for validation."""
     return jnp.sqrt(trajectory(estimate, lesson) / len(losses.TrajectoryWeights._fields))
+
+
+def joint_angles(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """Mean squared error of hip and knee angles [°²], as `trajectory`."""
+    return _legs(estimate, lesson, losses.TrajectoryWeights(x=0.0, y=0.0)) / 2.0
+
+
+def foot_path(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """Mean squared error of the foot's path in the leg's plane, sum of both axes [cm²], as `trajectory`."""
+    return _legs(estimate, lesson, losses.TrajectoryWeights(hip_angle=0.0, knee_angle=0.0))
+
+
+def _legs(estimate: Estimate, lesson: Lesson, weights: losses.TrajectoryWeights) -> Float[Array, ""]:
+    return losses.trajectory(
+        estimate, _reference(lesson), weights, window=lesson.look, relative_to=lesson.standing
+    )  # fmt: skip
+
+
+def _reference(lesson: Lesson) -> Estimate:
+    if lesson.reference is None:
+        raise ValueError("an error needs a reference; only the likelihood of the measurements needs none")
+    reference: Estimate = lesson.reference
+    return reference
+
+
+def position(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """Mean squared 3-D error of the feet's paths, yaw and shift removed [cm²]; see `losses.position`."""
+    return 1e4 * losses.position(estimate, _reference(lesson), lesson.look)
+
+
+def position_log(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """½ log(1 + `position`) [nat]: halving the error of a good walk counts as much as halving that of a bad one."""
+    return 0.5 * jnp.log1p(position(estimate, lesson))
+
+
+def calibration(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """Negative log-likelihood of the reference under the stated deviations [nat]; see `losses.calibration`."""
+    return losses.calibration(estimate, _reference(lesson), lesson.look, lesson.standing)
+
+
+def contact_times(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+    """Mean squared error of contacts in units of 10 ms; see `losses.contact_times`."""
+    return 1e4 * losses.contact_times(estimate, _reference(lesson))
+
+
+def _of_strides(field: str, unit: float, meaning: str) -> Term:
+    def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+        return losses.stride(estimate, _reference(lesson), field) / unit**2
+
+    term.__doc__ = f"Mean squared error of the {meaning}; see `losses.stride`."
+    return term
+
+
+def _root(of: Term) -> Term:
+    """The root of a mean square, for validation; its gradient at 0 is infinite."""
+
+    def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+        return jnp.sqrt(of(estimate, lesson))
+
+    term.__doc__ = f"Root of: {of.__doc__}"
+    return term
 
 
 def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
@@ -57,14 +118,99 @@ def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     return -jax.tree.reduce(jnp.add, [jnp.sum(value) for value in found])
 
 
+class Loss(NamedTuple):
+    """A loss by which walks are tuned and judged.
+
+    Attributes:
+        term: the loss of an estimate; smooth, in squared units or in nats.
+        error: the error that is reported for a walk.
+        unit: unit of the error.
+        words: name of the error.
+        needs: fields of the reference, one of which is enough, such as "strides.length"; empty: no reference.
+    """
+
+    term: Term
+    error: Term
+    unit: str
+    words: str
+    needs: tuple[str, ...]
+
+
+def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
+    return Loss(term, _root(term), unit, words, needs)
+
+
+LOSSES: dict[str, Loss] = {
+    "distance": Loss(distance, distance_percent, "%", "|error of the distance|", ("distance",)),
+    "trajectory": Loss(trajectory, trajectory_rms, "° or cm", "error of angles and foot path", ("legs",)),
+    "joint_angles": _squared(joint_angles, "°", "error of hip and knee angles", "legs"),
+    "foot_path": _squared(foot_path, "cm", "error of the foot's path in the leg's plane", "legs"),
+    "position": _squared(position, "cm", "3-D error of the feet's paths", "feet"),
+    "position_log": Loss(position_log, _root(position), "cm", "3-D error of the feet's paths", ("feet",)),
+    "stride_length": _squared(
+        _of_strides("length", 0.01, "stride length [cm²]"), "cm", "error of stride length", "strides.length"
+    ),
+    "stride_width": _squared(
+        _of_strides("width", 0.01, "stride width [cm²]"), "cm", "error of stride width", "strides.width"
+    ),
+    "stride_height": _squared(
+        _of_strides("height", 0.01, "rise of a stride [cm²]"), "cm", "error of stride height", "strides.height"
+    ),
+    "stride_time": _squared(
+        _of_strides("duration", 0.01, "stride time, in units of 10 ms"), "10 ms", "error of stride time",
+        "strides.start", "strides.standing",
+    ),
+    "contact_times": _squared(contact_times, "10 ms", "error of contact times", "strides.end"),
+    "likelihood": Loss(likelihood, likelihood, "nat", "negative log-likelihood", ()),
+    "calibration": Loss(
+        calibration, calibration, "nat", "negative log-likelihood of the reference", ("strides.length", "legs")
+    ),
+}  # fmt: skip
+"""Losses by name; `About.losses` lists those that an estimator answers."""
+
 TERMS: dict[str, Term] = {
-    "distance": distance,
+    **{name: one.term for name, one in LOSSES.items()},
+    **{f"{name}_error": one.error for name, one in LOSSES.items() if one.error is not one.term},
     "distance_percent": distance_percent,
-    "likelihood": likelihood,
-    "trajectory": trajectory,
     "trajectory_rms": trajectory_rms,
 }
-"""Terms by name."""
+"""Terms by name: the losses, and their errors for validation."""
+
+
+def parsed(text: str) -> dict[str, float]:
+    """Losses with their weights from "position=1,stride_length=0.2"; a name alone has the weight 1.
+
+    Raises:
+        ValueError: if a name is unknown or given twice, or a weight is not a positive number.
+    """
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        if name not in LOSSES or name in weights:
+            raise ValueError(f"a loss is one of {', '.join(LOSSES)}, each given once; got {name!r}")
+        try:
+            weights[name] = float(number or 1.0)
+        except ValueError:
+            weights[name] = math.nan
+        if not 0.0 < weights[name] < math.inf:
+            raise ValueError(f"the weight of {name!r} must be a positive number; got {number!r}")
+    return weights
+
+
+def lacking(name: str, reference: Estimate | None) -> str:
+    """Why a reference cannot judge a loss, in words; "" if it can. References may be stacked."""
+    needs = LOSSES[name].needs
+    if not needs or (reference is not None and any(_has(reference, path) for path in needs)):
+        return ""
+    return f"{name} needs a reference with {' or '.join(path.replace('.', ' with ') for path in needs)}"
+
+
+def _has(reference: Estimate, path: str) -> bool:
+    value: PyTree = reference
+    for part in path.split("."):
+        value = None if value is None else getattr(value, part)
+    leaves = jax.tree.leaves(value)
+    return any(leaf.size and np.isfinite(leaf).any() for leaf in map(np.asarray, leaves))
 
 
 @dataclass(frozen=True)
@@ -95,17 +241,22 @@ class Objective:
 
 
 def objective(
-    estimator: Estimator[PyTree, PyTree], options: PyTree, terms: str | Mapping[str | Term, float]
+    estimator: Estimator[PyTree, PyTree], options: PyTree, terms: str | Mapping[str, float] | Mapping[str | Term, float]
 ) -> Objective:
     """A loss over lessons; `terms` is the name of one term (see `TERMS`), or maps names or `Term` to weights.
 
     Raises:
-        ValueError: if a name is unknown, or there is no term.
+        ValueError: if a name is unknown, there is no term, or the estimator cannot answer one of them.
     """
-    weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else dict(terms)
+    weights: dict[str | Term, float] = {terms: 1.0} if isinstance(terms, str) else {**terms}  # type: ignore[dict-item]
     unknown = [name for name in weights if isinstance(name, str) and name not in TERMS]
     if unknown or not weights:
-        raise ValueError(f"terms must be among {', '.join(TERMS)}, or functions; got {unknown or 'none'}")
+        raise ValueError(f"terms must be among {', '.join(LOSSES)}, or functions; got {unknown or 'none'}")
+    answers = estimator.about.losses
+    for name in weights:
+        loss = str(name).removesuffix("_error")
+        if answers is not None and loss in LOSSES and loss not in answers:
+            raise ValueError(f"{estimator.name} cannot answer {loss!r}; it answers {', '.join(answers)}")
     return Objective(estimator.run, estimator.own, options, tuple((n, float(w)) for n, w in weights.items()))
 
 

@@ -208,8 +208,14 @@ def test_a_tuning_that_was_finished_is_not_run_again(tuned):
 def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walks, tmp_path):
     file = tuned[2] / "tuned.json"
     scale = json.loads(file.read_text())["parameters"]["distance_scale"]["value"]
-    code, said = run("evaluate", evaluated[3], "--paper", "--params", file, "--out", tmp_path / "out")
+    code, said = run(
+        "evaluate", evaluated[3], "--paper", "--params", file, "--loss", "distance", "--out", tmp_path / "out"
+    )
     assert code == 1, said
+    rows = pd.read_csv(tmp_path / "out" / "quantities.csv").query("quantity == 'distance_m'").set_index("recording")
+    errors = pd.read_csv(tmp_path / "out" / "losses.csv").set_index("recording")["distance"]
+    percent = 100.0 * (rows["estimate"] / rows["reference"] - 1.0).abs()
+    np.testing.assert_allclose(errors, percent[errors.index], rtol=1e-6)
     before, after = (
         pd.read_csv(folder / "quantities.csv").query("quantity == 'distance_m'")["estimate"].to_numpy()
         for folder in (evaluated[2], tmp_path / "out")
@@ -230,11 +236,16 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
     [
         (("--free", "scale"), "there is no parameter 'scale'; there are thigh_length.right"),
         (("--free", ","), "--free names nothing to learn"),
-        (("--free", "distance_scale", "--loss", "speed"), "--loss is distance, trajectory, likelihood; got 'speed'"),
-        (("--free", "distance_scale", "--loss", "trajectory"), "the reference of cohort.csv has none: --loss distance"),
+        (("--free", "distance_scale", "--loss", "speed"), "--loss: a loss is one of distance, trajectory"),
+        (
+            ("--free", "distance_scale", "--loss", "trajectory"),
+            "trajectory needs a reference with legs; the reference of cohort.csv has none",
+        ),
+        (("--free", "distance_scale", "--loss", "position"), "leg_ekf cannot answer 'position'; it answers distance"),
+        (("--free", "distance_scale", "--loss", "distance=-1"), "the weight of 'distance' must be a positive number"),
         (("--free", "distance_scale", "--folds", 3), "folds must be between 2 and the 2 subjects"),
     ],
-    ids=["unknown", "empty", "loss", "no angles", "folds"],
+    ids=["unknown", "empty", "loss", "no angles", "not answered", "weight", "folds"],
 )
 def test_bad_tunings(table, words, expected, tmp_path):
     code, said = run("tune", table(), "--paper", *words, "--steps", 1, "--out", tmp_path / "out")

@@ -20,6 +20,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
 from jgait.estimators.axes import axes_of, pad
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.estimators.run import trimmed
+from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"
 LONGER = 64
@@ -96,6 +97,45 @@ def assert_close(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray], sha
 
 def assert_equal(ours: Any, theirs: Any) -> None:
     jax.tree.map(np.testing.assert_array_equal, ours, theirs)
+
+
+# --- losses ---
+
+
+def displaced(result: Any) -> Any:
+    """An estimate as its own reference, with every quantity off: by 1 cm, 1° or 10 ms, paths by a bend."""
+    bend = None if result.feet is None else np.linspace(0.0, 1.0, result.time.size)[:, None] ** 2
+    moved = {
+        "legs": jax.tree.map(lambda v: v + np.linspace(0.0, 0.03, v.size), result.legs),
+        "distance": None if result.distance is None else 1.01 * result.distance,
+        "feet": jax.tree.map(lambda v: v + bend if v.shape[-1] == 3 else v, result.feet),
+        "strides": None if result.strides is None else jax.tree.map(lambda v: v, result.strides)._replace(
+            **{f: getattr(result.strides, f) + 0.01 for f in ("length", "width", "height", "end")}
+        ),
+    }  # fmt: skip
+    return result._replace(valid=np.ones(result.time.size, bool), **moved)
+
+
+@every_estimator
+def test_the_losses_of_the_record_are_those_that_its_estimates_answer(name):
+    case, result = case_of(name), jax.tree.map(np.asarray, estimates(name)[0])
+    samples = case.samples[0]
+    everywhere = np.arange(result.time.size) < samples
+    lesson = Lesson(
+        case.inputs[0], displaced(result), everywhere, ~everywhere, np.asarray(0), np.asarray(samples - 1), {}
+    )
+    losses = set(estimators.about_of(name).losses or ())
+    if name == "duty_cycled_gyro":
+        losses &= {"likelihood"}  # its walk has a single segment, so no leg
+    by_distance = {"stride_length"} if result.strides is None else set()  # references with strides come from elsewhere
+    for loss in LOSSES.keys() - by_distance:
+        try:
+            value = float(LOSSES[loss].term(result, lesson))
+        except ValueError:
+            assert loss not in losses
+            continue
+        assert np.isfinite(value)
+        assert (value != 0.0) == (loss in losses), loss
 
 
 # --- compiled, mapped, padded, masked ---

@@ -172,7 +172,7 @@ def test_the_likelihood_is_the_sum_over_the_legs(made):
 
 
 def test_terms_that_are_not_known():
-    with pytest.raises(ValueError, match="distance_percent, likelihood"):
+    with pytest.raises(ValueError, match="distance, trajectory, joint_angles"):
         tune.objective(made_cohort.FAKE, None, "speed")
     with pytest.raises(ValueError, match="terms must be among"):
         tune.objective(made_cohort.FAKE, None, {})

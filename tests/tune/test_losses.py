@@ -9,7 +9,7 @@ import pytest
 
 from jgait.tune import losses
 from jgait.tune.losses import TrajectoryWeights
-from jgait.types import Estimate, Legs, LegTrajectory, Strides
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, Strides
 
 DEGREE = np.pi / 180.0
 T = 6
@@ -152,13 +152,95 @@ def test_stride_lengths_are_read_off_the_distance_between_the_strides_ends():
     true = estimate()._replace(
         strides=rows([0.0, 0.03, 9.0], [0.05, 0.09, 9.9], [0.2, 0.31, 5.0], np.array([True, True, False]))
     )
-    assert float(losses.stride_length(walked, true)) == pytest.approx((0.05**2 + 0.01**2) / 2)
-    slope = jax.grad(lambda k: losses.stride_length(walked._replace(distance=k * walked.distance), true))(1.0)
+    assert float(losses.stride(walked, true, "length")) == pytest.approx((0.05**2 + 0.01**2) / 2)
+    slope = jax.grad(lambda k: losses.stride(walked._replace(distance=k * walked.distance), true, "length"))(1.0)
     assert float(slope) == pytest.approx(0.05 * 0.25 - 0.01 * 0.30)
-    with pytest.raises(ValueError, match="needs an estimate with distance and a reference with strides"):
-        losses.stride_length(walked, walked)
+    with pytest.raises(ValueError, match="the reference has no strides"):
+        losses.stride(walked, walked, "length")
 
 
-def test_event_times_differ_by_their_mean_square():
-    found, true, matched = (jnp.asarray(v) for v in ([1.0, 2.0, 7.0], [1.1, 1.8, 0.0], [True, True, False]))
-    assert float(losses.event_time(found, true, matched)) == pytest.approx((0.01 + 0.04) / 2)
+def several(shift=0.0, **fields):
+    """Four strides of both feet in turns; the third is no stride."""
+    start = np.arange(4) * 0.6
+    nothing = np.full(4, np.nan)
+    table = Strides(
+        np.arange(4) % 2, start + shift, start + 0.4 + shift, start + 1.1 + shift, np.array([1.2, 1.3, 9.0, 1.4]),
+        np.array([0.1, 0.12, 9.0, np.nan]), nothing, np.array([True, True, False, True]),
+    )  # fmt: skip
+    return estimate()._replace(strides=table._replace(**fields))
+
+
+def test_strides_are_matched_by_foot_and_time_as_when_they_are_judged():
+    from jgait.evaluate.scores import matched
+
+    true, order = several(), np.array([3, 1, 0])
+    ours = several(0.03)
+    ours = ours._replace(strides=Strides(*(None if c is None else c[order] for c in ours.strides)))
+    valid = np.flatnonzero(true.strides.valid)
+    kept = Strides(*(None if c is None else c[valid] for c in true.strides))
+    assert matched(ours.strides, kept).tolist() == [2, 1, 0]
+    longer = ours._replace(strides=ours.strides._replace(length=ours.strides.length + np.array([0.02, 0.0, 0.0])))
+    assert float(losses.stride(longer, true, "length")) == pytest.approx(0.02**2 / 3)
+    wider = ours._replace(strides=ours.strides._replace(width=ours.strides.width + 0.03))
+    assert float(losses.stride(wider, true, "width")) == pytest.approx(0.03**2)  # over the two with a width
+    assert float(losses.stride(ours, true, "duration")) == pytest.approx(0.0, abs=1e-20)
+    assert float(losses.contact_times(ours, true)) == pytest.approx(0.03**2)
+    other = ours._replace(strides=ours.strides._replace(side=1 - ours.strides.side))
+    assert float(losses.stride(other, true, "width")) == 0.0
+    with pytest.raises(ValueError, match="the strides of the estimate have no turn"):
+        losses.stride(ours, true, "turn")
+    with pytest.raises(ValueError, match="the estimate has no contacts"):
+        losses.contact_times(ours._replace(strides=ours.strides._replace(end=None)), true)
+
+
+def walked(position, valid=None):
+    ok = np.ones(len(position), bool) if valid is None else valid
+    feet = Feet(FootTrajectory(jnp.asarray(position), None, None), None)
+    return estimate()._replace(time=np.arange(len(position)) / 50.0, valid=ok, feet=feet)
+
+
+def test_the_position_loss_removes_the_best_yaw_and_shift_and_nothing_else():
+    path = np.random.default_rng(0).normal(size=(40, 3)) * [3.0, 2.0, 0.2]
+    c, s = np.cos(2.3), np.sin(2.3)
+    turned = path @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [5.0, -7.0, 1.0]
+    assert float(losses.position(walked(path), walked(turned))) < 1e-20
+    noisy = turned + np.random.default_rng(1).normal(size=(40, 3)) * 0.1
+    valid = np.arange(40) % 5 > 0
+    noisy[~valid] = np.nan
+    found = float(losses.position(walked(path), walked(noisy, valid)))
+
+    def error(yaw):
+        c, s = np.cos(yaw), np.sin(yaw)
+        a = (path @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))[valid]
+        d = a - a.mean(axis=0) - noisy[valid] + noisy[valid].mean(axis=0)
+        return np.mean(np.sum(d**2, axis=1))
+
+    assert found == pytest.approx(min(error(yaw) for yaw in np.linspace(2.2, 2.4, 20001)), rel=1e-7)
+    # the minimum's derivative is that at a fixed yaw: the gradient along a rotation of the path is 0
+    slope = jax.grad(lambda p: losses.position(walked(p), walked(noisy, valid)))(jnp.asarray(path))
+    assert np.isfinite(slope).all() and not slope[~valid].any()
+    spin = np.stack([-path[:, 1], path[:, 0], np.zeros(40)], axis=1)
+    assert abs(np.sum(np.asarray(slope) * spin)) < 1e-10
+    still = jax.grad(lambda p: losses.position(walked(p), walked(noisy, valid)))(jnp.zeros((40, 3)))
+    assert np.isfinite(still).all()
+    with pytest.raises(ValueError, match="share no path of a foot"):
+        losses.position(walked(path), walked(path)._replace(feet=None))
+
+
+def test_calibration_is_least_where_the_stated_deviation_is_the_error():
+    true = several()
+    ours = several(length=true.strides.length + 0.03)
+
+    def loss(stddev):
+        spread = ours.strides._replace(length=jnp.full(4, stddev))
+        return losses.calibration(ours._replace(strides_stddev=spread), true)
+
+    assert float(loss(0.03)) == pytest.approx(0.5 + np.log(3.0))
+    assert float(jax.grad(loss)(0.03)) == pytest.approx(0.0, abs=1e-9)
+    leg_true = leg(0)
+    angles = estimate(leg_true._replace(hip_angle=leg_true.hip_angle + 2.0 * DEGREE))
+    spread = LegTrajectory(*(jnp.full(T, 2.0 * DEGREE),) * 4)
+    stated = angles._replace(stddev=Legs(spread, None))
+    assert float(losses.calibration(stated, estimate(leg_true))) == pytest.approx((0.5 + 2 * np.log(2.0)) / 2)
+    with pytest.raises(ValueError, match="nothing of the reference has a deviation"):
+        losses.calibration(angles, estimate(leg_true))

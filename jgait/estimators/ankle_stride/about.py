@@ -87,4 +87,5 @@ ABOUT = About(
     tables=(EstimateTable("strides", "strides", json="strides"), EstimateTable("totals", leg_table, json="legs")),
     figures=(LEG_STRIDES, WAY._replace(when=has_strides)),
     flags=FLAGS,
+    losses=("distance", "stride_length", "stride_height", "stride_time", "contact_times", "likelihood", "calibration"),
 )  # fmt: skip

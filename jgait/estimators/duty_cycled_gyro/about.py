@@ -161,4 +161,5 @@ ABOUT = About(
         ),
     ),
     numbers=numbers,
+    losses=("trajectory", "joint_angles", "foot_path", "likelihood", "calibration"),
 )  # fmt: skip

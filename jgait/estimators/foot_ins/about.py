@@ -41,4 +41,8 @@ ABOUT = About(
         EstimateFigure("stride_series", "strides", has_strides),
     ),
     flags=(TURNING, HALF),
-)
+    losses=(
+        "distance", "position", "position_log", "stride_length", "stride_height", "stride_time",
+        "contact_times", "likelihood", "calibration",
+    ),
+)  # fmt: skip

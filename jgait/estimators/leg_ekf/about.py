@@ -47,4 +47,5 @@ ABOUT = About(
     caption="angles: smallest … largest flexion",
     tables=(EstimateTable("legs", "samples"),),
     figures=(JOINT_ANGLES, FOOT_PATH, WAY),
+    losses=("distance", "trajectory", "joint_angles", "foot_path", "stride_length", "likelihood", "calibration"),
 )  # fmt: skip

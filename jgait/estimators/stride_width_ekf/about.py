@@ -64,4 +64,8 @@ ABOUT = FOOT._replace(
         EstimateFigure("two_feet", "widths", lambda made: bool(np.isfinite(as_float(made.strides.width)).any())),
     ),
     flags=(*FOOT.flags, WIDTH),
+    losses=(
+        "position", "position_log", "stride_length", "stride_width", "stride_height", "stride_time",
+        "contact_times", "likelihood", "calibration",
+    ),
 )  # fmt: skip

@@ -91,4 +91,7 @@ ABOUT = About(
     ),
     flags=(TURNING, UNSURE),
     numbers=lambda estimate: {"totals": totals(estimate)[0]},
+    losses=(
+        "distance", "stride_length", "stride_time", "contact_times", "likelihood", "calibration",
+    ),
 )  # fmt: skip

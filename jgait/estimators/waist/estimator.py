@@ -134,7 +134,8 @@ def estimator(options: WaistOptions = DEFAULT) -> Estimator[WaistParams, WaistIn
 
 def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, WaistInputs]:
     """The paper's pipeline as a separate estimator, `waist_ofdri`."""
-    about = ABOUT._replace(title=f"{ABOUT.title}, by the paper's pipeline", default=PAPER)
+    losses = tuple(name for name in ABOUT.losses or () if name != "likelihood")
+    about = ABOUT._replace(title=f"{ABOUT.title}, by the paper's pipeline", default=PAPER, losses=losses)
     return estimator(options)._replace(name="waist_ofdri", about=about)
 
 

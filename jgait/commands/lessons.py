@@ -1,0 +1,62 @@
+"""The losses that an option names, and the walks of a cohort prepared for them."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import PyTree
+
+from jgait.commands import cohort as cohorts
+from jgait.commands.console import Bar, note, progress, say_failures, stop
+from jgait.commands.pipeline import measures_of
+from jgait.estimators import Estimator
+from jgait.types import Walk
+
+if TYPE_CHECKING:
+    from jgait.tune import Lessons
+
+
+def losses_of(option: str, text: str) -> dict[str, float]:
+    """The losses and weights of an option; exits with code 2 if they cannot be read."""
+    from jgait.tune import parsed
+
+    try:
+        return parsed(text)
+    except ValueError as error:
+        stop(f"{option}: {error}")
+
+
+def lessons_of(
+    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
+    failures: list[tuple[str, str]], reference: bool,
+) -> "Lessons":  # fmt: skip
+    """The lessons of the cohort, with the measures of each person; exits with code 2 if there are none."""
+    from jgait import tune as tuning
+    from jgait.params import check_params
+
+    learned = {name.split(".")[0] for name in names}
+    measures = measures_of(pipeline)
+    if learned & set(measures):
+        note(
+            f"{', '.join(sorted(learned & set(measures)))}: a single value is learned for all people, not one for each "
+            "person"
+        )
+
+    def body_of(walk: Walk) -> dict[str, np.ndarray]:
+        # All lessons must have the same measures, so unknown measures get their default.
+        known = {name: getattr(start, name) for name in measures} | cohorts.body(walk, measures)
+        known = {name: tuple(value) if np.ndim(value) else value for name, value in known.items()}
+        check_params(pipeline.own(start, known), pipeline.transforms)
+        both = {name: np.asarray(value, float) for name, value in known.items()}
+        both |= {name: np.broadcast_to(both[name], 2) for name in both if isinstance(getattr(start, name), tuple)}
+        return {name: value for name, value in both.items() if name not in learned}
+
+    with progress() as bars:
+        bar, total = Bar(bars), len(source.items)
+        walks = source.walks(failures, lambda number: bar("reading", number, total))
+        try:
+            made = tuning.lessons(pipeline, walks, own=body_of, reference=reference)
+        except ValueError as error:
+            say_failures(failures)
+            stop(str(error))
+    failures += made.failures
+    return made
