@@ -14,6 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, PyTree
 
+from jgait.signal.windows import held_mean, held_spread
 from jgait.types import AnyArray
 
 WINDOW = 0.1
@@ -30,6 +31,9 @@ STANCE = 2.5
 
 STILL = 0.8
 """[rad/s] A foot with a lower rate always counts as standing; between heel-off and contact the rate is above 2."""
+
+ABOVE = 1.5
+"""[1] A stance ends where the rate is more than `STILL` and than so many times the rate of its valley."""
 
 JOLT = 5.0
 """[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s."""
@@ -70,62 +74,43 @@ class Stances(NamedTuple):
     rate: np.ndarray
 
 
-def moving_rate(gyr: Float[AnyArray, "time 3"], sampling_rate_hz: float, window_s: float = WINDOW) -> np.ndarray:
-    """Root mean square of the angular rate over a centred window (T,) [rad/s]; the ends are repeated."""
-    size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
-    half = size // 2
-    power = np.pad((np.asarray(gyr, np.float64) ** 2).sum(axis=1), (half, half), mode="edge")
-    total = np.concatenate([[0.0], np.cumsum(power)])
-    return np.sqrt(np.maximum(total[size:] - total[:-size], 0.0) / size)
+def moving_rate(gyr: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:
+    """Root mean square of the angular rate over a centred `WINDOW` (T,) [rad/s]; the ends are repeated."""
+    power = held_mean((np.asarray(gyr, np.float64) ** 2).sum(axis=1), _window(sampling_rate_hz))
+    return np.sqrt(np.maximum(power, 0.0))
 
 
-def unrest(
-    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float, window_s: float = WINDOW
-) -> np.ndarray:
+def _window(sampling_rate_hz: float) -> int:
+    return max(3, 2 * round(WINDOW * sampling_rate_hz / 2) + 1)
+
+
+def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:
     """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
-    size = max(3, 2 * round(window_s * sampling_rate_hz / 2) + 1)
-    force = np.asarray(acc, np.float64)
-    force = np.pad(force - force.mean(axis=0), ((size // 2, size // 2), (0, 0)), mode="edge")
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-        return (total[size:] - total[:-size]) / size
-
-    variance = np.maximum(mean(force**2) - mean(force) ** 2, 0.0).sum(axis=1)
-    return np.sqrt(moving_rate(gyr, sampling_rate_hz, window_s) ** 2 + variance / JOLT**2)
+    return np.hypot(moving_rate(gyr, sampling_rate_hz), held_spread(acc, _window(sampling_rate_hz)) / JOLT)
 
 
-def stances(
-    gyr: Float[AnyArray, "time 3"],
-    acc: Float[AnyArray, "time 3"],
-    sampling_rate_hz: float,
-    *,
-    still: float = STILL,
-    factor: float = 1.5,
-    erosion_s: tuple[float, float] = EROSION,
-) -> Stances:
+def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> Stances:
     """The stances of a foot, at any speed of gait; empty if the foot never moves enough, or never comes to rest.
+
+    A stance extends from its valley to where the rate exceeds `STILL` and `ABOVE` times the rate of the valley, less
+    `EROSION`, except at the ends of the recording.
 
     Args:
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
-        still: least threshold on the rate; a stance extends from its valley to where the rate exceeds it [rad/s].
-        factor: the threshold is at least this many times the rate of the valley [1].
-        erosion_s: times removed from the start and the end of a stance [s], except at the ends of the recording.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _suppressed(*_valleys(rate), sampling_rate_hz)
-    after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in erosion_s)
+    after_start, before_end = (round(seconds * sampling_rate_hz) for seconds in EROSION)
     rows = []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
-        first, last = _around(rate, at, (before + 1, after), max(still, factor * rate[at]))
+        first, last = _around(rate, at, (before + 1, after), max(STILL, ABOVE * rate[at]))
         first = min(first + after_start, at) if first > 0 else first
         last = max(last - before_end, at) if last < len(rate) - 1 else last
         middle = first + int(np.argmin(restless[first : last + 1]))
-        limit = max(still, factor * restless[middle])
-        first, last = _around(restless, middle, (first, last + 1), limit)
+        first, last = _around(restless, middle, (first, last + 1), max(STILL, ABOVE * restless[middle]))
         rows.append((first, last + 1, middle))
     start, end, stillest = np.array(rows, int).reshape(-1, 3).T
     return Stances(start, end, stillest, rate[stillest])

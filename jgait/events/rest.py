@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, SCALE, Kind, Note
-from jgait.signal.windows import true_runs, window_size
+from jgait.signal.windows import held_mean, held_spread, true_runs, window_size
 from jgait.types import AnyArray, Imu, RecordingError, as_float
 
 STILL_RATE = 0.2
@@ -98,14 +98,14 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     if len(gyr) <= size:
         return Rest([], np.zeros(3), 0.0, 0.0)
     half = size // 2
-    spread = _spread(gyr - np.median(gyr, axis=0), size)
-    there = _mean(mask[:, None].astype(np.float64), size)[:, 0] > 0.99
+    full = slice(half, len(gyr) - half)
+    spread, there = held_spread(gyr, size)[full], held_mean(mask.astype(np.float64), size)[full] > 0.99
     least = np.min(spread[there], initial=np.inf)
     if not least < RESTLESS:
         return Rest([], np.zeros(3), 0.0, 0.0)
     # the middle of a window is half a window after its first sample; a rest is extended by a quarter window each way
     quiet = np.zeros(len(gyr), bool)
-    quiet[half : half + len(spread)] = there & (spread <= max(QUIET * least, 1e-9))
+    quiet[full] = there & (spread <= max(QUIET * least, 1e-9))
     windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
     weights = np.array([(b - a) / sampling_rate_hz for a, b in windows]) ** 2
     biases = np.array([gyr[a:b].mean(axis=0) for a, b in windows])
@@ -229,10 +229,10 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     found = rest(gyr, acc, mask, rate)
     reads = found.gyr_bias if np.linalg.norm(found.gyr_bias) < BIAS_KNOWN else np.zeros(3)
     size = window_size(TRUNK_WINDOW_S, rate)
-    still = _spread(_held(gyr - np.median(gyr, axis=0), size), size) < TRUNK_RATE
-    still &= _spread(_held(acc - np.median(acc, axis=0), size), size) < TRUNK_FORCE
+    still = held_spread(gyr, size) < TRUNK_RATE
+    still &= held_spread(acc, size) < TRUNK_FORCE
     # a person who leans or turns slowly does not stand still
-    still &= np.linalg.norm(_mean(_held(gyr, size), size) - reads, axis=1) < TRUNK_RATE
+    still &= np.linalg.norm(held_mean(gyr, size) - reads, axis=1) < TRUNK_RATE
     for a, b in true_runs(~mask):
         # a short loss was interpolated, and does not end a rest
         still[a:b] &= b - a <= BRIDGED_S * rate
@@ -282,19 +282,3 @@ def _without_sway(
     if not told:
         return np.zeros(3), 0.0
     return np.average(told, axis=0, weights=weights), float(np.sqrt(np.sum(weights)))
-
-
-def _mean(values: np.ndarray, size: int) -> np.ndarray:
-    """(T − size + 1, n) mean over every full window."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray((total[size:] - total[:-size]) / size)
-
-
-def _spread(centred: np.ndarray, size: int) -> np.ndarray:
-    """(T − size + 1,) standard deviation over every full window, of all columns together; values with a mean near 0."""
-    return np.sqrt(np.maximum(_mean(centred**2, size) - _mean(centred, size) ** 2, 0.0).sum(axis=1))
-
-
-def _held(values: np.ndarray, size: int) -> np.ndarray:
-    """The samples with the first and the last repeated, so that every sample has a full window."""
-    return np.pad(values, [(size // 2, size // 2), (0, 0)], mode="edge")

@@ -33,7 +33,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Int, PyTree
 
 from jgait.events.shank import check_rate
-from jgait.events.trunk_rhythm import COARSE, SLOWEST, Coarse, Rhythm, contacts_nearby
+from jgait.events.trunk_rhythm import SLOWEST, Rhythm, contacts_nearby
 from jgait.events.trunk_soft import SOFT, Soft, instants
 from jgait.signal import butterworth, wavelet
 from jgait.signal.windows import vertex
@@ -49,7 +49,7 @@ PAUSE = 4.0
 """[steps] After a longer time between two contacts, the side of the first gives no evidence for the second."""
 
 ROWS = 4.0
-"""[Hz] Rows of the result for every second, unless `capacity` is given."""
+"""[Hz] Rows of the result for every second; further contacts are left out."""
 
 PAPER_RATE = 100.0
 """[Hz] Sampling rate of the paper's wavelet; recordings with another rate are interpolated to it."""
@@ -221,8 +221,7 @@ def sides(
 
 def initial_contacts(
     forward: ArrayLike, upward: ArrayLike, yaw_rate: ArrayLike, sampling_rate_hz: float,
-    settings: PaperRule | Peaks | Soft = SOFT, *, coarse: Coarse = COARSE, mask: ArrayLike | None = None,
-    start_s: ArrayLike = 0.0, capacity: int | None = None, leftward: ArrayLike | None = None,
+    settings: PaperRule | Peaks | Soft = SOFT, *, mask: ArrayLike | None = None, leftward: ArrayLike | None = None,
 ) -> Contacts:  # fmt: skip
     """Initial contacts of both feet from the trunk's accelerations, without gravity, in the body's axes.
 
@@ -232,15 +231,13 @@ def initial_contacts(
         yaw_rate: (T,) about the vertical, a turn to the left positive [rad/s], finite.
         sampling_rate_hz: sampling rate [Hz], 25 to 400; static.
         settings: settings of a detector, which also choose the detector.
-        coarse: settings of the coarse instants.
         mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.
-        start_s: time of the first sample [s].
-        capacity: rows of the result; static. None: four for every second. Further contacts are left out.
         leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite: sides are computed from it;
             None: sides are computed from the yaw rate, which gives wrong sides for some people.
 
     Returns:
-        The contacts, (capacity,); without walking no row is valid.
+        The contacts, with times from the first sample on, `ROWS` rows for every second; without walking no row is
+        valid.
 
     Raises:
         ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.
@@ -255,10 +252,8 @@ def initial_contacts(
             raise ValueError(f"{name} must be floating point; got {x.dtype}")
     counts = jnp.ones_like(signals[0], dtype=bool) if mask is None else jnp.asarray(mask)
     ahead, up, turn, sideways = (jnp.where(counts, x, 0.0) for x in signals)
-    rate, rows = float(sampling_rate_hz), capacity
-    if rows is None:
-        rows = int(ROWS * ahead.shape[0] / rate) + 2
-    seen = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, coarse, rows))
+    rate = float(sampling_rate_hz)
+    seen = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
     if isinstance(settings, PaperRule):
         time = _paper(ahead, up, counts, seen, rate, settings)
     elif isinstance(settings, Peaks):
@@ -267,8 +262,6 @@ def initial_contacts(
         time = instants(ahead, up, rate, seen.time, settings, counts)
     across = None if leftward is None else sideways
     odds = lax.stop_gradient(sides(turn, rate, seen.time, seen.frequency, seen.valid, across))
-    found = Contacts(
-        start_s + time, (odds > 0.0).astype(jnp.int32), seen.valid, start_s + seen.time, seen.frequency,
-        jnp.tanh(0.5 * jnp.abs(odds)),
-    )  # fmt: skip
+    side, certainty = (odds > 0.0).astype(jnp.int32), jnp.tanh(0.5 * jnp.abs(odds))
+    found = Contacts(time, side, seen.valid, seen.time, seen.frequency, certainty)
     return Contacts(*(jnp.where(seen.valid, field, jnp.zeros_like(field)) for field in found))

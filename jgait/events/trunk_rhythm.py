@@ -43,29 +43,21 @@ NEAREST, FURTHEST = 0.65, 1.6
 """[steps] Least and greatest time from a contact to a closing step; the least also from it to the next contact."""
 
 
-class Coarse(NamedTuple):
-    """Settings of the coarse instants.
+CUTOFF = 1.4
+"""[1] Cut-off of the low-pass filter, over the step frequency.
 
-    Attributes:
-        cutoff: cut-off of the low-pass filter, over the step frequency [1].
-        least: least height of a maximum above the minima beside it [m/s²].
-        share: the same height, over the local root mean square [1].
-        weak: share of the least height that a closing step, about one step after a tall maximum, needs [1].
-        in_a_row: least number of contacts in a row that count as walking.
-        apart: longest time between two contacts in a row, in steps [1].
-    """
+With this and the next five, F1 is 0.983 on seven walks of `ipol_gait`, U-turns included; between 0.966 and 0.983 for a
+`SHARE` of 0.5 to 0.9, `LEAST` of 0.5 to 0.8 and `WEAK` of 0.2 to 1. On three straight walks of `mobgap_lab` it is 1.
+"""
 
-    cutoff: Values = 1.4
-    least: Values = 0.5
-    share: Values = 0.9
-    weak: Values = 0.5
-    in_a_row: Values = 4
-    apart: Values = 2.5
+LEAST, SHARE = 0.5, 0.9
+"""[m/s²], [1] Least height of a maximum above the minima beside it: itself, and over the local root mean square."""
 
+WEAK = 0.5
+"""[1] Share of the least height that a closing step, about one step after a tall maximum, needs."""
 
-COARSE = Coarse()
-"""On seven walks of `ipol_gait`, U-turns included, F1 is 0.983; between 0.966 and 0.983 for shares of 0.5 to 0.9, for
-`least` of 0.5 to 0.8 and `weak` of 0.2 to 1. On three straight walks of `mobgap_lab` it is 1 throughout."""
+IN_A_ROW, APART = 4, 2.5
+"""Least number of contacts in a row that count as walking; [steps] longest time between two contacts in a row."""
 
 
 class Rhythm(NamedTuple):
@@ -159,8 +151,8 @@ def maxima(x: ArrayLike, enough: ArrayLike) -> tuple[Array, Array]:
     return found
 
 
-def _kept(time: Array, frequency: Array, tall: Array, there: Array, c: Coarse) -> Array:
-    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `c.in_a_row`."""
+def _kept(time: Array, frequency: Array, tall: Array, there: Array) -> Array:
+    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `IN_A_ROW`."""
     coming = lax.cummin(jnp.where(tall, time, jnp.inf), reverse=True)
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
@@ -176,12 +168,12 @@ def _kept(time: Array, frequency: Array, tall: Array, there: Array, c: Coarse) -
     number, rows = jnp.cumsum(keep.astype(jnp.int32)), time.shape[0]
     order = jnp.nonzero(keep, size=rows, fill_value=-1)[0]
     steps = jnp.diff(time[order], prepend=time[order[:1]]) * frequency[order]
-    run = jnp.cumsum(jnp.where((steps > c.apart) & (order >= 0), 1, 0))
+    run = jnp.cumsum(jnp.where((steps > APART) & (order >= 0), 1, 0))
     length = jax.ops.segment_sum((order >= 0).astype(jnp.int32), run, rows + 1)
-    return keep & (length[run[jnp.maximum(number - 1, 0)]] >= c.in_a_row)
+    return keep & (length[run[jnp.maximum(number - 1, 0)]] >= IN_A_ROW)
 
 
-def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, c: Coarse, capacity: int) -> Rhythm:
+def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: float, capacity: int) -> Rhythm:
     """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid.
 
     The accelerations are (T,), upward without gravity [m/s²], finite; further maxima are left out.
@@ -189,18 +181,18 @@ def contacts_nearby(forward: ArrayLike, upward: ArrayLike, sampling_rate_hz: flo
     rate, both = sampling_rate_hz, jnp.stack([jnp.asarray(forward), jnp.asarray(upward)], axis=1)
     bank = low_passed(both, rate)
     along = step_frequency(bank, rate)
-    slow = between(bank, c.cutoff * along)
+    slow = between(bank, CUTOFF * along)
     slope: PyTree = jnp.gradient(slow[:, 0])
     shock = slow[:, 1] - slope * rate / (2.0 * jnp.pi * along)
     size = min(signal.window_size(WINDOW, rate), 2 * (shock.shape[0] // 2) - 1)
     high = jnp.sqrt(jnp.maximum(signal.moving_mean(shock * shock, size), 0.0))
-    enough = jnp.maximum(c.least, c.share * high)
-    (sure, certain), (peak, where) = jax.vmap(maxima, (None, 0))(shock, jnp.stack([enough, c.weak * enough]))
+    enough = jnp.maximum(LEAST, SHARE * high)
+    (sure, certain), (peak, where) = jax.vmap(maxima, (None, 0))(shock, jnp.stack([enough, WEAK * enough]))
     tall = jnp.zeros_like(shock, dtype=bool).at[jnp.where(sure, peak, shock.shape[0])].set(True, mode="drop")
     row = jnp.nonzero(certain, size=capacity, fill_value=-1)[0]
     there, at = row >= 0, where[row]
     sides = (jnp.clip(at + k, 0, shock.shape[0] - 1) for k in (-1, 0, 1))
     time = (at.astype(shock.dtype) + signal.vertex(*(shock[k] for k in sides))) / rate
     frequency = along[at]
-    kept = _kept(time, frequency, there & tall[at], there, c)
+    kept = _kept(time, frequency, there & tall[at], there)
     return Rhythm(kept, time, frequency, slow[:, 0])

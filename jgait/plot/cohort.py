@@ -33,9 +33,9 @@ def _unit(text: str, unit: str) -> str:
     return f"{text} [{unit}]" if unit else text
 
 
-def _rows(table: "pd.DataFrame", quantity: str, by: str) -> "pd.DataFrame":
+def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
     """The finite rows of a quantity."""
-    require_columns(table, (by, "quantity", "estimate", "reference"))
+    require_columns(table, ("subject", "quantity", "estimate", "reference"))
     chosen = table[table["quantity"] == quantity]
     if chosen.empty:
         raise ValueError(f"quantity must be among {sorted(table['quantity'].unique())}; got {quantity!r}")
@@ -57,30 +57,24 @@ def bland_altman(
     quantity: str,
     *,
     unit: str = "",
-    subjects: bool = True,
-    by: str = "subject",
-    level: float = 0.95,
-    title: str = "",
 ) -> Figure:
     """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
 
+    The limits enclose 95 % of the differences. Up to `FEW` subjects are marked in different shapes and colours.
+
     Args:
-        table: long, with columns `quantity`, `estimate`, `reference` and `by`, as `jgait.evaluate.agreement` takes it;
-            rows that are not finite are left out.
+        table: long, with columns `quantity`, `estimate`, `reference` and `subject`, as `jgait.evaluate.agreement` takes
+            it; rows of one subject are repeated measurements, rows that are not finite are left out.
         quantity: name of the quantity.
         unit: of estimate and reference, for the axes.
-        subjects: mark up to `FEW` subjects in different shapes and colours.
-        by: column that names the subject; rows of one subject are repeated measurements.
-        level: share of differences between the limits, and coverage probability of each interval [1].
-        title: above the figure.
 
     Raises:
         ValueError: if a column or the quantity is missing, or there are fewer than two subjects.
     """
-    rows = _rows(table, quantity, by)
-    codes, count = number_subjects(rows[by])
+    rows = _rows(table, quantity)
+    codes, count = number_subjects(rows["subject"])
     estimate, reference = (rows[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
-    limits = limits_of_agreement(estimate, reference, subjects=codes, level=level)
+    limits = limits_of_agreement(estimate, reference, subjects=codes)
     mean, difference = (estimate + reference) / 2.0, estimate - reference
     figure, axes = blank(1, 1, 7.0, 4.2)
     axis = axes[0, 0]
@@ -88,10 +82,10 @@ def bland_altman(
     # if all differences are rounding errors, the axes still have a height above 0
     room = max(0.04 * np.ptp(ends), SMALLEST * np.abs(mean).max(), np.finfo(float).tiny)
     axis.set_ylim(ends[:2].min() - room, ends[2:].max() + room)
-    _limits(axis, limits, level, unit)
+    _limits(axis, limits, unit)
     size = 26.0 if len(rows) < 300 else 12.0
-    if subjects and count <= FEW:
-        names = rows[by].drop_duplicates()
+    if count <= FEW:
+        names = rows["subject"].drop_duplicates()
         for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
             of_subject = codes == code
             axis.scatter(
@@ -104,23 +98,23 @@ def bland_altman(
                 alpha=0.85,
                 label=str(name),
             )
-        figure.legend(loc="outside right upper", fontsize=8, title=by, title_fontsize=8, frameon=False)
+        figure.legend(loc="outside right upper", fontsize=8, title="subject", title_fontsize=8, frameon=False)
     else:
         axis.scatter(mean, difference, s=size, linewidths=0, **MANY)
     axis.set_xlabel(_unit(f"{quantity}: mean of estimate and reference", unit))
     axis.set_ylabel(_unit("estimate − reference", unit))
-    axis.set_title(title or f"{len(rows)} measurements of {count} subjects", fontsize=10)
+    axis.set_title(f"{len(rows)} measurements of {count} subjects", fontsize=10)
     return figure
 
 
-def _limits(axis: Axes, limits: Limits, level: float, unit: str) -> None:
+def _limits(axis: Axes, limits: Limits, unit: str) -> None:
     """Draw bias and limits as lines, and write their values and intervals beside the axes."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
     beside = axis.get_yaxis_transform()
     lines = (
         ("bias", "-", 1.035, limits.bias, limits.bias_low, limits.bias_high),
-        (f"upper {100 * level:g} %", DASHED, 1.015, limits.upper, limits.upper_low, limits.upper_high),
-        (f"lower {100 * level:g} %", DASHED, 1.015, limits.lower, limits.lower_low, limits.lower_high),
+        ("upper 95 %", DASHED, 1.015, limits.upper, limits.upper_low, limits.upper_high),
+        ("lower 95 %", DASHED, 1.015, limits.lower, limits.lower_low, limits.lower_high),
     )
     for _, style, at, value, low, high in lines:
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
@@ -137,16 +131,14 @@ def _number(value: float) -> str:
     return f"{value:+.3g}".replace("-", "−")
 
 
-def per_subject(
-    table: "pd.DataFrame", quantity: str, *, unit: str = "", by: str = "subject", title: str = ""
-) -> Figure:
+def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: str = "") -> Figure:
     """Absolute errors of each subject: all errors, the middle half, the median and the worst, the best subject on top.
 
     Table, quantity, unit and errors as `bland_altman`, but one subject is enough.
     """
-    rows = _rows(table, quantity, by)
+    rows = _rows(table, quantity)
     size = (rows["estimate"] - rows["reference"]).abs().astype(float)
-    sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows[by].astype(str), sort=True)}
+    sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows["subject"].astype(str), sort=True)}
     names = sorted(sizes, key=lambda name: (float(np.median(sizes[name])), sizes[name].max()))
     figure, axes = blank(1, 1, 6.4, _height(len(names)))
     axis = axes[0, 0]
@@ -178,31 +170,21 @@ def _named(axis: Axes, names: list[str]) -> None:
     axis.grid(alpha=0.3, axis="x")
 
 
-def before_after(
-    table: "pd.DataFrame",
-    *,
-    unit: str = "",
-    name: str = "|error|",
-    by: str = "subject",
-    seed: int = 0,
-    title: str = "",
-) -> Figure:
+def before_after(table: "pd.DataFrame", *, unit: str = "", name: str = "|error|", title: str = "") -> Figure:
     """Each subject's error before and after a change, the largest before on top, dashed where the error increased.
 
     Args:
-        table: columns `by`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
+        table: columns `subject`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
         unit: of the errors, for the axis.
         name: name of the quantity, for the axis.
-        by: column that names the subject.
-        seed: seed of the interval in the title; see `jgait.evaluate.paired_difference`.
         title: above the figure, before the numbers.
 
     Raises:
         ValueError: if a column is missing, a value is not finite or there are fewer than two subjects.
     """
-    require_columns(table, (by, "error_before", "error_after"))
-    change = paired_difference(table["error_before"], table["error_after"], table[by], seed=seed)
-    means = table.groupby(table[by].astype(str))[["error_before", "error_after"]].mean()
+    require_columns(table, ("subject", "error_before", "error_after"))
+    change = paired_difference(table["error_before"], table["error_after"], table["subject"], seed=0)
+    means = table.groupby(table["subject"].astype(str))[["error_before", "error_after"]].mean()
     means = means.sort_values("error_before", ascending=False, kind="stable")
     before, after = (means[column].to_numpy(dtype=float) for column in ("error_before", "error_after"))
     figure, axes = blank(1, 1, 6.4, _height(len(means)))

@@ -4,6 +4,8 @@ The right foot is black with dots, the left foot light blue with squares: they a
 Each function returns the matplotlib figure. `jgait.plot` has all of them.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jgait.estimators import stride_flags
@@ -148,17 +150,25 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
+    figure, _ = _series(estimate, SERIES, "foot")
+    legend(figure, title, columns=5)
+    return figure
+
+
+def _series(
+    estimate: Estimate, quantities: Sequence[tuple[str, str, float]], part: str
+) -> tuple[Figure, list[tuple[Axes, str, float]]]:
+    """A figure with one row for each quantity that any stride has; its axes with field and scale."""
     rows = rows_of(estimate)
     if not rows.size:
         raise ValueError("no stride is valid: there is nothing to draw")
-    panels = [panel for panel in SERIES if has(estimate, panel[0], rows)]
+    panels = [panel for panel in quantities if has(estimate, panel[0], rows)]
     figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.0, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
-        series_of(axis, estimate, rows, field, scale, labelled=number == 0)
+    for axis, (field, unit, scale) in zip(axes[:, 0], panels, strict=True):
+        series_of(axis, estimate, rows, field, scale, part=part)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
-    legend(figure, title, columns=5)
-    return figure
+    return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], panels, strict=True)]
 
 
 def values_of(estimate: Estimate, field: str) -> np.ndarray:
@@ -174,7 +184,7 @@ def has(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
 
 
 def series_of(
-    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool, part: str = "foot"
+    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, part: str = "foot"
 ) -> None:
     """One quantity of the strides of both sides over time; rows without a value are left out."""
     strides, stated = estimate.strides, estimate.strides_stddev
@@ -193,7 +203,7 @@ def series_of(
         good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side]]
         style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
-                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
+                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}", **style)  # fmt: skip
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
         axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
     axis.grid(alpha=0.3)
@@ -225,20 +235,14 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
+    figure, panels = _series(estimate, PANELS, "leg")
     rows = rows_of(estimate)
-    if not rows.size:
-        raise ValueError("no stride is valid: there is nothing to draw")
-    panels = [panel for panel in PANELS if has(estimate, panel[0], rows)]
-    figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.1, sharex=True)
-    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
+    for axis, field, scale in panels:
         if field in ("height", "turn"):
             axis.axhline(0.0, color="0.6", linewidth=0.8)
         _joined(axis, estimate, rows, field, scale)
-        series_of(axis, estimate, rows, field, scale, labelled=number == 0, part="leg")
-        _marks(axis, estimate, rows, field, scale, labelled=number == 0)
-        axis.set_ylabel(unit)
+        _marks(axis, estimate, rows, field, scale)
         axis.margins(y=0.15)
-    axes[-1, 0].set_xlabel("time [s]")
     legend(figure, title)
     return figure
 
@@ -251,7 +255,7 @@ def _joined(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale:
         axis.plot(when[of_side], scale * values[of_side], color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
 
-def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool) -> None:
+def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float) -> None:
     """Draw a mark around every flagged stride; the legend lists only flags that occur."""
     when, values = as_float(estimate.strides.end), values_of(estimate, field)
     for name, style in SPECIAL.items():
@@ -260,5 +264,4 @@ def _marks(axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: 
             continue
         special = rows[np.asarray(flags, bool)[rows]]
         if special.size:
-            shown = style if labelled else {**style, "label": None}
-            axis.plot(when[special], scale * values[special], **RING, **shown)
+            axis.plot(when[special], scale * values[special], **RING, **style)

@@ -12,7 +12,7 @@ from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
 from jgait.estimators.waist.readout import bouts_begin
-from jgait.plot.style import DASHED, RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
+from jgait.plot.style import DASHED, RED, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import Trunk, contacts_of, moves
 from jgait.types import Estimate, Recording, as_float
 
@@ -61,15 +61,14 @@ def forward_speed(
     above.plot(trunk.time[kept], trunk.forward[kept], **ACCELERATION)
     speed.plot(trunk.time[kept], velocity[kept], **UPDATED)
     way.plot(trunk.time[kept], gone[kept] - gone[kept][0], **UPDATED)
-    _ours(speed, way, estimate, contacts, (first, last))
-    if reference is not None and reference.distance is not None:
-        _known(speed, way, reference, contacts, (first, last))
+    for one, name, style in ((estimate, "estimate", OURS), (reference, "reference", TRUE)):
+        if one is not None and one.distance is not None:
+            speed.plot(*_steps(one, contacts), label=f"{name}, contact to contact", **style)
+            way.plot(*_gone(one, (first, last)), **style)
     begins = np.asarray(trunk.inputs.cycle_begin)[: int(trunk.inputs.cycles) : EVERY]
     for axis, unit in ((above, "forward accel-\neration [m/s²]"), (speed, "speed [m/s]"), (way, "way [m]")):
         for begin in trunk.time[begins]:
-            axis.axvline(
-                begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles" if axis is way else None
-            )
+            axis.axvline(begin, color="0.8", linewidth=0.9, zorder=0.5, label=f"every {EVERY} cycles")
         axis.set_ylabel(unit)
         axis.grid(alpha=0.3, axis="y")
         axis.set_xlim(first, last)
@@ -107,13 +106,3 @@ def _gone(estimate: Estimate, span: tuple[float, float]) -> tuple[np.ndarray, np
     time, way = as_float(estimate.time), as_float(estimate.distance)
     visible = np.asarray(estimate.valid, bool) & np.isfinite(way) & windowed(time, span)
     return time[visible], way[visible] - (way[visible][0] if visible.any() else 0.0)
-
-
-def _ours(speed: Axes, way: Axes, estimate: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
-    speed.plot(*_steps(estimate, contacts), label="estimate, contact to contact", **OURS)
-    way.plot(*_gone(estimate, span), **OURS)
-
-
-def _known(speed: Axes, way: Axes, reference: Estimate, contacts: np.ndarray, span: tuple[float, float]) -> None:
-    speed.plot(*_steps(reference, contacts), label="reference, contact to contact", **TRUE)
-    way.plot(*_gone(reference, span), **TRUE)

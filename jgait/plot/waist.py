@@ -44,6 +44,7 @@ CONTACT: dict[str, Style] = {
     "left": {"color": BLUE, "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
 }
 KNOWN: Style = {"color": RED, "linewidth": 1.6, "linestyle": DOTTED, "zorder": 1.6}
+RULE = PaperRule()
 SHOWN_S = 4.0
 """[s] Length of the default window, about the middle contact."""
 
@@ -89,7 +90,6 @@ def trunk_contacts(
     reference: Estimate | None = None,
     p: "WaistParams | None" = None,
     options: "WaistOptions | None" = None,
-    rule: PaperRule | None = None,
     seconds: Seconds = None,
     title: str = "",
 ) -> Figure:
@@ -98,8 +98,8 @@ def trunk_contacts(
 
     The estimate is of `waist` for this recording, with these parameters and options; contacts of a reference are
     dotted. Grey background marks the interval of interest, in which the paper searches the largest forward
-    acceleration; wavelet and interval follow `rule`, by default the paper's. The window `seconds`, from and to [s], is
-    by default four seconds about the middle contact.
+    acceleration; wavelet and interval are the paper's. The window `seconds`, from and to [s], is by default four
+    seconds about the middle contact.
 
     Raises:
         ValueError: if the estimate has no contacts, or no sample lies in the window.
@@ -108,16 +108,15 @@ def trunk_contacts(
     contacts = contacts_of(estimate)
     first, last = _window(as_float(estimate.time), np.concatenate(list(contacts.values())), seconds)
     check_overlap(estimate.time, (first, last))
-    rule = PaperRule() if rule is None else rule
     p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
-    at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz, rule)
+    at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz)
     peaks = _peaks(trunk, recording.sampling_rate_hz)
     kept, fine = (windowed(t, (first, last)) for t in (trunk.time, at))
     figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
     for axis, (field, unit) in zip(axes[:, 0], ROWS, strict=True):
         for peak in peaks if field == "forward" else ():
-            axis.axvspan(peak - rule.before, peak + rule.after, **INTEREST)
+            axis.axvspan(peak - RULE.before, peak + RULE.after, **INTEREST)
         raw = getattr(trunk, field)
         axis.plot(trunk.time[kept], raw[kept], label="acceleration", **RAW)
         axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
@@ -152,12 +151,12 @@ def _window(time: np.ndarray, contacts: np.ndarray, seconds: Seconds) -> tuple[f
     return max(float(time[0]), middle - 0.5 * SHOWN_S), min(float(time[-1]), middle + 0.5 * SHOWN_S)
 
 
-def _rebuilt(trunk: Trunk, rate: float, rule: PaperRule) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _rebuilt(trunk: Trunk, rate: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times [s] at the paper's sampling rate of the wavelet, and the wavelet details of each acceleration."""
     count = len(trunk.time)
     measured = np.asarray(trunk.inputs.measured, bool)[:count]
     signals = np.stack([getattr(trunk, field) for field, _ in ROWS], axis=1)
-    kept = np.asarray(details(signals, measured, rate, rule))
+    kept = np.asarray(details(signals, measured, rate, RULE))
     time = trunk.time[0] + np.arange(len(kept)) / PAPER_RATE
     return time, {field: kept[:, k] for k, (field, _) in enumerate(ROWS)}
 

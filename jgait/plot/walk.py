@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
-from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank
+from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank, legend
 from jgait.simulate import Body, Truth
 from jgait.types import PLACEMENTS, SIDES, Recording, Strides
 
@@ -33,7 +33,6 @@ def stick_figure(
     body: Body | None = None,
     seconds: Seconds = None,
     frames_per_second: float = 25.0,
-    slower: float = 1.0,
     title: str = "",
 ) -> "FuncAnimation":
     """Animation of the walking body from the side and from the front; the view follows the pelvis.
@@ -46,7 +45,6 @@ def stick_figure(
         body: body with the dimensions of the feet; None for the default body.
         seconds: from and to [s]; None shows everything.
         frames_per_second: of the animation [Hz].
-        slower: factor by which the animation is slower than the walk [1].
         title: above the figure.
 
     Returns:
@@ -57,11 +55,11 @@ def stick_figure(
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    if not (frames_per_second > 0.0 and slower > 0.0):
-        raise ValueError(f"frames_per_second and slower must be positive; got {frames_per_second!r} and {slower!r}")
+    if not frames_per_second > 0.0:
+        raise ValueError(f"frames_per_second must be positive; got {frames_per_second!r}")
     time = np.asarray(truth.estimate.time)
     first, last = (time[0], time[-1]) if seconds is None else seconds
-    wanted = np.arange(first, last + 1e-9, 1.0 / (frames_per_second * slower))
+    wanted = np.arange(first, last + 1e-9, 1.0 / frames_per_second)
     wanted = wanted[(wanted >= time[0]) & (wanted <= time[-1] + 1e-9)]
     if not wanted.size:
         raise ValueError(f"seconds must overlap [{time[0]:g}, {time[-1]:g}] of the walk; got {seconds}")
@@ -198,13 +196,13 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
         share = 100.0 * (time[part] - start) / (end - start)
         for column, (field, _) in enumerate(SIGNALS):
             axis, values = axes[row, column], getattr(imu, field)
-            _contacts(axis, strides, stride, labelled=row == column == 0)
+            _contacts(axis, strides, stride)
             if values is None:
                 axis.text(0.5, 0.5, "not measured", transform=axis.transAxes, ha="center", va="center", color="0.4")
             else:
                 kept = np.where(np.asarray(imu.mask)[part, None], np.asarray(values, float)[part], np.nan)
                 for number, style in enumerate(AXES):
-                    axis.plot(share, kept[:, number], label="xyz"[number] if row == column == 0 else None, **style)
+                    axis.plot(share, kept[:, number], label="xyz"[number], **style)
             axis.set_xlim(-1.5, 101.5)
             axis.grid(alpha=0.3)
             axis.margins(y=0.08)
@@ -215,14 +213,11 @@ def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = N
     for column, (_, unit) in enumerate(SIGNALS):
         axes[0, column].set_title(unit, fontsize=10)
         axes[-1, column].set_xlabel(f"stride of the {side} foot [%]")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    figure.suptitle(
-        title or f"{recording.name}: {end - start:.2f} s, {float(strides.length[stride]):.2f} m", fontsize=11
-    )
+    legend(figure, title or f"{recording.name}: {end - start:.2f} s, {float(strides.length[stride]):.2f} m")
     return figure
 
 
-def _contacts(axis: Axes, strides: Strides, stride: int, *, labelled: bool) -> None:
+def _contacts(axis: Axes, strides: Strides, stride: int) -> None:
     """Draw vertical lines at initial and final contacts: dark for the foot of the stride, light for the other foot."""
     start, end, leg = float(strides.start[stride]), float(strides.end[stride]), int(strides.side[stride])
     rows = np.flatnonzero(np.asarray(strides.valid))
@@ -230,9 +225,7 @@ def _contacts(axis: Axes, strides: Strides, stride: int, *, labelled: bool) -> N
         color = "0.25" if side == leg else "0.7"
         mine = rows[np.asarray(strides.side)[rows] == side]
         for (name, dashes), times in zip(CONTACTS, (strides.end, strides.final_contact), strict=True):
-            label = f"{name}, {SIDES[side]}" if labelled else None
+            style = {"color": color, "linewidth": 1.1, "linestyle": dashes, "label": f"{name}, {SIDES[side]}"}
             for time in np.asarray(times)[mine]:
                 if start - 1e-9 <= time <= end + 1e-9:
-                    share = 100.0 * (time - start) / (end - start)
-                    axis.axvline(share, color=color, linewidth=1.1, linestyle=dashes, zorder=0.5, label=label)
-                    label = None
+                    axis.axvline(100.0 * (time - start) / (end - start), zorder=0.5, **style)

@@ -28,6 +28,9 @@ from jgait.types import AnyArray, Scalar, Values
 MAGNITUDES = ("max", "rms")
 """Magnitude of a detail to which its threshold is relative: greatest absolute value, or root mean square."""
 
+WAVELET = "db5"
+"""pywavelets' name of the wavelet of `from_details`."""
+
 MULTIPLE = 1024
 """[samples] Signals are padded to a multiple of this length before thresholding; ten levels need 1024."""
 
@@ -135,20 +138,14 @@ def inverse(t: Decomposition, wavelet: str) -> Float[Array, "time *rest"]:
     return values
 
 
-def padded(x: AnyArray, multiple: int = MULTIPLE) -> tuple[Float[Array, "padded *rest"], int]:
-    """The signal (T, ...) with both ends continued by reflection that repeats the edge, to the next multiple of a
-    length.
+def padded(x: AnyArray) -> tuple[Float[Array, "padded *rest"], int]:
+    """The signal (T, ...), T > 0, with both ends continued by reflection that repeats the edge, to the next `MULTIPLE`.
 
     Returns:
         The padded signal, and the number of samples added before the first; half of all added samples, rounded down.
-
-    Raises:
-        ValueError: if `multiple` is not positive, or there is no sample.
     """
-    if multiple < 1:
-        raise ValueError(f"multiple must be a positive number of samples; got {multiple}")
     values = _samples(x)
-    more = -values.shape[0] % multiple
+    more = -values.shape[0] % MULTIPLE
     before = more // 2
     sides = [(before, more - before)] + [(0, 0)] * (values.ndim - 1)
     return jnp.pad(values, sides, mode="symmetric"), before
@@ -198,8 +195,8 @@ def threshold(x: Values, limit: Values, *, hard: bool) -> Float[Array, "..."]:
 
 
 def from_details(
-    x: AnyArray, shares: Sequence[Scalar] | Float[AnyArray, "level"], wavelet: str = "db5", *, relative_to: str = "rms",
-    hard: bool = False, mask: Bool[AnyArray, "time"] | None = None, multiple: int = MULTIPLE,
+    x: AnyArray, shares: Sequence[Scalar] | Float[AnyArray, "level"], *, relative_to: str = "rms",
+    hard: bool = False, mask: Bool[AnyArray, "time"] | None = None,
 ) -> Float[Array, "time *rest"]:  # fmt: skip
     """A signal rebuilt from its finest details alone, each thresholded at a share of the detail's magnitude.
 
@@ -208,24 +205,22 @@ def from_details(
     Args:
         x: (T, ...) samples, floating point, any unit, finite.
         shares: c_1 … c_J, one for each detail level that is kept [1]; their number is static.
-        wavelet: pywavelets' name; static.
         relative_to: one of `MAGNITUDES`; static.
         hard: whether thresholds are hard; static.
         mask: (T,) bool, False where a sample does not count for the magnitudes; None: all count.
-        multiple: the padded length is a multiple of this length, a multiple of 2^J [samples]; static.
 
     Returns:
         The same shape and unit.
 
     Raises:
-        ValueError: as `transform`, `padded` and `magnitude`.
+        ValueError: as `transform` and `magnitude`.
     """
-    whole, before = padded(x, multiple)
+    whole, before = padded(x)
     within = slice(before, before + np.shape(x)[0])
     parts = [jnp.asarray(share, whole.dtype) for share in shares]
-    found = transform(whole, wavelet, len(parts))
+    found = transform(whole, WAVELET, len(parts))
     kept = tuple(
         threshold(d, share * magnitude(d[within], relative_to, mask)[None], hard=hard)
         for d, share in zip(found.details, parts, strict=True)
     )
-    return inverse(Decomposition(jnp.zeros_like(found.approximation), kept), wavelet)[within]
+    return inverse(Decomposition(jnp.zeros_like(found.approximation), kept), WAVELET)[within]

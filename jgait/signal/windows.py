@@ -1,6 +1,6 @@
-"""Moving means over centred windows of an odd number of samples, and stretches of True.
+"""Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-The ends are continued by reflection that does not repeat the edge. Everything except `true_runs` is JAX.
+`moving_mean` and `vertex` are JAX, the other functions run on the host.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
+from scipy import ndimage
 
 from jgait.types import AnyArray, Values
 
@@ -27,6 +28,8 @@ def _reflected(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "pad
 def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "time *rest"]:
     """Mean over a centred window, y_k = Σ x_{k+i} / size, i = -h … h with h = (size-1)/2; size [samples] is odd.
 
+    The ends are continued by reflection that does not repeat the edge.
+
     Raises:
         ValueError: if the size is even or not positive, or there are fewer than (size+1)/2 samples.
     """
@@ -35,6 +38,17 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
     zero = np.zeros((), padded.dtype)
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
+
+
+def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:
+    """(T, ...) mean over a centred window of `size` [samples]; the first and the last sample are repeated."""
+    return ndimage.uniform_filter1d(np.asarray(values, np.float64), size, axis=0, mode="nearest")
+
+
+def held_spread(values: Float[AnyArray, "time axis"], size: int) -> np.ndarray:
+    """(T,) standard deviation over a centred window, of all columns together, in the signal's unit; as `held_mean`."""
+    centred = values - np.median(values, axis=0)
+    return np.sqrt(np.maximum(held_mean(centred**2, size) - held_mean(centred, size) ** 2, 0.0).sum(axis=1))
 
 
 def window_size(window_s: float, sampling_rate_hz: float) -> int:

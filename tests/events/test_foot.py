@@ -8,9 +8,9 @@ from jgait.datasets.one_foot import SHORTEST
 from jgait.events import foot as events
 
 
-def found(made, **changes):
+def found(made):
     imu = next(iter(made.recording.sensors.values()))
-    return events.stances(imu.gyr, imu.acc, made.recording.sampling_rate_hz, **changes)
+    return events.stances(imu.gyr, imu.acc, made.recording.sampling_rate_hz)
 
 
 @pytest.mark.parametrize(

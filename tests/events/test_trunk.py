@@ -37,13 +37,13 @@ def trunk(rate=RATE, seconds=SAMPLES / RATE, contacts=CONTACTS, strength=1.0, le
 
 @pytest.fixture(scope="module")
 def detect():
-    """`detect(name, signals, mask, start_s)`, compiled once a detector."""
+    """`detect(name, signals, mask)`, compiled once a detector."""
     programs = {
-        name: jax.jit(lambda *x, s=settings: initial_contacts(*x[:3], RATE, s, mask=x[3], start_s=x[4], capacity=60))
+        name: jax.jit(lambda *x, s=settings: initial_contacts(*x[:3], RATE, s, mask=x[3]))
         for name, settings in DETECTORS.items()
     }
     every = np.ones(SAMPLES, bool)
-    return lambda name, signals, mask=every, start=0.0: programs[name](*signals, mask, np.float64(start))
+    return lambda name, signals, mask=every: programs[name](*signals, mask)
 
 
 def rows(found):
@@ -122,8 +122,6 @@ def test_what_the_mask_leaves_out_has_no_effect(detect):
     for a, b in zip(clean, spoiled, strict=True):
         np.testing.assert_array_equal(a, b)
     assert int(clean.valid.sum()) == STEPS
-    later = rows(detect("soft", signals, mask, 5.0))
-    np.testing.assert_allclose(later.time - 5.0, rows(clean).time, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "settings"), [(25.0, Soft()), (400.0, LITERAL)])
