@@ -37,5 +37,6 @@ BENCHMARKS = {
     "benchmark_filters": "benchmark.filters",
     "benchmark_core": "benchmark.core",
     "benchmark_import": "benchmark.imports",
+    "benchmark_latency": "benchmark.latency",
 }
 """The same for comparisons with other libraries: they need the environment of `make bench`."""

@@ -1,5 +1,6 @@
 """The command line, `jgait --help`; each command is a file of `jgait.commands`."""
 
+import contextlib
 import importlib
 import os
 import sys
@@ -26,6 +27,10 @@ COMMANDS = {
 """Name of a command → what it does."""
 
 
+_kept: list[Path] = []
+"""The folder of compiled programs, if `main` could make it."""
+
+
 class Commands(TyperGroup):
     """The commands; the module of a command is imported when the command is called."""
 
@@ -39,6 +44,10 @@ class Commands(TyperGroup):
         del ctx
         if cmd_name not in COMMANDS:
             return None
+        if _kept:
+            from jgait.estimators import programs
+
+            programs.keep(_kept[0])
         function = cmd_name.replace("-", "_")
         module = importlib.import_module(f"jgait.commands.{function}")
         if cmd_name == "datasets":
@@ -66,19 +75,19 @@ def about() -> None:
     """
 
 
-def main() -> None:
-    """Run the command line: float64, and compiled programs kept between runs."""
-    import jax
+def cache_folder() -> Path:
+    """The folder of compiled programs."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jgait" / "compiled"
 
-    jax.config.update("jax_enable_x64", True)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jgait" / "compiled"
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        pass  # no place to keep them: every run compiles anew
-    else:
-        jax.config.update("jax_compilation_cache_dir", str(cache))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+def main() -> None:
+    """Run the command line: float64, and compiled programs kept between runs. JAX is imported by the command."""
+    os.environ["JAX_ENABLE_X64"] = "1"
+    with contextlib.suppress(OSError):  # no place to keep them: every run compiles anew
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        _kept.append(cache_folder())
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(cache_folder())
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     app()
 
 

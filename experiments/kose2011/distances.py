@@ -17,7 +17,7 @@ from experiments.kose2011 import ways
 from experiments.kose2011.walks import Walk, sets
 from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.axes import pad
-from jgait.estimators.run import bucket
+from jgait.estimators.programs import bucket
 from jgait.estimators.waist import DEFAULT, WaistOptions, WaistParams
 from jgait.types import Estimate
 

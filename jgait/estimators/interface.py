@@ -9,7 +9,8 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
-from jgait.estimators.run import bucket, compiled, trimmed
+from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.run import trimmed
 from jgait.notes import Note
 from jgait.params import check_params
 from jgait.types import Estimate, Recording, Values
@@ -95,7 +96,7 @@ class Estimator[P, I](NamedTuple):
         samples = len(inputs.time)  # type: ignore[attr-defined]
         result = None if self.in_parts is None else self.in_parts(p, inputs, options)
         if result is None:
-            result = compiled(self.run)(p, pad(inputs, bucket(samples)), options)
+            result = compiled(self.run)(p, pad(inputs, bucket(samples)), options=options)
         result = trimmed(result, samples, self.per_stride)
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})

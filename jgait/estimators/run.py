@@ -1,28 +1,10 @@
-"""Padded lengths of inputs, compilation of `run`, and removal of the padding, for all estimators."""
-
-import functools
-import math
-from collections.abc import Callable
+"""Removal of the padding of estimates, for all estimators."""
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
 
 from jgait.types import Estimate
-
-BUCKET = 512
-"""[samples] Recordings are padded to this length times a power of two, so that few programs are compiled."""
-
-
-def bucket(samples: int, smallest: int = BUCKET) -> int:
-    """The padded length of a recording: `smallest` times a power of two."""
-    return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
-
-
-@functools.cache
-def compiled(run: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """The compiled `run` of an estimator, with static options; cached for each function."""
-    return jax.jit(run, static_argnames=("options",))
 
 
 def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Estimate:

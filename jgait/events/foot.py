@@ -8,11 +8,8 @@ used, so the sensor may be mounted in any orientation.
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Float
 
 from jgait.signal.windows import held_mean, held_spread
 from jgait.types import AnyArray
@@ -126,42 +123,28 @@ def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) 
 
 def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Samples and depths of the valleys between swings."""
-    size = 1024 * 2 ** max(0, int(np.ceil(np.log2(len(rate) / 1024))))
-    padded = np.full(size, rate[-1])
-    padded[: len(rate)] = rate
-    confirmed, at, last = (np.asarray(values) for values in _turning_points(jnp.asarray(padded)))
-    found = at[confirmed]
-    # the valley in which the recording ends
-    if last >= 0:
-        found = np.append(found, last)
+    found = np.array(_turning_points(rate.tolist()), int)
     found = found[(found < len(rate)) & (rate[np.minimum(found, len(rate) - 1)] < STANCE)]
     return found.astype(int), rate[found]
 
 
-@jax.jit
-def _turning_points(rate: Float[Array, "time"]) -> PyTree:
-    """One pass over the rate: a rise to a swing confirms the valley before it, a fall of the rate ends the swing.
-
-    Returns:
-        (T,) bool, a valley is confirmed; (T,) the sample of that valley; the valley not confirmed at the end, or −1.
+def _turning_points(rate: list[float]) -> list[int]:
+    """The samples of the valleys: a rise to a swing ends a valley, a fall of the rate ends a swing, and the recording's
+    end both.
     """
-
-    def step(carry: PyTree, item: PyTree) -> PyTree:
-        seeking, extreme, at = carry
-        index, value = item
-        lower = seeking & (value < extreme)
-        higher = ~seeking & (value > extreme)
-        extreme = jnp.where(lower | higher, value, extreme)
-        at = jnp.where(lower, index, at)
-        swing = seeking & (value > jnp.maximum(RATIO * extreme, SWING))
-        valley = ~seeking & (value < extreme / RATIO)
-        turned = (jnp.where(swing, False, jnp.where(valley, True, seeking)), jnp.where(swing | valley, value, extreme))
-        return (*turned, jnp.where(valley, index, at)), (swing, at)
-
-    indices = jnp.arange(rate.shape[0])
-    start = (jnp.asarray(True), jnp.asarray(jnp.inf, rate.dtype), indices[0])
-    (seeking, _, at), (confirmed, where) = lax.scan(step, start, (indices, rate))
-    return confirmed, where, jnp.where(seeking, at, -1)
+    found, seeking, extreme, at = list[int](), True, np.inf, 0
+    for index, value in enumerate(rate):
+        if seeking:
+            if value < extreme:
+                extreme, at = value, index
+            elif value > max(RATIO * extreme, SWING):
+                found.append(at)
+                seeking, extreme = False, value
+        elif value > extreme:
+            extreme = value
+        elif value < extreme / RATIO:
+            seeking, extreme, at = True, value, index
+    return [*found, at] if seeking else found
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:

@@ -4,19 +4,18 @@ Right contacts are black dots, left contacts light blue squares: they differ in 
 `jgait.plot` has the function; it returns the matplotlib figure.
 """
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jax import Array
 
 from jgait.estimators import waist
 from jgait.estimators.axes import pad
-from jgait.estimators.run import bucket
+from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.waist.inputs import WaistInputs
-from jgait.estimators.waist.motion import motion
+from jgait.estimators.waist.motion import motion, motion_and_likelihood
 from jgait.estimators.waist.params import WaistOptions, WaistParams
+from jgait.estimators.waist.prepare import SILENCE
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
 from jgait.plot.style import (
     BLUE,
@@ -64,9 +63,6 @@ class Trunk(NamedTuple):
     inputs: "WaistInputs"
 
 
-_motion = jax.jit(motion, static_argnames=("smooth",))
-
-
 def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, smooth: bool) -> Trunk:
     """Accelerations of the trunk in a recording, as the estimator `waist` computes them.
 
@@ -77,8 +73,9 @@ def moves(recording: Recording, p: "WaistParams", options: "WaistOptions", *, sm
     """
     inputs = waist.prepared(recording, options).inputs
     count = np.size(inputs.time)
-    padded = pad(inputs, bucket(count))
-    moved = _motion(p, padded, smooth=smooth)
+    padded = pad(inputs, bucket(count + round(SILENCE * recording.sampling_rate_hz)))
+    # without smoothing it is the program that `prepared` has run
+    moved = compiled(motion)(p, padded, smooth=True) if smooth else compiled(motion_and_likelihood)(p, padded)[0]
     forward, left, upward = (as_float(values)[:count] for values in (moved.forward, moved.left, moved.upward))
     return Trunk(as_float(inputs.time), forward, left, upward, padded)
 
@@ -156,13 +153,14 @@ def _rebuilt(trunk: Trunk, rate: float) -> tuple[np.ndarray, dict[str, np.ndarra
     count = len(trunk.time)
     measured = np.asarray(trunk.inputs.measured, bool)[:count]
     signals = np.stack([getattr(trunk, field) for field, _ in ROWS], axis=1)
-    kept = np.asarray(details(signals, measured, rate, RULE))
+    signals, measured = (np.pad(v, [(0, bucket(count) - count)] + [(0, 0)] * (v.ndim - 1)) for v in (signals, measured))
+    kept = np.asarray(compiled(details)(signals, measured, sampling_rate_hz=float(rate), p=RULE))
+    kept = kept[: int(count * PAPER_RATE / rate)]
     time = trunk.time[0] + np.arange(len(kept)) / PAPER_RATE
     return time, {field: kept[:, k] for k, (field, _) in enumerate(ROWS)}
 
 
-@partial(jax.jit, static_argnums=2)
-def _times(forward: Array, upward: Array, rate: float, measured: Array) -> tuple[Array, Array]:
+def _times(forward: Array, upward: Array, measured: Array, rate: float) -> tuple[Array, Array]:
     """Peak of the low-passed forward acceleration before each contact, and which of the entries are valid."""
     # sides are not needed here, so no yaw rate is needed
     contacts = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
@@ -173,7 +171,7 @@ def _peaks(trunk: Trunk, rate: float) -> np.ndarray:
     """Times [s] of the peaks of the low-passed forward acceleration, the centres of the intervals of interest."""
     measured = np.asarray(trunk.inputs.measured, bool)
     forward, upward = (np.pad(v, (0, measured.size - v.size)) for v in (trunk.forward, trunk.upward))
-    time, valid = _times(forward, upward, float(rate), measured)
+    time, valid = compiled(_times)(forward, upward, measured, rate=float(rate))
     return trunk.time[0] + as_float(time)[np.asarray(valid)]
 
 

@@ -4,6 +4,8 @@ JGAIT_WRITE_UNCHANGED=1 python -m pytest -n 0 tests/estimators/test_unchanged.py
 it down to the recordings and estimators that a change of method is meant to move. The numbers are those of before the
 modules moved, but for sides at the waist (by the acceleration to the side since) and for states on manifolds, whose
 smoother is a Bryson–Frazier adjoint since: it moved positions by some micrometres and angles by some 1e-6 rad.
+Decisions at the waist and ankle are made with padding behind every recording since; before, a recording of exactly a
+power of two of samples had none, and one that ended in mid-stride found another contact at its end.
 """
 
 import json

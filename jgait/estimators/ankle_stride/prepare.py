@@ -6,7 +6,6 @@ bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is di
 
 from typing import Any
 
-import jax
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
@@ -15,6 +14,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import CLIPPED, NO_STEPS, STRIDES_UNCERTAIN
+from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events.rest import longest_still
@@ -23,7 +23,7 @@ from jgait.mounting.shank import Axes
 from jgait.notes import Note
 from jgait.signal import butterworth
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
+from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
 """[s] Duration before a valley, and after it, in which the ankle is taken to stand."""
@@ -99,17 +99,16 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
     return time
 
 
-_both_ways = jax.jit(butterworth.low_pass_both_ways, static_argnums=2)
-_swings = jax.jit(shank_events.swings, static_argnums=1)
-_phases = jax.jit(shank_events.phases, static_argnums=1)
-
-
 def _padded(values: np.ndarray) -> np.ndarray:
-    """The samples with the last repeated up to a power of two, so that few programs are compiled."""
-    count = 1024
-    while count < len(values):
-        count *= 2
-    return np.concatenate([values, np.repeat(values[-1:], count - len(values), axis=0)])
+    """The samples with the last repeated, see `bucket`."""
+    return np.concatenate([values, np.repeat(values[-1:], bucket(len(values)) - len(values), axis=0)])
+
+
+def _gentle(values: Values, rate_hz: float) -> np.ndarray:
+    """The signal (T, 3) as the search for stances sees it."""
+    low_pass = compiled(butterworth.low_pass_both_ways)
+    slow = low_pass(_padded(as_float(values)), cutoff_hz=shank_stance.CUTOFF_HZ, sampling_rate_hz=rate_hz)
+    return np.asarray(slow)[: len(values)]
 
 
 def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.ndarray, np.ndarray]:
@@ -117,9 +116,9 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
     settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
     if detector == "swings":
-        found = _swings(_padded(rate), rate_hz)
+        found = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz)
     else:
-        found = _phases(_padded(rate), rate_hz, settings[detector])
+        found = compiled(shank_events.phases)(_padded(rate), sampling_rate_hz=rate_hz, d=settings[detector])
     there = np.flatnonzero(np.asarray(found.stride)[:count])
     start, end = (np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (found.start, found.end))
     start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
@@ -149,11 +148,11 @@ def _leg(
         start, end = swings_of(at_rest, axes, rate_hz, options.detector)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
             notes.append(SWINGS_EVEN(placement=name))
-    slow = np.asarray(_both_ways(_padded(as_float(at_rest.gyr)), shank_stance.CUTOFF_HZ, rate_hz))[: len(time)]
+    slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
     stood = shank_stance.stances(slow @ axes.rows[1], speed, start, end, rate_hz)
     if len(start):
-        gentle = np.asarray(_both_ways(_padded(as_float(whole.acc)), shank_stance.CUTOFF_HZ, rate_hz))
+        gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
     if options.standing and still is None:

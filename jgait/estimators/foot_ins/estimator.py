@@ -18,6 +18,7 @@ from jgait.estimators.foot_ins.params import DEFAULT, TRANSFORMS, FootOptions, F
 from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.programs import compiled
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
@@ -150,9 +151,6 @@ def _assembled(time: Values, found: list[_Found]) -> Estimate:
     )  # fmt: skip
 
 
-_one_foot_jit = jax.jit(_one_foot, static_argnames=("options",))
-
-
 def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInputs]:
     """This estimator as a record of functions."""
 
@@ -206,7 +204,7 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
             return None
 
         def one(window: FootSignals, time: Values) -> PyTree:
-            path, told, valid = _one_foot_jit(p, window, time, options)
+            path, told, valid = compiled(_one_foot)(p, window, time, options=options)
             return path, told["nis"], valid
 
         whole = foot_windows.joined(foot, np.asarray(inputs.time), parts, level, one)

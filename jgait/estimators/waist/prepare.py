@@ -4,14 +4,14 @@ This module makes the decisions: the sensor's axes, when the person stands, when
 Decisions carry no gradient; given the decisions, `waist.run` is differentiable.
 """
 
-import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.axes import pad
 from jgait.estimators.checks import check_nominal_rate, common_time
 from jgait.estimators.interface import Prepared
 from jgait.estimators.notes import FORWARD_UNSURE, NO_STEPS
-from jgait.estimators.run import bucket
+from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
@@ -43,6 +43,9 @@ LIKE_GRAVITY = (0.6, 1.6)
 MIRRORED = 20.0
 """[1] Threshold on the growth of the log-likelihood when the gyroscope's sign is reversed; above it the reversal is
 kept. On 13 real walks and 3 simulated ones it falls by 58 to 200 000, least in a straight walk without any lean."""
+
+SILENCE = 10.0
+"""[s] Least length of the padding in which contacts are searched: the slowest filter then does not feel its end."""
 
 NO_NODES = waist_bouts.nodes([])
 
@@ -117,11 +120,6 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
     return time
 
 
-_heard = jax.jit(waist_motion.motion_and_likelihood)
-_found = jax.jit(trunk_events.initial_contacts, static_argnums=3)
-_found_by_paper = jax.jit(trunk_events.initial_contacts, static_argnums=(3, 4))
-
-
 def _motion(
     imu: Imu,
     axes: TrunkAxes,
@@ -139,8 +137,10 @@ def _motion(
     for sign in (1.0, -1.0):
         one = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(one, axes.rows, mask, rate)
-        inputs = pad(_assembled(one, axes, time, mask, rate, rested, NO_NODES), bucket(len(time), 1024))
-        found.append((one, rested, *_heard(WaistParams(), inputs)))
+        inputs = pad(
+            _assembled(one, axes, time, mask, rate, rested, NO_NODES), bucket(len(time) + round(SILENCE * rate))
+        )
+        found.append((one, rested, *compiled(waist_motion.motion_and_likelihood)(WaistParams(), inputs)))
     if not float(found[1][3]) > float(found[0][3]) + MIRRORED:
         return found[0][:3]
     notes.append(GYROSCOPE_REVERSED())
@@ -151,13 +151,18 @@ def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOp
     """Contacts in order of time, on the host; contacts before the first or after the last sample are left out."""
     settings, samples = DETECTORS[options.detector], len(mask)
     measured = np.pad(mask, (0, seen.forward.size - samples))
-    call = _found_by_paper if isinstance(settings, trunk_events.PaperRule) else _found
-    told = call(seen.forward, seen.upward, seen.yaw_rate, float(rate), settings, mask=measured, leftward=seen.left)
+    told = compiled(_initial_contacts)(seen, measured, rate=float(rate), settings=settings)
     told = trunk_events.Contacts(*(np.asarray(field) for field in told))
     there = np.asarray(told.valid) & (told.time >= 0.0) & (told.time <= (samples - 1) / rate)
     rows = np.flatnonzero(there)
     rows = rows[np.argsort(told.time[rows], kind="stable")]
     return trunk_events.Contacts(*(field[rows] for field in told))
+
+
+def _initial_contacts(seen: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree) -> trunk_events.Contacts:
+    return trunk_events.initial_contacts(
+        seen.forward, seen.upward, seen.yaw_rate, rate, settings, mask=measured, leftward=seen.left
+    )
 
 
 def _level(up: np.ndarray) -> np.ndarray:

@@ -1,0 +1,134 @@
+"""How long a user waits: processor seconds of commands in fresh processes, with an empty and a filled cache.
+
+Each command runs three times with an empty cache of compiled programs and three times with the cache of the last such
+run; medians. Every further part is a fresh process of `latency_process`. JGAIT_BENCHMARK_SUITE=1 runs the tests too.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from experiments.common.process import ROOT, answers, environment, started
+from experiments.common.row import Row, show
+
+MODULE = "experiments.benchmark.latency_process"
+ESTIMATORS = ("leg_ekf", "foot_ins", "ankle_stride", "waist", "stride_width_ekf", "duty_cycled_gyro")
+LENGTHS = tuple(round(12.0 + 1.9 * number, 1) for number in range(10))
+"""[s] Ten lengths of files, 12 to 29 s."""
+ROUTE = ("--route", "straight:17.5")
+PARTS = ("imports", "tracing", "xla", "cache", "figures")
+
+
+def spent(command: Sequence[Any], cache: Path, folder: Path = ROOT) -> float:
+    """Processor seconds of a command, its threads and its own processes; compiled programs are kept in `cache`.
+
+    Raises:
+        RuntimeError: if the command fails.
+    """
+    variables = {**environment(), "XDG_CACHE_HOME": str(cache), "MPLCONFIGDIR": str(cache.parent / "matplotlib")}
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            [sys.executable, *map(str, command)], stdout=output, stderr=output, cwd=folder, env=variables
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            output.seek(0)
+            raise RuntimeError(f"{command} failed: {output.read().decode()[-3000:]}")
+    return usage.ru_utime + usage.ru_stime
+
+
+def cold_and_warm(command: Sequence[Any], scratch: Path, rounds: int) -> tuple[float, float]:
+    """Medians of a `jgait` command, with an empty cache and with a filled one; the cache stays in `scratch`/cache."""
+    cold, warm = [], []
+    for times in (cold, warm):
+        for _ in range(rounds):
+            if times is cold:
+                shutil.rmtree(scratch / "cache", ignore_errors=True)
+            out = scratch / "out"
+            shutil.rmtree(out, ignore_errors=True)
+            times.append(spent(["-m", "jgait.cli", *command, "--out", out], scratch / "cache"))
+    return median(cold), median(warm)
+
+
+def rows(quick: bool) -> list[Row]:
+    """All of it; `quick` takes one round, one estimator, and neither demonstration nor cohort."""
+    with tempfile.TemporaryDirectory(prefix="jgait-latency-") as folder:
+        return _rows(Path(folder), quick)
+
+
+def _rows(scratch: Path, quick: bool) -> list[Row]:
+    rounds = 1 if quick else 3
+    split = f"processor seconds of fresh processes, medians of {rounds}"
+    answers(started(MODULE, ["walks", scratch, *LENGTHS]))
+    spent(["-m", "jgait.cli", "--help"], scratch / "cache")
+    helps = [spent(["-m", "jgait.cli", "--help"], scratch / "cache") for _ in range(rounds)]
+    found = [Row("help_s", median(helps), "s", None, rounds, split)]
+    lines = []
+    worst = dict.fromkeys(("next_length_compilations", "next_file_s", "warm_run_ms"), 0.0)
+    for estimator in ESTIMATORS[:1] if quick else ESTIMATORS:
+        kind = "range" if estimator == "stride_width_ekf" else "seven"
+        one, ten = scratch / f"{kind}.csv", [scratch / f"{kind}_{length}.csv" for length in LENGTHS]
+        cold, warm = cold_and_warm(["estimate", one, "--estimator", estimator], scratch, rounds)
+        several = ["-m", "jgait.cli", "estimate", *ten, "--estimator", estimator, "--out", scratch / "ten"]
+        worst["next_file_s"] = max(worst["next_file_s"], (spent(several, scratch / "cache") - warm) / 9.0)
+        (session,) = answers(started(MODULE, ["session", estimator, scratch / kind], scratch / "cache"))
+        for name in ("next_length_compilations", "warm_run_ms"):
+            worst[name] = max(worst[name], session[name])
+        for state, seconds in (("cold", cold), ("warm", warm)):
+            if state == "cold":
+                shutil.rmtree(scratch / "cache")
+            parts = _parts(scratch, ["estimate", one, "--estimator", estimator, "--out", scratch / "parts" / state])
+            lines.append([f"{estimator}, {state}", seconds, *(parts[part] for part in PARTS), parts["programs"]])
+            found.append(Row(f"estimate_{state}_s_{estimator}", seconds, "s", None, rounds, split))
+        shutil.rmtree(scratch / "parts")
+        print(f"{estimator}: {session['next_length_compilations']:g} compilations of another length, "
+              f"{session['warm_run_ms']:.1f} ms in a session")  # fmt: skip
+    cold, warm = cold_and_warm(["simulate", *ROUTE], scratch, rounds)
+    for state, seconds in (("cold", cold), ("warm", warm)):
+        found.append(Row(f"simulate_{state}_s", seconds, "s", None, rounds, split))
+        lines.append([f"simulate, {state}", seconds, *("–" for _ in PARTS), "–"])
+    units = {"next_length_compilations": "programs", "next_file_s": "s", "warm_run_ms": "ms"}
+    found += [Row(name, value, units[name], None, 1, "worst estimator") for name, value in worst.items()]
+    if not quick:
+        cold, warm = cold_and_warm(["demo"], scratch, rounds)
+        found += [
+            Row("demo_cold_s", cold, "s", None, rounds, split),
+            Row("demo_warm_s", warm, "s", None, rounds, split),
+        ]
+        lines += [["demo, cold", cold, *("–" for _ in PARTS), "–"], ["demo, warm", warm, *("–" for _ in PARTS), "–"]]
+        seconds = [answers(started(MODULE, ["cohort", scratch / "seven", kind]))[0] for kind in ("many", "one")]
+        over = Row("lengths_over_one_length", seconds[0] / seconds[1], "ratio", None, 100, "evaluate, with compiling")
+        found.append(over)
+    if os.environ.get("JGAIT_BENCHMARK_SUITE"):
+        found += suite(scratch)
+    show("Processor seconds, and the parts of one run", ["", "all", *PARTS, "programs"], lines)
+    return found
+
+
+def _parts(scratch: Path, command: Sequence[Any]) -> dict[str, float]:
+    """Seconds of the parts of a command, by a process that watches itself."""
+    running = started(MODULE, ["parts", scratch / "cache" / "jgait" / "compiled", *command])
+    parts: dict[str, float] = answers(running)[0]
+    return parts
+
+
+def suite(scratch: Path) -> list[Row]:
+    """Processor and clock minutes of all tests but `release`, with an empty and with a filled cache."""
+    found = []
+    for state in ("", "_warm"):
+        begun = time.perf_counter()
+        command = ["-m", "pytest", "-q", "-n", "2", "-m", "not release"]
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(scratch / "tests")
+        seconds = spent(command, scratch / "cache")
+        lasted = time.perf_counter() - begun
+        found.append(Row(f"suite_cpu_min{state}", seconds / 60.0, "min", None, 1, "all tests but release"))
+        found.append(Row(f"suite_wall_min{state}", lasted / 60.0, "min", None, 1, "two processes"))
+    return found

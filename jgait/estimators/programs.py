@@ -1,0 +1,199 @@
+"""Compiled programs: one for each function, static arguments and shapes, kept between processes in a folder.
+
+`compiled` is `jax.jit` for functions that users call from fresh processes. Once `keep` has named a folder, a program is
+read from there without being traced, lowered or compiled. A file that is damaged, or of another version of jgait or
+JAX, another processor or another precision, is never used: its program is compiled anew.
+"""
+
+import contextlib
+import functools
+import hashlib
+import math
+import os
+import pickle
+import platform
+import tempfile
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+import jax
+from jaxtyping import PyTree
+
+LIMIT = 1_000_000_000
+"""[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
+
+ENDING = ".program"
+
+BUCKET = 4096
+"""[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
+up to 41 s at 100 Hz share one."""
+
+
+def bucket(samples: int, smallest: int = BUCKET) -> int:
+    """The padded length of a recording: `smallest` times a power of two."""
+    return smallest * 2 ** max(0, math.ceil(math.log2(samples / smallest)))
+
+
+class _Store:
+    """Where programs are kept, and what is called before a program is compiled."""
+
+    folder: Path | None = None
+    compiling: Callable[[], None] | None = None
+
+
+def keep(folder: Path | None) -> None:
+    """Keep the programs of this process in a folder that exists; None: keep none."""
+    _Store.folder = folder
+
+
+def before_compiling(call: Callable[[], None] | None) -> None:
+    """Call a function before each program that is compiled because the folder does not have it."""
+    _Store.compiling = call
+
+
+@functools.cache
+def compiler_options() -> dict[str, Any]:
+    """Compiler options for the default backend: on a CPU no calls of a library for small sums, and wide vectors.
+
+    For sums as short as those of a filter, calling XLA's library YNNPACK takes longer than the sum. With AVX-512
+    vectors have 512 bits; XLA uses 256 by default, because some older processors lower their clock rate.
+    """
+    if jax.default_backend() != "cpu":
+        return {}
+    options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    if " avx512f " in _processor():
+        options["xla_cpu_prefer_vector_width"] = 512
+    try:
+        jax.jit(lambda: 0, compiler_options=options).lower().compile()
+    except jax.errors.JaxRuntimeError:  # an XLA without these options
+        return {}
+    return options
+
+
+@functools.cache
+def compiled(function: Callable[..., PyTree]) -> "Program":
+    """The function as a compiled program; see `Program`."""
+    return Program(function)
+
+
+class Program:
+    """A function of arrays, given by position, and of static arguments, given by name and hashable.
+
+    It computes as `jax.jit` of the function does, and inside another `jit` it is just that.
+    """
+
+    def __init__(self, function: Callable[..., PyTree]) -> None:
+        """Take the function; nothing is traced yet."""
+        self.function = function
+        self._ready: dict[Hashable, Callable[..., PyTree]] = {}
+
+    def __call__(self, *arrays: PyTree, **static: Any) -> PyTree:
+        """The result of the function."""
+        leaves, structure = jax.tree.flatten(arrays)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self._jit(tuple(static))(*arrays, **static)
+        shapes = tuple(map(_shape, leaves))
+        key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
+        program = self._ready.get(key)
+        if program is None:
+            program = self._ready[key] = self._made(key, arrays, static)
+        result: PyTree = program(*arrays)
+        return result
+
+    def _jit(self, names: tuple[str, ...], options: dict[str, Any] | None = None) -> Any:
+        return jax.jit(self.function, static_argnames=names, compiler_options=options)
+
+    def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
+        """The program from the folder, or compiled and put there."""
+        file = self._file(key)
+        structure = jax.tree.structure((arrays, {}))
+        if file is not None and (kept := _read(file, structure)) is not None:
+            return kept
+        if _Store.compiling is not None:
+            _Store.compiling()
+        program = self._jit(tuple(static), compiler_options() or None).lower(*arrays, **static).compile()
+        if file is not None:
+            _write(file, program)
+        made: Callable[..., PyTree] = program
+        return made
+
+    def _file(self, key: Hashable) -> Path | None:
+        """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
+        name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
+        whole = f"{name} {key!r}"
+        if _Store.folder is None or "<" in name or " at 0x" in whole or jax.default_backend() != "cpu":
+            return None
+        digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
+        return _Store.folder / f"{digest}{ENDING}"
+
+
+def _shape(leaf: PyTree) -> Hashable:
+    """Shape and type of an array; the type of a Python number."""
+    if isinstance(leaf, bool | int | float):
+        return type(leaf).__name__
+    return leaf.shape, str(leaf.dtype), bool(getattr(leaf, "weak_type", False))
+
+
+def _device() -> str:
+    return str(jax.config.jax_default_device)
+
+
+@functools.cache
+def _processor() -> str:
+    """The processor's model and instructions, as far as the system names them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+    return "\n".join(sorted({f"{line} " for line in lines if line.startswith(("model name", "flags", "Features"))}))
+
+
+@functools.cache
+def _surroundings() -> str:
+    """What a program depends on beside its own function: sources, versions, processor, settings."""
+    root = Path(__file__).parents[1]
+    sources = sorted((str(path.relative_to(root)), path.stat()) for path in root.rglob("*.py"))
+    stamps = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in sources]
+    settings = jax.config.jax_default_matmul_precision, os.environ.get("XLA_FLAGS")
+    return repr((stamps, jax.__version__, platform.python_version(), _processor(), jax.device_count(), settings))
+
+
+def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:
+    """The program of a file; None if there is none, or it is damaged."""
+    from jax.experimental.serialize_executable import deserialize_and_load
+
+    try:
+        content = file.read_bytes()
+        if hashlib.sha256(content[32:]).digest() != content[:32]:
+            return None
+        payload, result = pickle.loads(content[32:])
+        program: Callable[..., PyTree] = deserialize_and_load(payload, structure, jax.tree.structure(result))
+        os.utime(file)
+    except Exception:  # whatever another version wrote there
+        return None
+    return program
+
+
+def _write(file: Path, program: Any) -> None:
+    """Put a program into the folder, whole or not at all; nothing happens if that is impossible."""
+    from jax.experimental.serialize_executable import serialize
+
+    with contextlib.suppress(Exception):
+        payload, _, structure = serialize(program)
+        content = pickle.dumps((payload, jax.tree.unflatten(structure, range(structure.num_leaves))))
+        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
+            part.write(hashlib.sha256(content).digest() + content)
+        os.replace(part.name, file)
+        shortened(file.parent, LIMIT)
+
+
+def shortened(folder: Path, limit: int) -> None:
+    """Remove the files of a folder that were not used for longest, until their sizes are within the limit [bytes]."""
+    files = sorted(((path.stat(), path) for path in folder.iterdir() if path.is_file()), key=lambda f: f[0].st_mtime)
+    total = sum(stat.st_size for stat, _ in files)
+    for stat, path in files:
+        if total <= limit:
+            break
+        path.unlink(missing_ok=True)
+        total -= stat.st_size
