@@ -84,11 +84,13 @@ class Parameter(NamedTuple):
         transform: the range; None where the field is a tuple of parameters with declarations of its fields.
         unit: unit of the value; "1" where the value has no unit.
         meaning: what the parameter is, in words.
+        prior: the density of the value before any data are used; None where there is none.
     """
 
     transform: Transform | None
     unit: str
     meaning: str
+    prior: "Prior | None" = None
 
 
 def declared(of: type[Any]) -> dict[str, Parameter]:
@@ -119,6 +121,21 @@ def ranges[P](p: P) -> P:
         if one.transform is None:
             return ranges(value)
         return type(value)(*[one.transform] * len(value)) if isinstance(value, tuple) else one.transform
+
+    found: P = tuple_of(**{name: of_field(name, one) for name, one in declared(tuple_of).items()})
+    return found
+
+
+def priors[P](p: P) -> P:
+    """The declared priors of parameters, in the same type, for `tune.fit`; None where a parameter has none."""
+    tuple_of: Any = type(p)
+
+    def of_field(name: str, one: Parameter) -> Any:
+        value = getattr(p, name)
+        if one.transform is None:
+            return priors(value)
+        every: list[Any] = [one.prior] * (len(value) if isinstance(value, tuple) else 1)
+        return type(value)(*every) if isinstance(value, tuple) else one.prior
 
     found: P = tuple_of(**{name: of_field(name, one) for name, one in declared(tuple_of).items()})
     return found

@@ -117,7 +117,7 @@ def declarations(source: str) -> dict[str, tuple[str, str]]:
             continue
         kind, declared = hint.slice.elts
         if isinstance(declared, ast.Call) and ast.unparse(declared.func) == "Parameter":
-            span, unit, meaning = declared.args
+            span, unit, meaning = declared.args[:3]
             told = f"{meaning.value} [{unit.value}]; {ast.unparse(span)}." if unit.value else f"{meaning.value}."
             found[field.target.id] = (ast.unparse(kind), told)
         elif isinstance(declared, ast.Subscript):

@@ -51,6 +51,9 @@ LANDED = 0.1
 REACH = 0.25
 """[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
 
+STILLEST, UNDECIDED = 1e-3, 1e-3
+"""[rad/s], [1] Least statistic and least size of a margin, see `margin`."""
+
 EROSION = (0.06, 0.02)
 """[s] Time removed from start and end of a stance. Without it footholds are 5 mm too high: the foot still sinks."""
 
@@ -173,6 +176,25 @@ def inside(found: Stances, samples: int) -> np.ndarray:
     np.add.at(change, found.start, 1)
     np.add.at(change, found.end, -1)
     return np.cumsum(change[:-1]) > 0
+
+
+def margin(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float
+) -> np.ndarray:
+    """(T,) logarithm of the threshold of the nearest stance over `unrest`; large while a foot is still.
+
+    It is near 0, above or below as `inside` decides, where the statistic alone would decide otherwise.
+    """
+    restless = unrest(gyr, acc, sampling_rate_hz)
+    middles = 0.5 * (found.stillest[1:] + found.stillest[:-1])
+    limits = np.maximum(STILL, ABOVE * restless[found.stillest])
+    limit = limits[np.searchsorted(middles, np.arange(len(gyr)))]
+    return signed(np.log(limit / np.maximum(restless, STILLEST)), inside(found, len(gyr)))
+
+
+def signed(margins: np.ndarray, stands: np.ndarray) -> np.ndarray:
+    """Margins (T,) whose sign is that of a decision: above 0 exactly where `stands` is True."""
+    return np.where(stands, np.maximum(margins, UNDECIDED), np.minimum(margins, -UNDECIDED))
 
 
 def contacts(gyr: Float[AnyArray, "time 3"], found: Stances, sampling_rate_hz: float) -> tuple[np.ndarray, np.ndarray]:

@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.estimators import noise
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
-from jgait.estimators.foot_ins.params import DEFAULT, TRANSFORMS, FootOptions, FootParams, with_body
+from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import level, prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
@@ -22,7 +23,11 @@ from jgait.estimators.programs import compiled
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion
 from jgait.geometry.vectors import Vector, vector
+from jgait.params import ranges
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
+
+LEAST, MOST = -12.0, 25.0
+"""[1] Limits of the logarithm of the factor on the variance of the zero velocity."""
 
 
 def model_params(p: FootParams) -> FootModelParams:
@@ -30,7 +35,20 @@ def model_params(p: FootParams) -> FootModelParams:
     return FootModelParams(p.pivot_height, p.gyr_bias_walk**2, p.acc_bias_walk**2, p.height_noise**2)
 
 
-def controls(p: FootParams, foot: FootSignals) -> FootControl:
+def velocity_variance(p: FootParams, foot: FootSignals, soft: bool) -> Values:
+    """Variance of the zero velocity (T,) [m²/s²]: R = (σ² + (c |ω|)²) exp(noise model) / w.
+
+    The weight w is 1, or if `soft`, w = sigmoid((margin + log threshold_factor) / softness): 1 in a stance that is
+    clear, 0 in a swing. The exponent is limited so that single precision holds.
+    """
+    base = p.velocity_noise**2 + (p.rate_noise * foot.rate) ** 2
+    exponent = noise.log_scale(p.noise, foot.features)
+    if soft:
+        exponent = exponent + jax.nn.softplus(-(foot.margin + jnp.log(p.threshold_factor)) / p.softness)
+    return base * jnp.exp(jnp.clip(exponent, LEAST, MOST))
+
+
+def controls(p: FootParams, foot: FootSignals, options: FootOptions = DEFAULT) -> FootControl:
     """Signals and noise densities for the filter: an error that is constant over an interval h has the density σ² h."""
     h = foot.dt
     return FootControl(
@@ -38,7 +56,7 @@ def controls(p: FootParams, foot: FootSignals) -> FootControl:
         acc=vector(foot.acc),
         gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * foot.gyr_jump) ** 2 + foot.gyr_doubt**2) * h,
         acc_density=p.acc_noise**2 + ((p.acc_jump_noise * foot.acc_jump) ** 2 + foot.acc_doubt**2) * h,
-        velocity_variance=p.velocity_noise**2 + (p.rate_noise * foot.rate) ** 2,
+        velocity_variance=velocity_variance(p, foot, options.soft),
         restart=foot.restart,
     )
 
@@ -75,10 +93,10 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
 
 def _foot(p: FootParams, foot: FootSignals, options: FootOptions) -> filtering.Inferred:
     zero = jnp.zeros_like(foot.rate)
-    stands = foot.stands & foot.valid
+    stands = foot.valid if options.soft else foot.stands & foot.valid
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
-        controls=controls(p, foot), dt=foot.dt,
+        controls=controls(p, foot, options), dt=foot.dt,
         mask=FootObservation(Vector(stands, stands, stands), stands if options.level is True else False),
         method=options.method, initial=prior_of(p, foot),
         covariance=("position", "velocity", "attitude"),
@@ -158,9 +176,11 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
         # the detector is used only in `prepare`, so all detectors share one compiled program
         return prepare(recording, options.detector)._replace(options=options._replace(detector=DEFAULT.detector))
 
+    start = FootParams(noise=noise.model_of(options.noise).start)
+    used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
-        "foot_ins", FootParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows,
-        unused=() if options.level is True else ("height_noise",),
+        "foot_ins", start, ranges(start), ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows,
+        unused=tuple(name for name, of_use in used.items() if not of_use),
     )  # fmt: skip
 
 

@@ -32,6 +32,8 @@ class FootSignals(NamedTuple):
         acc_doubt: (T,) standard deviation of the specific force, likewise [m/s²].
         rate: (T,) magnitude of the rate, without bias [rad/s].
         stands: (T,) bool, True in stance.
+        margin: (T,) logarithm of the detector's threshold over its statistic, above 0 exactly where `stands`.
+        features: (T, F) features of noise models, see `jgait.estimators.noise.features`.
         restart: (T,) float, 1 at the sample after each foothold, else 0.
         dt: (T,) time since the previous sample [s]; 0 up to the first stance, where the filter starts.
         valid: (T,) bool; False before the first stance and in padding.
@@ -58,6 +60,8 @@ class FootSignals(NamedTuple):
     acc_doubt: Sampled
     rate: Sampled
     stands: Sampled
+    margin: Sampled
+    features: Held
     restart: Sampled
     dt: Sampled
     valid: Sampled

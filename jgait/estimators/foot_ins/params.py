@@ -4,7 +4,8 @@ from typing import Annotated, Any, NamedTuple
 
 from jgait import filtering
 from jgait.estimators.interface import with_measures
-from jgait.params import Param, Parameter, documented, interval, positive, ranges
+from jgait.estimators.noise import Constant
+from jgait.params import Param, Parameter, documented, interval, lognormal, positive, ranges
 
 
 @documented
@@ -52,6 +53,16 @@ class FootParams(NamedTuple):
         "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
         "deviations only",
     )] = 0.01  # fmt: skip
+    softness: Annotated[Param, Parameter(
+        positive, "1", "width of the change from stance to swing, in logarithms of the detector's statistic; where "
+        "`FootOptions.soft` is set", lognormal(0.2, 2.0),
+    )] = 0.2  # fmt: skip
+    threshold_factor: Annotated[Param, Parameter(
+        positive, "1", "factor on the threshold of the detector, likewise", lognormal(1.0, 2.0),
+    )] = 1.0  # fmt: skip
+    noise: Annotated[Param, Parameter(
+        None, "", "noise model of the zero velocity, see `jgait.estimators.noise`",
+    )] = Constant()  # fmt: skip
 
 
 TRANSFORMS = ranges(FootParams())
@@ -69,12 +80,18 @@ class FootOptions(NamedTuple):
         detector: "adaptive": a threshold that adapts to each stride, see `jgait.events.foot`; or the name of a detector
             of `jgait.events.zero_velocity`, with its default threshold and the footholds of the adaptive detector.
         method: how the filter linearises, see `jgait.filtering`.
+        soft: False: zero velocity is observed in stances alone. True: at every sample, with a variance that grows
+            smoothly as the detector's statistic exceeds its threshold, so that a gradient reaches the decision; the
+            limit of small `softness` is the hard decision.
+        noise: noise model of the zero velocity, a name in `jgait.estimators.noise.MODELS`.
     """
 
     smooth: bool = True
     level: bool | str = "auto"
     detector: str = "adaptive"
     method: filtering.Method = filtering.EKF()
+    soft: bool = False
+    noise: str = "constant"
 
 
 DEFAULT = FootOptions()

@@ -12,6 +12,7 @@ from jgait.estimators.checks import common_time
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.notes import NEVER_RESTS, STRIDES_MISSING
 from jgait.estimators.interface import Prepared
+from jgait.estimators.noise import features
 from jgait.estimators.notes import CLIPPED, SCALE_CORRECTED, STRIDES_UNCERTAIN
 from jgait.events import foot as events
 from jgait.events import zero_velocity
@@ -43,6 +44,9 @@ CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
 
 REST_STEP = 20.0
 """[s] Time between the footholds of a foot at rest."""
+
+NEVER = -20.0
+"""[1] Margin of a sample that is lost: its zero velocity gets no weight."""
 
 REACH = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
@@ -140,7 +144,8 @@ def _foot(
             f"swings; its lowest rate is {lowest:.2f} rad/s"
         )
     lost = ~mask | (step > 1.5 * nominal)
-    stands = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector) & ~lost
+    stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector)
+    stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
     read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
     clips, turned = _clipped(read_acc, CLIPS_ABOVE_FORCE), _clipped(read_gyr, CLIPS_ABOVE_RATE)
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
@@ -169,6 +174,8 @@ def _foot(
         acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips),
         rate=np.linalg.norm(gyr - at_rest.gyr_bias, axis=1),
         stands=stands,
+        margin=margin,
+        features=features(gyr - at_rest.gyr_bias, acc, (jumps[0], jumps[1]), stands, lost | clips | turned, hz),
         restart=restart[: len(time)],
         dt=dt,
         valid=np.arange(len(time)) >= first,
@@ -208,11 +215,14 @@ def _errors(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
 
 def _standing(
     gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, found: events.Stances, hz: float, detector: str
-) -> np.ndarray:
-    """(T,) bool: samples with a zero-velocity update."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) bool: samples with a zero-velocity update; and (T,) `FootSignals.margin`."""
     if detector == "adaptive":
-        return events.inside(found, len(gyr))
-    return zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
+        return events.inside(found, len(gyr)), events.margin(gyr, acc, found, hz)
+    stands = zero_velocity.zero_velocity(gyr, acc, hz, mask, detector)
+    value = zero_velocity.statistic(detector, gyr, acc, hz, mask)
+    limit = zero_velocity.DETECTORS[detector].threshold
+    return stands, events.signed(np.log(limit / np.maximum(value, events.STILLEST)), stands)
 
 
 def level(up: np.ndarray) -> np.ndarray:

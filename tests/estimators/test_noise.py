@@ -1,0 +1,125 @@
+"""Noise models start at the constant that they replace; soft decisions tend to hard ones; their gradients are true."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.foot import foot
+
+from jgait import params
+from jgait.estimators import foot_ins, noise
+from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins.estimator import velocity_variance
+from jgait.estimators.noise import FEATURES, LogLinear, Network
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return foot(strides=3, roll=0.03, seed=1).recording
+
+
+@pytest.fixture(scope="module")
+def signals(recording):
+    return foot_ins.prepared(recording).inputs.right
+
+
+@pytest.mark.parametrize("name", noise.MODELS)
+def test_every_model_starts_at_the_constant(name, signals):
+    model = noise.model_of(name)
+    assert not np.any(noise.log_scale(model.start, jnp.asarray(signals.features)))
+    assert sum(np.size(leaf) for leaf in jax.tree.leaves(model.start)) <= 500
+    start = foot_ins.estimator(FootOptions(noise=name)).params
+    np.testing.assert_array_equal(
+        velocity_variance(start, signals, False), velocity_variance(FootParams(), signals, False)
+    )
+    declared = params.priors(start.noise)
+    assert len(jax.tree.leaves(declared, is_leaf=lambda v: isinstance(v, params.Prior))) == len(model.start)
+
+
+def test_weights_are_powers_of_the_features(signals):
+    p = FootParams(noise=LogLinear(rate=2.0, stance=-1.0))
+    column = {name: signals.features[:, FEATURES.index(name)] for name in ("rate", "stance")}
+    expected = velocity_variance(FootParams(), signals, False) * np.exp(2.0 * column["rate"] - column["stance"])
+    np.testing.assert_allclose(velocity_variance(p, signals, False), expected, rtol=1e-12)
+
+
+def test_features_and_networks_use_no_later_sample(recording):
+    imu = recording.sensors["foot_right"]
+    jumps = tuple(np.abs(np.gradient(values[:, 0])) for values in (imu.gyr, imu.acc))
+    flags = np.zeros(len(imu.time), bool)
+    whole = noise.features(imu.gyr, imu.acc, jumps, flags, flags, 100.0)
+    cut = 200
+    begun = noise.features(*(v[:cut] for v in (imu.gyr, imu.acc)), tuple(v[:cut] for v in jumps), flags[:cut],
+                           flags[:cut], 100.0)  # fmt: skip
+    np.testing.assert_allclose(begun, whole[:cut], rtol=1e-9, atol=1e-9)
+    assert whole.shape == (len(imu.time), len(FEATURES)) and np.isfinite(whole).all()
+    p = Network()._replace(last=np.arange(8.0))
+    np.testing.assert_allclose(
+        noise.log_scale(p, jnp.asarray(whole[:cut])), noise.log_scale(p, jnp.asarray(whole))[:cut], rtol=1e-12
+    )
+    with pytest.raises(ValueError, match="needs an accelerometer"):
+        noise.features(imu.gyr, None, jumps, flags, flags, 100.0)
+
+
+def test_there_is_no_other_model():
+    with pytest.raises(ValueError, match="one of constant, log_linear, network; got 'cubic'"):
+        foot_ins.estimator(FootOptions(noise="cubic"))
+
+
+@pytest.mark.parametrize("detector", ["adaptive", "shoe"])
+def test_the_hard_decision_is_the_limit_of_the_soft_one(detector, recording):
+    signals = foot_ins.prepared(recording, FootOptions(detector=detector)).inputs.right
+    assert np.array_equal(signals.margin > 0.0, signals.stands)
+    hard = velocity_variance(FootParams(), signals, False)
+    soft = velocity_variance(FootParams(softness=1e-5), signals, True)
+    np.testing.assert_allclose(soft[signals.stands], hard[signals.stands], rtol=1e-9)
+    assert np.all(soft[~signals.stands] > 1e10 * hard[~signals.stands])
+    wide = velocity_variance(FootParams(softness=0.5), signals, True)
+    assert np.all(np.diff(np.asarray(wide / hard)[np.argsort(signals.margin)]) <= 1e-9)  # a smooth weight falls
+
+
+def test_the_soft_estimate_tends_to_the_hard_one(recording):
+    hard = foot_ins.estimate(FootParams(), recording)
+
+    def apart(softness):
+        soft = foot_ins.estimate(FootParams(softness=softness), recording, FootOptions(soft=True))
+        return np.abs(soft.feet.right.position - hard.feet.right.position).max()
+
+    assert apart(0.02) > 1e-4 > 1e-7 > apart(1e-6)
+
+
+def test_gradients_reach_the_decision_and_the_weights(recording):
+    options = FootOptions(soft=True, noise="log_linear", smooth=False)
+    estimator = foot_ins.estimator(options)
+    made = estimator.prepare(recording)
+    rows = slice(0, int(made.inputs.right.count) - 1)
+    inputs = jax.tree.map(jnp.asarray, made.inputs)
+
+    @jax.jit
+    def lengths(p):
+        return jnp.sum(foot_ins.run(p, inputs, made.options).strides.length[rows])
+
+    slopes = jax.jit(jax.grad(lengths))(jax.tree.map(jnp.asarray, estimator.params))
+    for name in ("softness", "threshold_factor", "noise.rate", "noise.shake_long"):
+        first, _, inner = name.partition(".")
+
+        def moved(step, first=first, inner=inner):
+            value = getattr(estimator.params, first)
+            value = value._replace(**{inner: getattr(value, inner) + step}) if inner else value + step
+            return float(lengths(estimator.params._replace(**{first: value})))
+
+        slope = getattr(slopes, first)
+        slope = float(getattr(slope, inner) if inner else slope)
+        assert slope == pytest.approx((moved(1e-5) - moved(-1e-5)) / 2e-5, rel=1e-4), name
+        assert slope != 0.0
+
+
+def test_a_lost_sample_has_no_zero_velocity(recording):
+    imu = recording.sensors["foot_right"]
+    mask = imu.mask.copy()
+    mask[20:25] = False
+    lossy = recording._replace(sensors={"foot_right": imu._replace(mask=mask)})
+    signals = foot_ins.prepared(lossy).inputs.right
+    assert not signals.stands[20:25].any() and signals.stands[19]
+    factor = velocity_variance(FootParams(), signals, True) / velocity_variance(FootParams(), signals, False)
+    assert np.all(np.asarray(factor)[20:25] > 1e10) and float(factor[19]) < 10.0
