@@ -128,5 +128,10 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
     The ending gives the format.
     """
     with literal(figure), replaced(path) as part:
+        layout = figure.get_layout_engine()
+        if layout is not None:  # once: matplotlib lays out a figure for the layout, and again for the drawing
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(part, dpi=dpi)
+        figure.set_layout_engine(layout)
     return Path(path)

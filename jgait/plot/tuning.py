@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank
-from jgait.tune.fit import Fit
-from jgait.tune.identifiability import Identifiability
-from jgait.tune.profile import Profile
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
+
+    from jgait.tune.fit import Fit
+    from jgait.tune.identifiability import Identifiability
+    from jgait.tune.profile import Profile
 
 REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
 VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
@@ -33,7 +34,7 @@ def _plain(axis: "Axis") -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
+def correlation(identifiability: "Identifiability", *, title: str = "") -> Figure:
     """Correlation of the errors of the parameters: dark squares are close to ±1, the numbers have the sign.
 
     A parameter that the data do not determine is marked with a star.
@@ -67,7 +68,7 @@ def correlation(identifiability: Identifiability, *, title: str = "") -> Figure:
     return figure
 
 
-def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
+def profile(profile: "Profile", *, level: float = 0.95, unit: str = "", title: str = "") -> Figure:
     """Increase of the loss when one parameter is fixed at other values than the best, and the ends of the interval.
 
     `level` is the coverage probability of the line and the interval [1], `unit` that of the parameter.
@@ -102,7 +103,7 @@ def profile(profile: Profile, *, level: float = 0.95, unit: str = "", title: str
     return figure
 
 
-def training(fit: Fit[PyTree], *, unit: str = "", title: str = "") -> Figure:
+def training(fit: "Fit[PyTree]", *, unit: str = "", title: str = "") -> Figure:
     """Loss [unit] and gradient of each step; crosses are undone steps (loss or gradient not finite)."""
     figure, axes = blank(2, 1, 6.4, 5.2, sharex=True)
     steps = np.arange(len(fit.losses))

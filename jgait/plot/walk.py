@@ -13,11 +13,12 @@ from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
 from jgait.plot.style import AXES, Axes, Figure, Seconds, Style, blank, legend
-from jgait.simulate import Body, Truth
 from jgait.types import PLACEMENTS, SIDES, Recording, Strides
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
+
+    from jgait.simulate import Body, Truth
 
 LEG: dict[str, Style] = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
 PELVIS = {"color": "0.3", "linewidth": 2.6}
@@ -27,10 +28,10 @@ SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
 
 
 def stick_figure(
-    truth: Truth,
+    truth: "Truth",
     path: str | Path | None = None,
     *,
-    body: Body | None = None,
+    body: "Body | None" = None,
     seconds: Seconds = None,
     frames_per_second: float = 25.0,
     title: str = "",
@@ -64,6 +65,8 @@ def stick_figure(
     if not wanted.size:
         raise ValueError(f"seconds must overlap [{time[0]:g}, {time[-1]:g}] of the walk; got {seconds}")
     chosen = np.unique(np.clip(np.searchsorted(time, wanted), 0, time.size - 1))
+    from jgait.simulate import Body
+
     lines, ground = _lines(truth, Body() if body is None else body, chosen)
     figure, axes = blank(1, 2, 6.2, 4.4, width_ratios=(2.3, 1.0))
     drawn, label = _stage(axes[0], lines, ground, title)
@@ -115,7 +118,7 @@ def _stage(
     return drawn, label
 
 
-def _lines(truth: Truth, body: Body, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _lines(truth: "Truth", body: "Body", chosen: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Points (n, points, 3) of pelvis, legs and ground, forward and left of the pelvis and up [m]."""
     segments = truth.motion.pose
     feet = (segments.foot_right, segments.foot_left)
@@ -142,7 +145,7 @@ def _lines(truth: Truth, body: Body, chosen: np.ndarray) -> tuple[dict[str, np.n
     return lines, _seen(np.broadcast_to(soles, (len(chosen), *soles.shape)), middle, heading)
 
 
-def _footholds(truth: Truth, body: Body) -> tuple[np.ndarray, np.ndarray]:
+def _footholds(truth: "Truth", body: "Body") -> tuple[np.ndarray, np.ndarray]:
     """Footholds (K, 3) [m], and the soles as lines on the ground (3 K, 3) [m], with a gap after each sole."""
     plan = truth.plan
     taken = np.arange(-1, np.size(plan.x) - 1) < float(plan.end)
@@ -172,7 +175,7 @@ def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.nda
     return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
 
 
-def stride_signals(recording: Recording, truth: Truth, *, stride: int | None = None, title: str = "") -> Figure:
+def stride_signals(recording: Recording, truth: "Truth", *, stride: int | None = None, title: str = "") -> Figure:
     """All sensor signals of one stride of a simulated walk, with the contacts of both feet.
 
     `stride` is a row of `truth.strides`; None: the middle row.
@@ -225,7 +228,7 @@ def _contacts(axis: Axes, strides: Strides, stride: int) -> None:
         color = "0.25" if side == leg else "0.7"
         mine = rows[np.asarray(strides.side)[rows] == side]
         for (name, dashes), times in zip(CONTACTS, (strides.end, strides.final_contact), strict=True):
-            style = {"color": color, "linewidth": 1.1, "linestyle": dashes, "label": f"{name}, {SIDES[side]}"}
+            style: Style = {"color": color, "linewidth": 1.1, "linestyle": dashes, "label": f"{name}, {SIDES[side]}"}
             for time in np.asarray(times)[mine]:
                 if start - 1e-9 <= time <= end + 1e-9:
                     axis.axvline(100.0 * (time - start) / (end - start), zorder=0.5, **style)
