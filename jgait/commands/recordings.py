@@ -113,35 +113,24 @@ def recording_of(
         OSError: if the file does not exist, or may not be read.
         ValueError: for unknown units or formats; `RecordingError` for a recording that cannot be used.
     """
-    try:
-        return _read(
-            file, rate, gyr_unit, acc_unit, range_unit, format, placement, placements=placements or None, trial=trial,
-            **called,
-        )  # fmt: skip
-    except RecordingError as error:
-        raise in_options(error) from error
-
-
-def _read(
-    file: Path, rate: float | None, gyr_unit: str | None, acc_unit: str | None, range_unit: str, format: str | None,
-    placement: str | None, placements: Mapping[str, str] | None, trial: str | None, **called: PyTree,
-) -> Recording:  # fmt: skip
-    """As `recording_of`, with errors that name the arguments of the readers."""
     from jgait import io
     from jgait.io.formats import columns
 
-    kind = format or (io.format_of(file) if file.exists() else "csv")
-    if trial is not None:
-        if kind != "mobilised":
-            raise ValueError(f"{file.name} is no Mobilise-D file, so there is no trial {trial!r} in it")
-        return io.read_mobilised(file, trial=trial, **called)
-    text = kind == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
-    if text and not placements and not (file.exists() and columns.foreign(file)):
-        return io.read_csv(
-            file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
-            range_unit=range_unit, placement=placement, **called,
+    try:
+        kind = format or (io.format_of(file) if file.exists() else "csv")
+        if trial is not None:
+            if kind != "mobilised":
+                raise ValueError(f"{file.name} is no Mobilise-D file, so there is no trial {trial!r} in it")
+            return io.read_mobilised(file, trial=trial, **called)
+        text = kind == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
+        if text and not placements and not (file.exists() and columns.foreign(file)):
+            return io.read_csv(
+                file, sampling_rate_hz=rate, gyr_unit=gyr_unit or "deg/s", acc_unit=acc_unit or "m/s^2",
+                range_unit=range_unit, placement=placement, **called,
+            )  # fmt: skip
+        return io.read(
+            file, format=kind, placement=placement, placements=placements or None, sampling_rate_hz=rate,
+            gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
         )  # fmt: skip
-    return io.read(
-        file, format=kind, placement=placement, placements=placements, sampling_rate_hz=rate,
-        gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
-    )  # fmt: skip
+    except RecordingError as error:
+        raise in_options(error) from error

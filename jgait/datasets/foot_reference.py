@@ -13,14 +13,15 @@ No magnetometer, so no heading: strides are lengths, and their sum is the path o
 for estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.spatial.transform import Rotation
 
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 STANCE_RATE = 1.0  # [rad/s] largest angular rate of a standing foot over 50 ms
 STANCE_ACC = 1.2  # [m/s²] largest standard deviation of a standing foot's specific force over 50 ms
@@ -55,8 +56,10 @@ class FootPath(NamedTuple):
     standing: np.ndarray
 
 
-def level(acc: np.ndarray) -> Rotation:
+def level(acc: np.ndarray) -> "Rotation":
     """The smallest rotation, sensor to level frame (z up), that turns a specific force (3,) at rest upwards."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.align_vectors([[0.0, 0.0, 1.0]], acc[None])[0]
 
 
@@ -69,6 +72,9 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
     Returns:
         (n, 3) [m] position, z up, with zero velocity at both ends; and the removed attitude drift [rad].
     """
+    from scipy.integrate import cumulative_trapezoid
+    from scipy.spatial.transform import Rotation
+
     turns = Rotation.from_rotvec((gyr[1:] + gyr[:-1]) * (dt / 2)).as_matrix()
     attitude = np.empty((len(gyr), 3, 3))
     attitude[0] = level(acc_start).as_matrix()

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, PyTree
+from jaxtyping import Bool, Float, Int
 
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filler, On, Thigh
@@ -151,21 +151,20 @@ def _turned(imu: Imu, usable: Bool[np.ndarray, "time"], gyro_on: On | None) -> _
 
 
 def _filled(
-    worn: _Turned, thigh: Thigh | None, filler: Filler, params: PyTree, rate_hz: float
+    worn: _Turned, thigh: Thigh | None, filler: Filler, rate_hz: float
 ) -> tuple[Float[np.ndarray, "time 3"], Int[np.ndarray, "time"]]:
     """Rates about the same axes, and the origin of each sample."""
     signals = jnp.asarray(worn.gyr)
     settings = {"usable": jnp.asarray(worn.usable), "acc": worn.acc, "sampling_rate_hz": rate_hz, "thigh": thigh}
-    sagittal = filler.fill(rate=signals[:, 0], params=params, **settings)
-    across = jax.vmap(lambda rate: filler.fill(rate=rate, params=trusted_at_once(params), **settings).rate)
+    sagittal = filler.fill(rate=signals[:, 0], params=filler.params, **settings)
+    across = jax.vmap(lambda rate: filler.fill(rate=rate, params=trusted_at_once(filler.params), **settings).rate)
     others = across(signals[:, 1:].T).T
     return np.asarray(jnp.concatenate([sagittal.rate[:, None], others], axis=1)), np.asarray(sagittal.how)
 
 
 def fill_recording(
     recording: Recording, *, schedule: Schedule | float | None = None, filler: str = "neighbours",
-    params: PyTree = None, gyro_on: Mapping[str, On] | None = None, asleep: Collection[str] = ("shank",),
-    warm_up: float = 0.0, thigh: bool = True, sensor: Sensor = GYROSCOPE,
+    gyro_on: Mapping[str, On] | None = None, warm_up: float = 0.0, sensor: Sensor = GYROSCOPE,
 ) -> Recording:  # fmt: skip
     """The recording with the gaps of the gyroscopes of thighs and shanks filled, for any other estimator.
 
@@ -179,13 +178,10 @@ def fill_recording(
 
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.
-        schedule: hides samples; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
-        filler: name, see `jgait.duty_cycle.fillers.registry`.
-        params: parameters of the filler; None: its default parameters.
+        schedule: hides samples of shanks; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
+        filler: name, see `jgait.duty_cycle.fillers.registry`; a shank's also uses the signals of a sensor on the thigh.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
-        asleep: segments that follow the schedule: "shank", "thigh" or both.
-        warm_up: time for which their gyroscopes are on before the schedule, which then begins with the off-time [s].
-        thigh: whether the filler of a shank uses the signals of a sensor on the thigh.
+        warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s].
         sensor: the gyroscope, for its wake-up time.
 
     Returns:
@@ -202,10 +198,7 @@ def fill_recording(
         raise RecordingError(
             f"there is no gyroscope of a thigh or shank to be filled; the recording has {sorted(recording.sensors)}"
         )
-    used = gyroscope_masks(
-        recording, names, schedule=schedule, gyro_on=gyro_on, asleep=asleep, warm_up=warm_up, sensor=sensor
-    )  # fmt: skip
-    params = way.params if params is None else params
+    used = gyroscope_masks(recording, names, schedule=schedule, gyro_on=gyro_on, warm_up=warm_up, sensor=sensor)
     sensors, notes, above = dict(recording.sensors), list(recording.notes), dict[str, Thigh]()
     for name in names:
         imu, side = recording.sensors[name], name.split("_")[1]
@@ -215,8 +208,8 @@ def fill_recording(
         if not worn.usable.all():
             if way.needs_acc and worn.acc is None:
                 raise RecordingError(f"the filler {filler!r} needs an accelerometer; {name!r} has only a gyroscope")
-            beside = above.get(side) if thigh and name.startswith("shank") else None
-            gyr, how = _filled(worn, beside, way, params, recording.sampling_rate_hz)
+            beside = above.get(side) if name.startswith("shank") else None
+            gyr, how = _filled(worn, beside, way, recording.sampling_rate_hz)
             filled, held = np.mean(how == FILLED), np.mean(how == HELD)
             notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=filler, held=held))
         if name.startswith("thigh") and worn.acc is not None:

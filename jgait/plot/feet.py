@@ -164,8 +164,8 @@ def _series(
         raise ValueError("no stride is valid: there is nothing to draw")
     panels = [panel for panel in quantities if has(estimate, panel[0], rows)]
     figure, axes = blank(len(panels), 1, 8.6, 1.9 * len(panels) + 1.0, sharex=True)
-    for axis, (field, unit, scale) in zip(axes[:, 0], panels, strict=True):
-        series_of(axis, estimate, rows, field, scale, part=part)
+    for number, (axis, (field, unit, scale)) in enumerate(zip(axes[:, 0], panels, strict=True)):
+        series_of(axis, estimate, rows, field, scale, labelled=number == 0, part=part)
         axis.set_ylabel(unit)
     axes[-1, 0].set_xlabel("time [s]")
     return figure, [(axis, field, scale) for axis, (field, _, scale) in zip(axes[:, 0], panels, strict=True)]
@@ -184,7 +184,7 @@ def has(estimate: Estimate, field: str, rows: np.ndarray) -> bool:
 
 
 def series_of(
-    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, part: str = "foot"
+    axis: Axes, estimate: Estimate, rows: np.ndarray, field: str, scale: float, *, labelled: bool, part: str = "foot"
 ) -> None:
     """One quantity of the strides of both sides over time; rows without a value are left out."""
     strides, stated = estimate.strides, estimate.strides_stddev
@@ -203,7 +203,7 @@ def series_of(
         good, bad = of_side[trusted[of_side]], of_side[~trusted[of_side]]
         style = {**FOOTHOLD[side], "elinewidth": 1.0, "ecolor": FOOT[side]["color"]}
         axis.errorbar(when[good], values[good], yerr=bars[good] if bars.any() else None,
-                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}", **style)  # fmt: skip
+                      label=f"{side} {part}{', ±2σ' if bars.any() else ''}" if labelled else None, **style)  # fmt: skip
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
         axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.size else None, **hollow)
     axis.grid(alpha=0.3)

@@ -56,7 +56,7 @@ def two_feet(estimate: Estimate, *, sections: Sequence[tuple[float, float]] | No
         axis.grid(alpha=0.3)
         if number == 0:
             axis.set_ylabel("across [m]")
-    series_of(over_time, estimate, rows, "width", 100.0)
+    series_of(over_time, estimate, rows, "width", 100.0, labelled=False)
     over_time.set_ylabel("stride width [cm]")
     over_time.tick_params(labelbottom=False)
     _moving(moving, estimate, rows)

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
-from scipy import ndimage
 
 from jgait.types import AnyArray, Values
 
@@ -42,6 +41,8 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
 
 def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:
     """(T, ...) mean over a centred window of `size` [samples]; the first and the last sample are repeated."""
+    from scipy import ndimage  # heavy, and needed by no reader of files
+
     return ndimage.uniform_filter1d(np.asarray(values, np.float64), size, axis=0, mode="nearest")
 
 

@@ -4,10 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.command import run
-from made.foot import _rise, foot
+from made.foot import foot
+from made.track import step
 
 from jgait import datasets, io
-from jgait.commands import cohort, tune
+from jgait.commands import cohort
+from jgait.commands.lessons import lessons_of
 from jgait.estimators import foot_ins, get
 from jgait.types import Estimate, Imu, Legs, RangeReadings, Recording, Strides, Walk
 
@@ -28,8 +30,7 @@ def two_feet():
         sensors[f"foot_{side}"] = Imu(
             time, np.pad(imu.gyr, more), np.pad(imu.acc, more, mode="edge"), np.ones(samples, bool)
         )
-        swings = np.clip((time[:, None] - one.lift_off) / (one.contact - one.lift_off), 0.0, 1.0)
-        along[side] = _rise(swings) @ one.length
+        along[side] = step((time[:, None] - one.lift_off) / (one.contact - one.lift_off)) @ one.length
     heard = (np.abs(along["right"] - along["left"]) < 0.06) & (np.abs(time - 5.0) < 3.4)
     read = RangeReadings(time, np.where(heard, APART - OFFSET, 0.0), heard)
     return Recording(sensors, HZ, "made", feet_range=read), made
@@ -141,11 +142,11 @@ def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
     pipeline = get("foot_ins")
     source = cohort.source(None, "neura_sparse", None, 0, "deg/s", "m/s^2", ("pivot_height",))
     failures: list[tuple[str, str]] = []
-    made = tune._lessons(pipeline, source, pipeline.params, ["velocity_noise"], failures, True)
+    made = lessons_of(pipeline, source, pipeline.params, ["velocity_noise"], failures, True)
     assert failures == [] and made.names == ("first", "second")
     np.testing.assert_allclose(made.data.own["pivot_height"], foot_ins.FootParams().pivot_height)
     assert set(made.data.own) == {"pivot_height"}
-    made = tune._lessons(pipeline, source, pipeline.params, ["pivot_height"], failures, True)
+    made = lessons_of(pipeline, source, pipeline.params, ["pivot_height"], failures, True)
     assert made.data.own == {}
     walk = datasets.load("neura_sparse")[0]
     assert (
@@ -165,10 +166,3 @@ def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
     assert [(note.code, note.values["column"], note.values["without"]) for note in legs.notes] == [
         ("measure_of_some", "thigh_length_m", 1), ("measure_of_some", "shank_length_m", 1)
     ]  # fmt: skip
-
-
-def test_the_sets_with_shoes_are_listed():
-    code, said = run("datasets", "list")
-    assert code == 0
-    for name in ("gaitmap_example", "footprints", "pyshoe_vicon", "xio_gait"):
-        assert name in said

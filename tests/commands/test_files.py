@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from made.command import run
 
@@ -35,13 +36,28 @@ def lines_of(path: Path) -> list[str]:
     return path.read_text().splitlines(keepends=True)
 
 
-def in_g(path):
-    import pandas as pd
-
+def scaled(path, kind, factor):
     table = pd.read_csv(path)
-    acc = [name for name in table.columns if "_acc_" in name]
-    table[acc] /= 9.81
+    table[[name for name in table.columns if kind in name]] *= factor
     table.to_csv(path, index=False)
+
+
+def in_g(path):
+    scaled(path, "_acc_", 1.0 / 9.81)
+
+
+def in_radians(path):
+    scaled(path, "_gyr_", np.pi / 180.0)
+
+
+def backwards(path):
+    table = pd.read_csv(path)
+    table.loc[50, "time"] = table.loc[48, "time"]
+    table.to_csv(path, index=False)
+
+
+def unknown_columns(path):
+    path.write_text(path.read_text().replace("gyr", "omega"))
 
 
 def misspelt(path):
@@ -86,6 +102,9 @@ def gone(path):
     ("spoil", "words"),
     [
         (in_g, "it seems to be in g; pass --acc-unit g"),
+        (in_radians, "rad/s"),
+        (backwards, "time runs backwards at row 50"),
+        (unknown_columns, "gyr"),
         (misspelt, "did you mean 'tigh_right_gyr_x' for 'thigh_right_gyr_x'"),
         (no_shank, "leg_ekf needs 'shank_right'; the recording has"),
         (empty, "walk.csv is empty"),
@@ -169,8 +188,6 @@ def shimmer(recording, path):
 
 
 def test_a_measuring_systems_file_gives_what_the_same_table_gives(recording, walk, tmp_path):
-    import pandas as pd
-
     theirs = tmp_path / "session.csv"
     shimmer(recording, theirs)
     code, said = run("estimate", walk, theirs, "--out", tmp_path / "results")
@@ -243,8 +260,6 @@ def test_the_shell_completes_commands():
 
 
 def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
-    import pandas as pd
-
     table = io.recording_to_dataframe(recording, gyr_unit="rad/s")
     table = table[[name for name in table.columns if "_acc_" not in name]]
     table["time"] *= 1000.0
@@ -262,8 +277,6 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
 
 
 def test_gaitmaps_and_mobgaps_tables_are_read_by_the_command_too(recording, tmp_path):
-    import pandas as pd
-
     imu = recording.sensors["shank_right"]
     signals = {f"gyr_{a}": np.rad2deg(imu.gyr[:, k]) for k, a in enumerate("xyz")}
     signals |= {f"acc_{a}": imu.acc[:, k] for k, a in enumerate("xyz")}

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.gaps import varying
 
 from experiments.udaya2010 import power_descent, power_tradeoff
 from experiments.udaya2010.power_descent import Plan, Settings
@@ -21,13 +22,7 @@ BEGIN = 2 * STRIDE
 
 
 def shank(seed: int, thigh: bool = False) -> Shank:
-    """A made shank whose strides vary, so that neighbours err."""
-    rng = np.random.default_rng(seed)
-    phase = 2.0 * np.pi * np.arange(COUNT) / STRIDE
-    size = 1.0 + 0.2 * np.sin(phase / 3.7 + seed)
-    rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
-    acc = np.stack([4.0 * size * np.sin(phase), 0.3 * rate, 9.81 + 3.0 * np.sin(2.0 * phase)], axis=1)
-    acc = acc + 0.3 * rng.normal(size=acc.shape)
+    rate, acc, phase, size = varying(COUNT, STRIDE, seed, seed)
     worn = Thigh(np.cos(phase) * size, 0.5 * acc) if thigh else None
     return Shank(rate, acc, BEGIN, STRIDE / RATE_HZ, worn)
 

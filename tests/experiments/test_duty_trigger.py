@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.gaps import varying
 
 from experiments.udaya2010.trigger import TRANSFORMS, TRIGGER, _planned, triggered
 from jgait.duty_cycle import power
@@ -26,12 +27,7 @@ NAMES = ("usual", "other_future", "never", "always", "budget")
 
 
 def walk():
-    """A made shank whose strides vary, so that neighbours err."""
-    phase = 2 * np.pi * np.arange(COUNT) / STRIDE
-    size = 1.0 + 0.2 * np.sin(phase / 3.7)
-    rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
-    acc = np.stack([4.0 * size * np.sin(phase), 0.3 * rate, 9.81 + 3.0 * np.sin(2.0 * phase)], axis=1)
-    return rate, acc + 0.3 * np.random.default_rng(3).normal(size=acc.shape)
+    return varying(COUNT, STRIDE, 3)[:2]
 
 
 @pytest.fixture(scope="module")

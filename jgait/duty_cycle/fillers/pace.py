@@ -20,6 +20,9 @@ from jgait.signal.windows import vertex
 RATE_SCALE, ACC_SCALE = 2.0, 6.0
 """[rad/s], [m/s²] Scales of a shank's rate and specific force in walking, by which differences are divided."""
 
+MEMORY = 3.0
+"""[s] Time constant with which differences are forgotten."""
+
 MOVING = 0.5
 """[rad/s] A shank whose rate has a larger root mean square over about 0.5 s walks; in standing it stays under 0.1."""
 
@@ -69,11 +72,11 @@ def _valley(score: Float[Array, "lag"]) -> tuple[Int[Array, ""], Float[Array, ""
     return at, vertex(-score[at - 1], -score[at], -score[at + 1])
 
 
-@partial(jax.jit, static_argnames=("sampling_rate_hz", "memory_s"))
-def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
+@partial(jax.jit, static_argnames=("sampling_rate_hz",))
+def pace(s: Signals, sampling_rate_hz: float) -> Pace:
     r"""The stride period and the number of measured strides; a decision, without gradient.
 
-    At each lag l, with forgetting γ over `memory_s` and u = 1 where the gyroscope was on,
+    At each lag l, with forgetting γ over `MEMORY` and u = 1 where the gyroscope was on,
 
         D_l ← γ D_l + u_t u_{t−l} (ω_t − ω_{t−l})² / s_ω² + ‖a_t − a_{t−l}‖² / s_a²,
 
@@ -83,7 +86,7 @@ def pace(s: Signals, sampling_rate_hz: float, memory_s: float = 3.0) -> Pace:
     """
     dt, dtype = 1.0 / sampling_rate_hz, s.rate.dtype
     lags = np.arange(int(PERIODS[0] * sampling_rate_hz), int(np.ceil(PERIODS[1] * sampling_rate_hz)) + 1)
-    keep, half = float(np.exp(-dt / memory_s)), float(np.exp(-dt / 0.5))
+    keep, half = float(np.exp(-dt / MEMORY)), float(np.exp(-dt / 0.5))
     blank = jnp.zeros(len(lags), dtype)
     force = jnp.zeros((len(s.rate), 3), dtype) if s.acc is None else s.acc
     some = 0.1 * sampling_rate_hz

@@ -41,8 +41,8 @@ def test_a_straight_walk(straight):
     np.testing.assert_allclose(strides.length, made.length, atol=MILLIMETRE)
     np.testing.assert_allclose(strides.height, 0.0, atol=8 * MILLIMETRE)
     np.testing.assert_allclose(strides.turn, 0.0, atol=1e-3)
-    np.testing.assert_allclose(strides.end, made.lands, atol=0.05)
-    np.testing.assert_allclose(strides.final_contact, made.leaves, atol=0.05)
+    np.testing.assert_allclose(strides.end, made.contact, atol=0.05)
+    np.testing.assert_allclose(strides.final_contact, made.lift_off, atol=0.05)
     np.testing.assert_allclose(strides.speed[1:], strides.length[1:] / np.diff(strides.end), rtol=1e-12)
     np.testing.assert_allclose(estimate.distance[-1], 4.8, atol=3 * MILLIMETRE)
     assert np.all(np.diff(estimate.distance) >= -1e-12)
@@ -191,12 +191,13 @@ def changed(hz=100.0, **fields):
         (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
         (changed(time=IMU.time[::-1]), "time must increase"),
         (changed(hz=20.0, time=5.0 * IMU.time), "25 to 400 Hz; the recording has 20 Hz"),
+        (changed(hz=500.0, time=0.2 * IMU.time), "25 to 400 Hz; the recording has 500 Hz"),
         (changed(hz=50.0), "a sample every 0.01 s, and is said to have 50 Hz"),
         (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'shank_right' is masked"),
         (changed(time=IMU.time[:50], gyr=IMU.gyr[:50], acc=IMU.acc[:50], mask=IMU.mask[:50]), "a second or more"),
         (Recording({"shank_right": IMU, "shank_left": IMU._replace(time=IMU.time + 0.02)}, 100.0), "on one clock"),
     ],
-    ids=["placement", "acc", "shape", "nan", "time", "slow", "rate", "masked", "short", "clocks"],
+    ids=["placement", "acc", "shape", "nan", "time", "slow", "fast", "rate", "masked", "short", "clocks"],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_in_words(recording, message):
     with pytest.raises(RecordingError, match=message):

@@ -46,11 +46,11 @@ def test_every_stride_is_known_soon_and_is_as_long_as_it_was(straight):
     np.testing.assert_allclose(strides.length, made.length, atol=8 * MILLIMETRE)
     np.testing.assert_allclose(strides.height, 0.0, atol=25 * MILLIMETRE)
     np.testing.assert_allclose(strides.turn, 0.0, atol=0.01)
-    np.testing.assert_allclose(strides.end, made.lands, atol=0.05)
-    np.testing.assert_allclose(strides.final_contact, made.leaves, atol=0.05)
+    np.testing.assert_allclose(strides.end, made.contact, atol=0.05)
+    np.testing.assert_allclose(strides.final_contact, made.lift_off, atol=0.05)
     assert np.all((stddev.length > 0.01) & (stddev.length < 0.04))
     # within a stance: the valley in its middle, as long as it has to last, and the filter's lag
-    assert np.all((flags["known"] / 100.0 - made.lands > 0.2) & (flags["known"] / 100.0 - made.lands < 0.9))
+    assert np.all((flags["known"] / 100.0 - made.contact > 0.2) & (flags["known"] / 100.0 - made.contact < 0.9))
     assert flags["half"].tolist() == [True, False, False, False]
     assert not flags["turning"].any()
     assert not flags["stairs"].any()

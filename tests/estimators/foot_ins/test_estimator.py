@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from made.foot import foot
 from made.notes import texts
-from made.trunk import rotation
+from made.trunk import rotation, worn
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
@@ -82,9 +82,9 @@ def test_a_foot_that_rolls_over_the_ground_needs_the_pivot():
     point = np.array([0.0, 0.0, 0.08])
     spin = np.gradient(imu.gyr, 0.01, axis=0)
     acc = imu.acc + np.cross(spin, point) + np.cross(imu.gyr, np.cross(imu.gyr, point))
-    worn = made._replace(recording=made.recording._replace(sensors={"foot_right": imu._replace(acc=acc)}))
+    high = made._replace(recording=worn(made.recording, acc=acc))
     errors = {
-        height: np.abs(estimated(worn, FootParams(pivot_height=height)).strides.length - made.length).mean()
+        height: np.abs(estimated(high, FootParams(pivot_height=height)).strides.length - made.length).mean()
         for height in (0.0, 0.08)
     }
     assert errors[0.08] < 0.5 * errors[0.0]
@@ -118,15 +118,19 @@ def test_options_that_are_none_are_refused():
         estimated(made, options=FootOptions(level="flat"))
 
 
-def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
-    made, plain = straight
+def with_hole(made, after, samples):
+    """The recording without some samples, from a time [s] after the start of the third swing; and the first of them."""
     imu = made.recording.sensors["foot_right"]
     mask = imu.mask.copy()
-    lost = int(100 * (made.lift_off[2] + 0.2))
-    mask[lost : lost + 5] = False
+    lost = int(100 * (made.lift_off[2] + after))
+    mask[lost : lost + samples] = False
     gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
-    holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
-    estimate = foot_ins.estimate(STILL, holes)
+    return worn(made.recording, gyr=gyr, acc=acc, mask=mask), lost
+
+
+def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
+    made, plain = straight
+    estimate = foot_ins.estimate(STILL, with_hole(made, 0.2, 5)[0])
     assert "5 samples of foot_right are lost" in " ".join(texts(estimate.diagnostics["notes"]))
     ratio = estimate.strides_stddev.length / plain.strides_stddev.length
     assert ratio[2] > 1.2
@@ -137,12 +141,7 @@ def test_lost_samples_make_their_stride_less_certain_and_no_other(straight):
 
 def test_a_stride_of_which_too_much_is_lost_is_left_out(straight):
     made, plain = straight
-    imu = made.recording.sensors["foot_right"]
-    mask = imu.mask.copy()
-    lost = int(100 * (made.lift_off[2] + 0.05))
-    mask[lost : lost + 40] = False
-    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
-    holes = made.recording._replace(sensors={"foot_right": imu._replace(gyr=gyr, acc=acc, mask=mask)})
+    holes, lost = with_hole(made, 0.05, 40)
     estimate = foot_ins.estimate(STILL, holes)
     assert "1 strides of foot_right are left out" in " ".join(texts(estimate.diagnostics["notes"]))
     assert len(estimate.strides.length) == 5
@@ -168,9 +167,7 @@ def test_the_pivot_is_a_measure_of_the_person_and_the_textbook_has_none():
 
 
 def changed(**fields):
-    made = foot(strides=2)
-    imu = made.recording.sensors["foot_right"]
-    return made.recording._replace(sensors={"foot_right": imu._replace(**fields)})
+    return worn(foot(strides=2).recording, **fields)
 
 
 def spun():
@@ -207,10 +204,7 @@ def test_what_cannot_be_used_is_refused_in_words(recording, message):
 
 
 def test_standing_alone_is_an_empty_table():
-    made = foot(strides=2)
-    imu = made.recording.sensors["foot_right"]
-    still = Imu(imu.time, 0.0 * imu.gyr, np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)
-    estimate = foot_ins.estimate(STILL, made.recording._replace(sensors={"foot_right": still}))
+    estimate = foot_ins.estimate(STILL, changed(gyr=0.0 * IMU.gyr, acc=np.tile([0.0, 0.0, 9.81], (len(IMU.time), 1))))
     assert estimate.strides.length.size == 0
     np.testing.assert_allclose(estimate.distance, 0.0)
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.notes import texts
+from made.trunk import rotation
 
 from jgait.estimators import leg_ekf
 from jgait.estimators.axes import pad
@@ -50,13 +51,11 @@ def prepared(recording: Recording, options=DEFAULT) -> LegInputs:
 
 def rotated(recording: Recording, seed: int) -> Recording:
     """Every sensor mounted in another random attitude."""
-    rng = np.random.default_rng(seed)
-    sensors = {}
-    for name, imu in recording.sensors.items():
-        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        turn = turn * np.sign(np.linalg.det(turn))
-        sensors[name] = imu._replace(gyr=np.asarray(imu.gyr) @ turn.T, acc=np.asarray(imu.acc) @ turn.T)
-    return recording._replace(sensors=sensors)
+    turned = {}
+    for number, (name, imu) in enumerate(recording.sensors.items()):
+        turn = rotation(seed + number)
+        turned[name] = imu._replace(gyr=imu.gyr @ turn, acc=imu.acc @ turn)
+    return recording._replace(sensors=turned)
 
 
 def worst(ours, theirs, field: str) -> float:
