@@ -246,7 +246,8 @@ def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Floa
     if np.shape(used.powered) != np.shape(used.usable):
         raise ValueError(f"the masks must have one shape; got {np.shape(used.powered)} and {np.shape(used.usable)}")
     # A boolean becomes the default floating type; a fraction keeps its floating type.
-    powered, usable = (jnp.where(m, 1.0, 0.0) if jnp.asarray(m).dtype == bool else jnp.asarray(m) for m in used)
-    on, good = jnp.sum(powered), jnp.sum(usable)
+    xp = np if isinstance(used.powered, np.ndarray) and isinstance(used.usable, np.ndarray) else jnp
+    powered, usable = (xp.where(m, 1.0, 0.0) if xp.asarray(m).dtype == bool else xp.asarray(m) for m in used)
+    on, good = xp.sum(powered), xp.sum(usable)
     asleep = powered.shape[0] - on
     return (sensor.on * good + sensor.waking * (on - good) + sensor.off * asleep) / rate_hz

@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
-from jgait.tune import LOSSES, Lessons, lacking, objective
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jgait.tune import Lessons
 
-def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: Lessons, names: Sequence[str]) -> "pd.DataFrame":
+
+def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: Sequence[str]) -> "pd.DataFrame":
     """The error of every lesson in each of the losses `names`, with parameters `p`.
 
     Returns:
@@ -24,6 +25,8 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: Lessons, names: Se
         ValueError: if the estimator or the references cannot answer a loss.
     """
     import pandas as pd
+
+    from jgait.tune import LOSSES, lacking, objective
 
     reasons = [reason for name in names if (reason := lacking(name, lessons.data.reference))]
     if reasons:

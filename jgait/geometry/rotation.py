@@ -6,6 +6,7 @@ A quaternion `q_ws` takes vectors of the sensor (s) to the world (w); its indice
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jgait.geometry.vectors import Vector, cross, dot, scale, subtract
@@ -146,3 +147,12 @@ def between(a: Vector, b: Vector) -> Quaternion:
 
 def _direction(v: Vector) -> Vector:
     return scale(1.0 / jnp.sqrt(dot(v, v)), v)
+
+
+def level(up: np.ndarray) -> np.ndarray:
+    """(4,) the shortest rotation q_ws from a direction in sensor axes to the z axis of the world."""
+    x, y, z = up / np.linalg.norm(up)
+    if z < -0.999999:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([1.0 + z, y, -x, 0.0])
+    return q / np.linalg.norm(q)

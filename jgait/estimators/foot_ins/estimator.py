@@ -16,12 +16,12 @@ from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
-from jgait.estimators.foot_ins.prepare import level, prepare
+from jgait.estimators.foot_ins.prepare import prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
 from jgait.filtering import Belief
-from jgait.geometry.rotation import Quaternion
+from jgait.geometry.rotation import Quaternion, level
 from jgait.geometry.vectors import Vector, vector
 from jgait.params import ranges
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values

@@ -17,6 +17,7 @@ from jgait.estimators.notes import CLIPPED, SCALE_CORRECTED, STRIDES_UNCERTAIN
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
+from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -223,15 +224,6 @@ def _standing(
     value = zero_velocity.statistic(detector, gyr, acc, hz, mask)
     limit = zero_velocity.DETECTORS[detector].threshold
     return stands, events.signed(np.log(limit / np.maximum(value, events.STILLEST)), stands)
-
-
-def level(up: np.ndarray) -> np.ndarray:
-    """(4,) the shortest rotation q_ws from a direction in sensor axes to the z axis of the world."""
-    x, y, z = up / np.linalg.norm(up)
-    if z < -0.999999:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    q = np.array([1.0 + z, y, -x, 0.0])
-    return q / np.linalg.norm(q)
 
 
 def _more_footholds(found: events.Stances, hz: float) -> events.Stances:

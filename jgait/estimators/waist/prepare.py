@@ -21,8 +21,8 @@ from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistP
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
 from jgait.events.rest import TrunkRest, trunk_rest
-from jgait.geometry import rotation
-from jgait.geometry.vectors import GRAVITY, Vector, vector
+from jgait.geometry.rotation import level
+from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.mounting import trunk as trunk_axes
 from jgait.mounting.trunk import TrunkAxes
@@ -165,11 +165,6 @@ def _initial_contacts(seen: TrunkMotion, measured: np.ndarray, rate: float, sett
     )
 
 
-def _level(up: np.ndarray) -> np.ndarray:
-    """(4,) the shortest rotation q_ws that takes a direction in the trunk's axes to the world's z."""
-    return np.asarray(rotation.as_array(rotation.between(vector(up), Vector(*np.eye(3)[2]))))
-
-
 def _any_axes(up: np.ndarray) -> np.ndarray:
     """(3, 3) rows forward, left, up with an arbitrary forward axis."""
     forward = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
@@ -194,7 +189,7 @@ def _assembled(
     return WaistInputs(
         time=time, gyr=gyr, acc=acc * rested.scale, still=rested.still, measured=mask, valid=np.ones(len(time), bool),
         dt=dt, last=np.asarray(len(time) - 1, np.int32), rate_hz=np.asarray(float(rate)), gyr_bias=rested.gyr_bias,
-        attitude=_level(rested.first), start_variance=np.asarray(0.0 if rested.time > 0.0 else 1e-3),
+        attitude=level(rested.first), start_variance=np.asarray(0.0 if rested.time > 0.0 else 1e-3),
         cycles=np.asarray(len(nodes["cycle_begin"]), np.int32), count=np.asarray(count, np.int32),
         **{name: filled(name, nodes[name]) for name in PER_NODE},
     )  # fmt: skip
