@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.common.matching import f1, nearest
 from experiments.common.row import Row, show
-from experiments.kose2011.walks import SETS, Walk, Windows, sets
+from experiments.kose2011.walks import SETS, Walk, Windows, inside, sets
 from jgait.estimators import waist as waist_ofdri
 from jgait.estimators.waist import DEFAULT
 
@@ -21,10 +21,12 @@ DETECTORS = ("soft", "peaks", "paper", "literal")
 
 
 class Found(NamedTuple):
-    """Contacts that a detector found in one walk: times [s], in order, and sides (0 right, 1 left)."""
+    """Contacts that a detector found in one walk: times [s], in order, sides (0 right, 1 left), and whether each side
+    is stated; None: every side is."""
 
     time: np.ndarray
     side: np.ndarray
+    known: np.ndarray | None = None
 
 
 class Matched(NamedTuple):
@@ -33,12 +35,14 @@ class Matched(NamedTuple):
     Attributes:
         late: (hits,) detection less contact [s], nothing taken off.
         right: (hits,) bool, the side is right.
+        known: (hits,) bool, the side is stated.
         missed: contacts that were not found.
         extra: detections without a contact.
     """
 
     late: np.ndarray
     right: np.ndarray
+    known: np.ndarray
     missed: int
     extra: int
 
@@ -47,12 +51,8 @@ def detected(walk: Walk, detector: str = DEFAULT.detector) -> Found:
     """The contacts of the estimator: as `waist_ofdri.estimate` gives them, without measuring distances."""
     inputs = waist_ofdri.prepared(walk.recording, DEFAULT._replace(detector=detector)).inputs
     rows = np.flatnonzero(np.asarray(inputs.contacts)[: int(inputs.count)])
-    return Found(np.asarray(inputs.contact)[rows], np.asarray(inputs.side)[rows])
-
-
-def inside(time: np.ndarray, windows: np.ndarray) -> np.ndarray:
-    """(n,) bool: within any window, its ends included."""
-    return np.any((time[:, None] >= windows[:, 0] - 1e-9) & (time[:, None] <= windows[:, 1] + 1e-9), axis=1)
+    time, side, likely = (np.asarray(x)[rows] for x in (inputs.contact, inputs.side, inputs.likely))
+    return Found(time, side, likely >= waist_ofdri.SIDE_KNOWN)
 
 
 def lateness(walk: Walk, found: Found, windows: Windows) -> np.ndarray:
@@ -74,7 +74,8 @@ def matched(walk: Walk, found: Found, windows: Windows, offset: float) -> Matche
     extra = sum(bool(judged[i]) and i not in used for i in range(len(found.time)))
     late = np.array([found.time[i] - walk.contacts[j] for i, j in hits])
     right = np.array([found.side[i] == walk.sides[j] for i, j in hits], bool)
-    return Matched(late, right, int(looked.sum()) - len(hits), extra)
+    stated = np.ones(len(found.time), bool) if found.known is None else found.known
+    return Matched(late, right, stated[[i for i, _ in hits]], int(looked.sum()) - len(hits), extra)
 
 
 class Score(NamedTuple):
@@ -86,7 +87,8 @@ class Score(NamedTuple):
         sd: of the errors about it [ms].
         plain: mean absolute error as the detector comes [ms].
         offset: the set's median [ms].
-        sides: contacts found whose side is right [%].
+        sides: contacts found with a stated side whose side is right [%].
+        answered: contacts found with a stated side [%].
         missed: contacts that were not found.
         extra: detections without a contact.
         n: contacts looked for.
@@ -98,6 +100,7 @@ class Score(NamedTuple):
     plain: float
     offset: float
     sides: float
+    answered: float
     missed: int
     extra: int
     n: int
@@ -118,21 +121,32 @@ def score(walks: Sequence[Walk], founds: Sequence[Found], whole: bool = False) -
     hits = sum(one.late.size for one in each)
     missed, extra = (sum(getattr(one, name) for one in each) for name in ("missed", "extra"))
     held = np.concatenate(errors) if errors else np.full(1, np.nan)
-    every, right = (np.concatenate([getattr(one, name) for one in each]) for name in ("late", "right"))
+    every, right, known = (np.concatenate([getattr(one, name) for one in each]) for name in ("late", "right", "known"))
     return Score(
         f1(hits, missed, extra), 1000.0 * float(np.mean(np.abs(held))),
         1000.0 * float(np.std(held)), 1000.0 * float(np.mean(np.abs(every))), 1000.0 * offset,
-        100.0 * float(np.mean(right)), missed, extra, hits + missed,
+        100.0 * float(np.mean(right[known])), 100.0 * float(np.mean(known)), missed, extra, hits + missed,
     )  # fmt: skip
 
 
 def line(title: str, s: Score) -> list[Any]:
     """Of a table."""
     return [title, f"{s.f1:.3f}", s.missed, s.extra, s.n, f"{s.mae:.0f}", f"{s.sd:.0f}", f"{s.plain:.0f}",
-            f"{s.offset:+.0f}", f"{s.sides:.0f}"]  # fmt: skip
+            f"{s.offset:+.0f}", f"{s.sides:.1f} of {s.answered:.1f}"]  # fmt: skip
 
 
-COLUMNS = ["", "F1", "missed", "extra", "n", "MAE [ms]", "SD", "as it comes", "offset [ms]", "sides right [%]"]
+COLUMNS = [
+    "",
+    "F1",
+    "missed",
+    "extra",
+    "n",
+    "MAE [ms]",
+    "SD",
+    "as it comes",
+    "offset [ms]",
+    "sides right, of [%]",
+]
 
 
 def rows_of(name: str, s: Score) -> list[Row]:
@@ -144,7 +158,8 @@ def rows_of(name: str, s: Score) -> list[Row]:
         Row(f"ic_mae_ms_{name}", s.mae, "ms", n=hits, split=split),
         Row(f"ic_sd_ms_{name}", s.sd, "ms", n=s.n - s.missed, split=split),
         Row(f"ic_mae_no_offset_ms_{name}", s.plain, "ms", n=s.n - s.missed, split="as the detector comes"),
-        Row(f"ic_side_pct_{name}", s.sides, "%", n=hits),
+        Row(f"ic_side_pct_{name}", s.sides, "%", n=hits, split="where it answers"),
+        Row(f"ic_side_answered_pct_{name}", s.answered, "%", n=hits),
     ]
     return [
         row.on(of_set(name)[row.metric], "default", "contacts") if row.metric in of_set(name) else row for row in found
@@ -158,7 +173,8 @@ def of_set(name: str) -> dict[str, str]:
     return {
         f"ic_f1_{name}": f"initial contacts on straight walks, `{name}`: F1",
         f"ic_mae_ms_{name}": f"time of initial contacts, offset learned on other people, `{name}`: MAE",
-        f"ic_side_pct_{name}": f"left and right of initial contacts, `{name}`: correct",
+        f"ic_side_pct_{name}": f"left and right of initial contacts, `{name}`: correct where stated",
+        f"ic_side_answered_pct_{name}": f"left and right of initial contacts, `{name}`: stated",
     }
 
 

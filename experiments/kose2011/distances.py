@@ -131,9 +131,9 @@ def measured(p: WaistParams, item: Item, options: WaistOptions | str) -> Measure
     first, last = (float(np.interp(when, time, spread)) for when in (ends.min(), ends.max()))
     # pieces of both feet overlap: the deviation belongs to the way from the first to the last
     far = float(np.ptp(np.interp([ends.min(), ends.max()], time, way)))
+    whole, deviation = (float(np.interp(walk.until, time, values)) / walk.total for values in (way, spread))
     return Measured(
-        float(each.sum() / length.sum()), each - length, (last - first) / max(far, 1e-9), float(way[-1]) / walk.total,
-        float(spread[-1]) / walk.total,
+        float(each.sum() / length.sum()), each - length, (last - first) / max(far, 1e-9), whole, deviation
     )  # fmt: skip
 
 
@@ -171,7 +171,8 @@ def errors(found: Sequence[Measured], items: Sequence[Item]) -> dict[str, np.nda
     part, whole = (100.0 * (np.array([getattr(one, name) for one in found]) - 1.0) for name in ("ratio", "whole"))
     told = {"ipol_straight": part[sets == "ipol_gait"], "ipol_whole": whole[sets == "ipol_gait"],
             "mobgap_lab": part[sets == "mobgap_lab"]}  # fmt: skip
-    return {name: values for name, values in told.items() if values.size}
+    known = {name: values[np.isfinite(values)] for name, values in told.items()}
+    return {name: values for name, values in known.items() if values.size}
 
 
 def within(found: Sequence[Measured], items: Sequence[Item]) -> dict[str, np.ndarray]:

@@ -5,8 +5,13 @@ the first to the last. People walk on before and after the cameras' volume.
 
 `ipol_gait`: contacts of both feet, checked by hand. Distances are those of the sensors on the feet, by `foot_ins`: on
 the straight way there, the strides that begin and end with a checked contact (a first stride begins with the foot
-leaving the ground, and does not count); of the whole walk with its U-turn, all strides, the mean of both feet. The
+leaving the ground, and does not count); of the whole walk with its U-turn, all strides, the mean of the feet none of
+whose strides fell into lost samples. The
 20 m of the instructions are no reference: no person walked exactly 20 m.
+
+The contacts of `ipol_gait` are not complete: some lack one between two of the other foot, and of the steps that people
+take after the trial's end few are listed. Detections there are judged neither right nor wrong; one while both feet rest
+is false.
 """
 
 from functools import cache, partial
@@ -16,11 +21,20 @@ import numpy as np
 
 from experiments.common.recordings import attempt, available, names, walks
 from jgait.estimators import foot_ins
-from jgait.types import SIDES, Recording, Strides, as_float
+from jgait.mounting.shank import filled
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, Recording, Strides, as_float
 
 SETS = ("mobgap_lab", "ipol_gait")
 NEAR = 0.15
 """[s] Between the beginning or end of a stride of a foot's sensor and a checked contact, at most."""
+
+BESIDE = 0.1
+"""[s] A detection nearer than that to a listed contact is judged in any case."""
+
+SWINGS, SETTLED = 1.5, 0.5
+"""[rad/s] Rate above which a foot is not at rest; [s] time after that, or after the trial's end, in which its contact
+may come."""
 
 QUICK = ("HA/001/Test5/Trial2", "HA/002/Test5/Trial2")
 """Short walks of two people, of `mobgap_lab`."""
@@ -64,7 +78,8 @@ class Walk(NamedTuple):
         straight: where contacts of straight walking are judged.
         whole: the same with turns.
         pieces: strides of straight walking, or the bout.
-        total: of the whole walk [m]; NaN where it is not known.
+        total: of the whole walk [m], by the feet that have every stride; NaN where none has.
+        until: [s] when the whole walk is over; infinite: at the end of the recording.
     """
 
     set: str
@@ -78,6 +93,7 @@ class Walk(NamedTuple):
     whole: Windows
     pieces: Pieces
     total: float
+    until: float = np.inf
 
 
 def of_set(name: str, quick: bool = False) -> list[Walk]:
@@ -129,21 +145,49 @@ def _lab(walk: Any) -> Walk:
 def _there_and_back(walk: Any) -> Walk:
     info = walk.info
     contacts, sides = as_float(info["initial_contacts"]), np.asarray(info["initial_contact_sides"])
-    last = float(as_float(walk.recording.sensors["lower_back"].time)[-1])
     parts = as_float(info["straight_parts"])
     whole = np.stack([info["bouts"]["start"], info["bouts"]["end"]], axis=1)
-    judged = parts.copy()
-    judged[0, 0], judged[-1, 1] = 0.0, last
+    end = float(whole[-1, 1])
     feet = {name: imu for name, imu in walk.recording.sensors.items() if name.startswith("foot")}
+    time = as_float(walk.recording.sensors["lower_back"].time)
+    known = listed(time, feet, contacts, sides, end)
+    turning = inside(time, np.stack([info["turns"]["start"], info["turns"]["end"]], axis=1))
     strides = foot_ins.estimate(foot_ins.FootParams(), walk.recording._replace(sensors=feet)).strides
     assert strides is not None
-    pieces = between_contacts(strides, contacts, sides, parts[0])
-    total = sum(float(strides.length[strides.side == number].sum()) for number in range(len(SIDES))) / len(SIDES)
+    leaves, lands = as_float(info["final_contacts"]), as_float(contacts)
+    totals = []
+    for number in range(len(SIDES)):
+        middle = 0.5 * (leaves[info["final_contact_sides"] == number] + lands[sides == number])
+        own = (strides.side == number) & (strides.start < end)
+        found = inside(middle[middle < end], np.stack([strides.start, strides.end], axis=1)[own])
+        totals += [float(strides.length[own].sum())] if found.all() else []
     return Walk(
         "ipol_gait", walk.recording.name, walk.recording.subject, _alone(walk.recording), body(info), contacts, sides,
-        Windows(parts, judged), Windows(whole, np.array([[0.0, last]])), pieces,
-        total,
+        Windows(parts, runs(time, known & ~turning)), Windows(whole, runs(time, known)),
+        between_contacts(strides, contacts, sides, parts[0]), float(np.mean(totals)) if totals else np.nan,
+        end + SETTLED,
     )  # fmt: skip
+
+
+def inside(time: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    """(n,) bool: within any window, its ends included."""
+    return np.any((time[:, None] >= windows[:, 0] - 1e-9) & (time[:, None] <= windows[:, 1] + 1e-9), axis=1)
+
+
+def runs(time: np.ndarray, flags: np.ndarray) -> np.ndarray:
+    """(n, 2) [s] the stretches of time in which (T,) flags hold."""
+    return np.array([(time[a], time[b - 1]) for a, b in true_runs(flags)]).reshape(-1, 2)
+
+
+def listed(
+    time: np.ndarray, feet: dict[str, Imu], contacts: np.ndarray, sides: np.ndarray, end: float
+) -> np.ndarray:  # fmt: skip
+    """(T,) bool: the reference lists every contact at that time; see above. `end` is that of the trial [s]."""
+    again = np.flatnonzero((sides[1:] == sides[:-1]) & (contacts[1:] <= end))
+    known = ~inside(time, np.stack([contacts[again] + BESIDE, contacts[again + 1] - BESIDE], axis=1))
+    fast = np.max([np.linalg.norm(as_float(filled(imu).gyr), axis=1) for imu in feet.values()], axis=0) > SWINGS
+    since = time - np.maximum.accumulate(np.where(fast, time, -np.inf))
+    return known & ~((time > end + SETTLED) & (since < SETTLED))
 
 
 def between_contacts(strides: Strides, contacts: np.ndarray, sides: np.ndarray, part: np.ndarray) -> Pieces:

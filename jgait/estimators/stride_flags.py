@@ -107,11 +107,16 @@ UNSURE = StrideFlag(
     "unsure", "speed by integration unsure", "speed unsure",
     "The integrated speed is unsure, because the error of the accelerometer's bias had time to grow.", _unsure,
 )  # fmt: skip
+SIDE_UNKNOWN = StrideFlag(
+    "side_unknown", "side not known", "side ?",
+    "It is not known which foot took these strides: the signs of left and right are weak or contradict each other.",
+    lambda estimate: stated(estimate, "side_unknown"),
+)  # fmt: skip
 WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
     "The distance between the feet is not known well enough there; these widths are not in the means below.",
     _width, leaves_out=("stride_width_m", "step_length_m"),
 )  # fmt: skip
 
-STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, WIDTH)
+STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, SIDE_UNKNOWN, WIDTH)
 """All flags, for estimates of an unknown estimator."""

@@ -5,17 +5,22 @@ Three detectors share coarse instants, arguments and result. They compute the co
 - `PaperRule`: the middle between the greatest forward acceleration, rebuilt from its wavelet details, and the first
   negative local minimum of the upward acceleration after it.
 - `Peaks`: a constant time after the peak of the forward acceleration, low-passed near the step frequency.
-- `Soft` (the default): a soft argmax over both accelerations' rates of change; see `events.trunk_soft`.
+- `Soft` (the default): a soft argmax over both accelerations' rates of change and the blow of the foot; see
+  `events.trunk_soft`.
 
 Coarse instants come from `events.trunk_rhythm`; they are decisions, without gradient.
 
-Sides: from a right contact to the next contact the right foot alone carries the trunk, stands right of the trunk, and
-accelerates it to the left; a left foot accelerates it to the right. The part of the leftward acceleration that
-alternates from step to step is therefore *positive* after a right contact: in all 36 recordings of `ipol_gait` and all
-5 of `mobgap_lab`. Without a leftward acceleration, the yaw rate of the pelvis is used: the hip of the swing leg usually
-moves forward with the leg, so the alternating part of the yaw rate (left positive) is negative after a right contact.
-This does not hold for everybody: person 18 of `ipol_gait` turns the other way, and persons 3 and 14 hardly turn.
-Because sides alternate, each side is computed from all contacts in a chain of two states; near contacts weigh most.
+Sides are computed from three cues, whose parts that alternate from step to step are compared:
+
+- Sway: from a right contact to the next contact the right foot alone carries the trunk, stands right of the trunk, and
+  accelerates it to the left.
+- Drop: when the right foot takes the weight, the left side of the pelvis falls, in the first third of the step.
+- Turn: the hip of the swing leg moves forward with the leg; it turns the other way in some people, in some hardly.
+
+In all 36 recordings of `ipol_gait` and all 5 of `mobgap_lab` sway and drop have the stated sign; the turn has the other
+sign in persons 8 and 18 and hardly any in 3 and 14. Because sides alternate, each side is computed from all contacts in
+a chain of two states, one chain for a cue; near contacts weigh most. A cue may be exchanged for a person, so one cue
+alone never makes a side certain, and cues that disagree leave it unknown.
 
 Everything is JAX with a fixed number of rows, usable under `jit` and `vmap` (settings of `PaperRule` are static).
 
@@ -39,11 +44,8 @@ from jgait.signal import butterworth, wavelet
 from jgait.signal.windows import vertex
 from jgait.types import AnyArray, Flags, Values
 
-LATER = 0.4
-"""[steps] Time from a contact to the start of the step over which the turn of the pelvis is computed."""
-
 SLIP, SAY = 0.02, 0.5
-"""[1] Probability that a step was missed or counted twice; log odds of a side from a usual turn of the pelvis."""
+"""[1] Probability that a step was missed or counted twice; log odds of a side from a usual cue at one contact."""
 
 PAUSE = 4.0
 """[steps] After a longer time between two contacts, the side of the first gives no evidence for the second."""
@@ -167,61 +169,92 @@ def _paper(forward: Array, upward: Array, mask: Array, seen: Rhythm, rate: float
     return 0.5 * (greatest + jnp.where(low.any(axis=1), first, greatest)) - p.offset
 
 
+class Cue(NamedTuple):
+    """One sign of the side of a contact.
+
+    Attributes:
+        begin, end: of the part of the step that the cue is read from, after the contact [steps].
+        exchanged: share of people in whom left and right are exchanged [1].
+    """
+
+    begin: float
+    end: float
+    exchanged: float
+
+
+SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1 / 4)
+"""The three cues. No person of 14 walks against the first or the second (one in sixteen by Laplace's rule), three turn
+the pelvis the other way."""
+
+
 def sides(
-    yaw_rate: ArrayLike, sampling_rate_hz: float, time: ArrayLike, frequency: ArrayLike, valid: ArrayLike,
-    leftward: ArrayLike | None = None,
+    time: ArrayLike, frequency: ArrayLike, valid: ArrayLike, sampling_rate_hz: float, yaw_rate: ArrayLike,
+    leftward: ArrayLike | None = None, roll_rate: ArrayLike | None = None,
 ) -> PyTree:  # fmt: skip
     """The side of each contact, as log odds (n,) that the contact is of the left foot [1].
 
-    Evidence for the side of a contact is the trunk's mean acceleration to the left over the step that begins at the
-    contact or, without that acceleration, the turn of the pelvis over the step that begins `LATER` after the contact;
-    the mean of the steps before and after is subtracted. Log odds pass from contact to contact, change sign at every
-    step between them, and are reduced where the time between contacts is no whole number of steps.
+    Each cue is an integral over its part of the step after the contact, less the mean of the steps before and after.
+    Its log odds pass from contact to contact, change sign at every step between them, and are reduced where the time
+    between contacts is no whole number of steps. Cues that are known are independent, and each may be exchanged.
 
     Args:
-        yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
-        sampling_rate_hz: sampling rate [Hz]; static.
         time: (n,) of contacts in order, from the first sample on [s].
         frequency: (n,) of steps [Hz].
         valid: (n,) bool, False for rows without a contact.
+        sampling_rate_hz: sampling rate [Hz]; static.
+        yaw_rate: (T,) of the trunk about the vertical, a turn to the left positive [rad/s], finite.
         leftward: (T,) acceleration of the trunk to its left, without gravity [m/s²], finite; None: not known.
+        roll_rate: (T,) of the trunk about the walking direction, its left side rising [rad/s], finite; None: not known.
     """
-    turn = jnp.asarray(yaw_rate)
-    at, f, counts = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid).astype(turn.dtype)
-    # an integral over a step: the less velocity the trunk gains to the left, the more probable is the left foot
-    signal, later = (turn, LATER) if leftward is None else (-jnp.asarray(leftward), 0.0)
-    total = jnp.cumsum(signal - signal.mean()) / sampling_rate_hz
-    when = jnp.arange(turn.shape[0], dtype=turn.dtype) / sampling_rate_hz
-    gained = jnp.diff(jnp.stack([jnp.interp(at + (k + later) / f, when, total) for k in (-1, 0, 1, 2)]), axis=0)
-    leans = (gained[1] - 0.5 * (gained[0] + gained[2])) * counts
-    nine = jnp.ones(9, turn.dtype)
-    power = jnp.convolve(leans * leans, nine, "full")[4:-4] / jnp.maximum(jnp.convolve(counts, nine, "full")[4:-4], 1.0)
-    says = SAY * jnp.tanh(leans / jnp.sqrt(power + 1e-12))
+    at, f, there = jnp.asarray(time), jnp.asarray(frequency), jnp.asarray(valid)
+    known = [(jnp.asarray(yaw_rate), TURN)]
+    known += [] if leftward is None else [(-jnp.asarray(leftward), SWAY)]
+    known += [] if roll_rate is None else [(jnp.asarray(roll_rate), DROP)]
+    says = jnp.stack([_leans(signal, at, f, there, sampling_rate_hz, cue) for signal, cue in known])
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
         odds, before = carry
-        t, often, evidence, there = item
+        t, often, evidence, some = item
         steps = jnp.abs(t - before) * often
         whole = jnp.maximum(1.0, jnp.round(steps))
         sure = (1.0 - 2.0 * SLIP) ** whole * jnp.maximum(0.0, 1.0 - 4.0 * (steps - whole) ** 2)
         # after a pause either foot may come first
         sure = jnp.where(steps > PAUSE, 0.0, sure)
         passed = 2.0 * jnp.arctanh(sure * jnp.tanh(0.5 * odds)) * jnp.where(whole % 2.0 == 0.0, 1.0, -1.0)
-        after = (jnp.where(there, passed + evidence, odds), jnp.where(there, t, before))
-        return after, jnp.where(there, passed, 0.0)
+        after = (jnp.where(some, passed + evidence, odds), jnp.where(some, t, before))
+        return after, jnp.where(some, passed, 0.0)
 
-    def chain(*rows: Array) -> Array:
-        passed: Array = lax.scan(step, (jnp.zeros_like(at[0]), rows[0][0]), rows)[1]
-        return passed
+    def chain(at: Array, f: Array, says: Array, there: Array) -> Array:
+        start = (jnp.zeros_like(says[:, 0].T), at[0])
+        passed: Array = lax.scan(step, start, (at, f, says.T, there))[1]
+        return passed.T
 
-    rows = (at, f, says, jnp.asarray(valid))
-    before, after = jax.vmap(chain)(*(jnp.stack([row, row[::-1]]) for row in rows))
-    return before + says + after[::-1]
+    before, after = chain(at, f, says, there), chain(at[::-1], f[::-1], says[:, ::-1], there[::-1])[:, ::-1]
+    kept = jnp.asarray([1.0 - 2.0 * cue.exchanged for _, cue in known], at.dtype)[:, None]
+    odds: Array = 2.0 * jnp.arctanh(kept * jnp.tanh(0.5 * (before + says + after))).sum(axis=0)
+    return odds
+
+
+def _leans(signal: Array, at: Array, f: Array, there: Array, rate: float, cue: Cue) -> Array:
+    """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts."""
+    total = jnp.cumsum(signal - signal.mean()) / rate
+    when = jnp.arange(signal.shape[0], dtype=signal.dtype) / rate
+    gained = [
+        jnp.interp(at + (k + cue.end) / f, when, total) - jnp.interp(at + (k + cue.begin) / f, when, total)
+        for k in (-1, 0, 1)
+    ]
+    counts = there.astype(signal.dtype)
+    leans = (gained[1] - 0.5 * (gained[0] + gained[2])) * counts
+    nine = jnp.ones(9, signal.dtype)
+    power = jnp.convolve(leans * leans, nine, "full")[4:-4] / jnp.maximum(jnp.convolve(counts, nine, "full")[4:-4], 1.0)
+    says: Array = SAY * jnp.tanh(leans / jnp.sqrt(power + 1e-12))
+    return says
 
 
 def initial_contacts(
     forward: ArrayLike, upward: ArrayLike, yaw_rate: ArrayLike, sampling_rate_hz: float,
     settings: PaperRule | Peaks | Soft = SOFT, *, mask: ArrayLike | None = None, leftward: ArrayLike | None = None,
+    roll_rate: ArrayLike | None = None,
 ) -> Contacts:  # fmt: skip
     """Initial contacts of both feet from the trunk's accelerations, without gravity, in the body's axes.
 
@@ -232,8 +265,9 @@ def initial_contacts(
         sampling_rate_hz: sampling rate [Hz], 25 to 400; static.
         settings: settings of a detector, which also choose the detector.
         mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.
-        leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite: sides are computed from it;
-            None: sides are computed from the yaw rate, which gives wrong sides for some people.
+        leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite; None: not known. It and
+            `roll_rate` tell sides; from the yaw rate alone sides are wrong for some people.
+        roll_rate: (T,) about the walking direction, the left side rising [rad/s], finite; None: not known.
 
     Returns:
         The contacts, with times from the first sample on, `ROWS` rows for every second; without walking no row is
@@ -243,15 +277,16 @@ def initial_contacts(
         ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.
     """
     check_rate(sampling_rate_hz)
-    names = ("forward", "upward", "yaw_rate", "leftward")
-    signals = [jnp.asarray(x) for x in (forward, upward, yaw_rate, upward if leftward is None else leftward)]
+    names = ("forward", "upward", "yaw_rate", "leftward", "roll_rate")
+    given = (forward, upward, yaw_rate, leftward, roll_rate)
+    signals = [jnp.asarray(upward if x is None else x) for x in given]
     for name, x in zip(names, signals, strict=True):
         if x.ndim != 1 or x.shape != signals[0].shape or x.shape[0] < 10:
             raise ValueError(f"{', '.join(names)} must all be (T,), T >= 10; {name} has shape {x.shape}")
         if not jnp.issubdtype(x.dtype, jnp.floating):
             raise ValueError(f"{name} must be floating point; got {x.dtype}")
     counts = jnp.ones_like(signals[0], dtype=bool) if mask is None else jnp.asarray(mask)
-    ahead, up, turn, sideways = (jnp.where(counts, x, 0.0) for x in signals)
+    ahead, up, turn, sideways, roll = (jnp.where(counts, x, 0.0) for x in signals)
     rate = float(sampling_rate_hz)
     seen = jax.tree.map(lax.stop_gradient, contacts_nearby(ahead, up, rate, int(ROWS * ahead.shape[0] / rate) + 2))
     if isinstance(settings, PaperRule):
@@ -259,9 +294,9 @@ def initial_contacts(
     elif isinstance(settings, Peaks):
         time = _peaks(seen, rate) - settings.offset
     else:
-        time = instants(ahead, up, rate, seen.time, settings, counts)
-    across = None if leftward is None else sideways
-    odds = lax.stop_gradient(sides(turn, rate, seen.time, seen.frequency, seen.valid, across))
+        time = instants(ahead, up, rate, seen.time, seen.frequency, settings, counts)
+    across, drop = None if leftward is None else sideways, None if roll_rate is None else roll
+    odds = lax.stop_gradient(sides(seen.time, seen.frequency, seen.valid, rate, turn, across, drop))
     side, certainty = (odds > 0.0).astype(jnp.int32), jnp.tanh(0.5 * jnp.abs(odds))
     found = Contacts(time, side, seen.valid, seen.time, seen.frequency, certainty)
     return Contacts(*(jnp.where(seen.valid, field, jnp.zeros_like(field)) for field in found))

@@ -38,7 +38,9 @@ def estimate(recording):
     time = recording.sensors["waist"].time
     contact = STAND + (0.25 + np.arange(2, 12)) / STEPS_HZ
     side = np.arange(contact.size) % 2
-    told = {"initial_contact": contact, "initial_contact_side": side, "notes": ()}
+    likely = np.ones(len(contact))
+    told = {"initial_contact": contact, "initial_contact_side": side, "initial_contact_side_probability": likely,
+            "notes": ()}  # fmt: skip
     way = SPEED * np.clip(time - contact[0], 0.0, None)
     n = contact.size - 2
     nothing = np.full(n, np.nan)
@@ -102,7 +104,8 @@ def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
     made = EstimatedRecording(recording, estimate, p, {"options": waist.DEFAULT})
     written = results.written(made, ABOUT, tmp_path, "walk")
     assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
-    still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int)}
+    still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int),
+             "initial_contact_side_probability": np.zeros(0)}  # fmt: skip
     none = estimate.strides._replace(**{name: getattr(estimate.strides, name)[:0]
                                         for name in ("side", "start", "end", "length", "valid")})  # fmt: skip
     stood = made._replace(estimate=estimate._replace(diagnostics=still, strides=none))

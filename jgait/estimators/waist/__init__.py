@@ -14,9 +14,10 @@ Sensors:
     of quiet standing give the gyroscope's bias; a start from standing gives the speed.
 
 Outputs:
-    Initial contacts; strides with length and standard deviation; the distance; in `diagnostics` the distance's standard
-    deviation, the pendulum's constant and, for every stride, whether it is part of a turn and whether integration is
-    unreliable. A recording without walking gives an empty table.
+    Initial contacts with sides and their probabilities; strides with length and standard deviation; the distance; in
+    `diagnostics` the distance's standard deviation, the pendulum's constant and, for every stride, whether it is part
+    of a turn, whether integration is unreliable and whether its side is unknown. A recording without walking gives an
+    empty table.
 
 Deviations from the paper; effects by `experiments/kose2011`:
     1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias, so a tilt
@@ -28,6 +29,7 @@ Parameters whose gradient is zero by construction:
     those that the distance method does not use (`UNUSED`). Decisions (axes, standing, contacts, bouts) have none.
 """
 
+from jgait.estimators.waist.about import SIDE_KNOWN
 from jgait.estimators.waist.estimator import FLAGS, UNUSED, estimate, estimator, papers_estimator, prepared, run
 from jgait.estimators.waist.params import DEFAULT, PAPER, TRANSFORMS, WaistOptions, WaistParams, with_body
 
@@ -35,6 +37,7 @@ __all__ = [
     "DEFAULT",
     "FLAGS",
     "PAPER",
+    "SIDE_KNOWN",
     "TRANSFORMS",
     "UNUSED",
     "WaistOptions",

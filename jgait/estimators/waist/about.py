@@ -14,19 +14,25 @@ from jgait.estimators.about import (
     MissingMeasure,
     TotalColumn,
 )
-from jgait.estimators.stride_flags import TURNING, UNSURE
+from jgait.estimators.stride_flags import SIDE_UNKNOWN, TURNING, UNSURE
 from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
 from jgait.estimators.waist.params import DEFAULT, PAPER
 from jgait.types import SIDES, Estimate, as_float
+
+SIDE_KNOWN = 0.9
+"""[1] Least probability with which the side of a contact counts as known."""
 
 LONGEST_STEP = 1.5
 """[s] Upper limit on the time between two contacts that counts as a step in the cadence."""
 
 
 def contacts(estimate: Estimate) -> dict[str, Any]:
-    """The initial contacts: time [s] and side."""
-    sides = [SIDES[int(side)] for side in estimate.diagnostics["initial_contact_side"]]
-    return {"time_s": as_float(estimate.diagnostics["initial_contact"]), "side": sides}
+    """The initial contacts: time [s], side ("unknown" below `SIDE_KNOWN`) and its probability."""
+    told = estimate.diagnostics
+    likely = as_float(told["initial_contact_side_probability"])
+    both = zip(told["initial_contact_side"], likely, strict=True)
+    sides = [SIDES[int(side)] if p >= SIDE_KNOWN else "unknown" for side, p in both]
+    return {"time_s": as_float(told["initial_contact"]), "side": sides, "side_probability": likely}
 
 
 def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
@@ -35,7 +41,7 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
     times = as_float(diagnostics["initial_contact"])
     steps = np.diff(times)
     steps = steps[steps < LONGEST_STEP]
-    flags = {flag.name: flag.read(estimate) for flag in (TURNING, UNSURE)}
+    flags = {flag.name: flag.read(estimate) for flag in (TURNING, UNSURE, SIDE_UNKNOWN)}
     return [{
         "contacts": int(times.size),
         "strides": int(np.size(strides.side)),
@@ -70,7 +76,7 @@ ABOUT = About(
         MissingMeasure(
             ("height", "sensor_height"),
             "the sensor is taken to be {p.pendulum_length:g} m above the ground; a tenth of it more makes steps about "
-            "5 % longer",
+            "6 % longer",
             any_one=True,
         ),
     ),
@@ -89,7 +95,7 @@ ABOUT = About(
             "Accelerations of the trunk and the initial contacts of both feet, about the middle contact.",
         ),
     ),
-    flags=(TURNING, UNSURE),
+    flags=(TURNING, UNSURE, SIDE_UNKNOWN),
     numbers=lambda estimate: {"totals": totals(estimate)[0]},
     losses=(
         "distance", "stride_length", "stride_time", "contact_times", "likelihood", "calibration",

@@ -10,7 +10,7 @@ from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
-from jgait.estimators.waist.about import ABOUT
+from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.waist.params import (
@@ -31,11 +31,18 @@ from jgait.types import Estimate, Legs, Recording, Strides, Values
 TURNING = 0.35
 """[rad] Threshold on the turn of the walk over a stride (20°); a stride above it is flagged as part of a turn."""
 
-FLAGS = ("turning", "unsure")
+FLAGS = ("turning", "unsure", "side_unknown")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
 _PENDULUM = ("pendulum_constant", "pendulum_constant_sd", "step_noise", "turn_noise", "edge_noise")
-_EXCURSION = ("excursion_hz", "pendulum_length", "excursion_power", "surge_power", "turn_shortening")
+_EXCURSION = (
+    "excursion_hz",
+    "pendulum_length",
+    "pendulum_length_sd",
+    "excursion_power",
+    "surge_power",
+    "turn_shortening",
+)
 _SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
 _FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
 _ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update_noise", "update.threshold")
@@ -53,7 +60,8 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
 
     Returns:
         `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `FLAGS` for each
-        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side` and `initial_contact_valid`, and, if
+        stride, contacts `initial_contact` (K,) [s] with `initial_contact_side`, `initial_contact_side_probability` and
+        `initial_contact_valid`, and, if
         "fused", the pendulum's constant, the accelerometer's bias, log-likelihood and mean normalised innovation.
 
     Raises:
@@ -85,6 +93,7 @@ def stated(inputs: WaistInputs, found: Intervals, walked: WaistWalk) -> Estimate
         "distance_stddev": spread,
         "initial_contact": inputs.contact,
         "initial_contact_side": inputs.side,
+        "initial_contact_side_probability": inputs.likely,
         "initial_contact_valid": inputs.contacts & there,
     }
     return Estimate(
@@ -119,7 +128,11 @@ def _strides(
         start=None, final_contact=None, end=None, length=walked.stride_sd, speed=walked.stride_sd / duration, turn=None,
         step_length=None,
     )  # fmt: skip
-    flags = {"turning": valid & (jnp.abs(turn) > TURNING), "unsure": valid & walked.unsure}
+    flags = {
+        "turning": valid & (jnp.abs(turn) > TURNING),
+        "unsure": valid & walked.unsure,
+        "side_unknown": valid & (inputs.likely < SIDE_KNOWN),
+    }
     return strides, deviations, flags
 
 
@@ -149,7 +162,8 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
 
     Returns:
         An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `initial_contact` and
-        `initial_contact_side` (0 right, 1 left) are the contacts in order [s].
+        `initial_contact_side` (0 right, 1 left) are the contacts in order [s]; below `SIDE_KNOWN` of
+        `initial_contact_side_probability` a side is not known.
 
     Raises:
         RecordingError: see `prepare`.
@@ -175,7 +189,7 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     """The estimate with only the valid contacts, and with a note if its distance is unreliable."""
     diagnostics = dict(result.diagnostics)
     contacts = np.flatnonzero(diagnostics.pop("initial_contact_valid"))
-    for name in ("initial_contact", "initial_contact_side"):
+    for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
     diagnostics["notes"] = (*diagnostics["notes"], *_doubts(result, made.options))
     return result._replace(diagnostics=diagnostics)

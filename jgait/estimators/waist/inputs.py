@@ -45,6 +45,7 @@ class WaistInputs(NamedTuple):
         at: (K,) sample of each node; after the last node, the last node's sample.
         contact: (K,) time of the initial contact, between samples [s]; if the node is no contact, its sample's time.
         side: (K,) foot of the contact, 0 right, 1 left.
+        likely: (K,) probability of that side [1].
         contacts: (K,) bool, the node is an initial contact.
         steps: (K,) bool, the interval is a step, from a contact to the next one.
         moves: (K,) bool, the person walks over the interval: a step, or one from or to standing.
@@ -74,6 +75,7 @@ class WaistInputs(NamedTuple):
     at: HeldNode
     contact: HeldNode
     side: PerNode
+    likely: PerNode
     contacts: PerNode
     steps: PerNode
     moves: PerNode

@@ -36,6 +36,7 @@ class TrunkMotion(NamedTuple):
         upward: vertical acceleration without gravity [m/s²].
         yaw_rate: angular rate about the vertical, a turn to the left positive [rad/s].
         heading: heading of the walk, from about 0 at the first sample [rad].
+        roll_rate: angular rate about the walking direction, the left side rising positive [rad/s].
     """
 
     forward: Values
@@ -43,6 +44,7 @@ class TrunkMotion(NamedTuple):
     upward: Values
     yaw_rate: Values
     heading: Values
+    roll_rate: PyTree
 
 
 def motion(p: WaistParams, inputs: WaistInputs, *, smooth: bool = True) -> TrunkMotion:
@@ -67,7 +69,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     ahead = rotated(state.attitude, Vector(one, none, none))
     counts = inputs.measured
     x, y, z = (jnp.where(counts, part, 0.0) for part in (force.x, force.y, force.z - GRAVITY))
-    yaw_rate = jnp.where(counts, rate.z, 0.0)
+    roll, pitch, yaw_rate = (jnp.where(counts, part, 0.0) for part in rate)
     # the heading without jumps by a whole turn: the first heading plus the integral of the yaw rate
     first = jnp.arctan2(ahead.y[0], ahead.x[0])
     yaw = first + jnp.cumsum(yaw_rate * inputs.dt)
@@ -76,7 +78,9 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
     level = jnp.sqrt(jnp.maximum(ahead.x * ahead.x + ahead.y * ahead.y, 1e-12))
     c, s = ahead.x / level, ahead.y / level
     cosine, sine = c * jnp.cos(off) - s * jnp.sin(off), s * jnp.cos(off) + c * jnp.sin(off)
-    return TrunkMotion(cosine * x + sine * y, cosine * y - sine * x, z, yaw_rate, heading)
+    return TrunkMotion(
+        cosine * x + sine * y, cosine * y - sine * x, z, yaw_rate, heading, cosine * roll + sine * pitch
+    )  # fmt: skip
 
 
 def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:

@@ -49,27 +49,30 @@ class WaistParams(NamedTuple):
         interval(0.05, 1.0), "Hz", "of the high-pass on the height of the trunk",
     )] = 0.5  # fmt: skip
     pendulum_length: Annotated[Param, Parameter(interval(0.3, 1.6), "m", "of the sensor above the ground")] = 0.97
+    pendulum_length_sd: Annotated[Param, Parameter(
+        positive, "m", "its standard deviation; `with_body` lowers it where a measure is known",
+    )] = 0.06  # fmt: skip
     pendulum_constant: Annotated[Param, Parameter(
         positive, "1", "K, length of a step over that of the pendulum's",
-    )] = 1.36  # fmt: skip
+    )] = 1.23  # fmt: skip
     pendulum_constant_sd: Annotated[Param, Parameter(
         positive, "1", "standard deviation of its logarithm among people",
     )] = 0.05  # fmt: skip
     excursion_power: Annotated[Param, Parameter(
         interval(0.0, 2.0), "1", "α, how a step grows with the chord of the inverted pendulum",
-    )] = 0.8  # fmt: skip
+    )] = 0.6  # fmt: skip
     surge_power: Annotated[Param, Parameter(
         interval(-1.0, 2.0), "1", "β, how it grows with the change of speed within it",
     )] = 0.1  # fmt: skip
     turn_shortening: Annotated[Param, Parameter(
         positive, "1/rad", "how much shorter than the pendulum's a step is that turns, for every radian",
-    )] = 0.35  # fmt: skip
+    )] = 0.5  # fmt: skip
     step_noise: Annotated[Param, Parameter(
         positive, "m", "error of the pendulum's step, white from step to step",
     )] = 0.03  # fmt: skip
     turn_noise: Annotated[Param, Parameter(
         positive, "m/rad", "by how much that grows with the turn over the step",
-    )] = 0.4  # fmt: skip
+    )] = 0.3  # fmt: skip
     edge_noise: Annotated[Param, Parameter(
         positive, "m", "error of the pendulum's step in setting off from standing and in stopping",
     )] = 0.2  # fmt: skip
@@ -136,6 +139,9 @@ def check_options(options: WaistOptions) -> None:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
 
 
+SHARE_SD, SENSOR_SD = 0.02, 0.01
+"""[m] Standard deviation of the sensor's height where the person's height is known, and where it was measured."""
+
 SENSOR_SHARE = 0.6
 """[1] Height of a sensor at the waist over the person's height; two people of `mobgap_lab` have 0.606 and 0.617."""
 
@@ -163,9 +169,9 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         return float(value)
 
     if "height" in body:
-        p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]))
+        p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]), pendulum_length_sd=SHARE_SD)
     if "sensor_height" in body:
-        p = p._replace(pendulum_length=one(body["sensor_height"]))
+        p = p._replace(pendulum_length=one(body["sensor_height"]), pendulum_length_sd=SENSOR_SD)
     if "pendulum_constant" in body:
         p = p._replace(pendulum_constant=one(body["pendulum_constant"]))
     return p

@@ -20,7 +20,7 @@ from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_REVERSED, SAM
 from jgait.estimators.waist.params import DETECTORS, SITES, WaistOptions, WaistParams, check_options
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
-from jgait.events.rest import TrunkRest, trunk_rest
+from jgait.events.rest import BRIDGED_S, TrunkRest, trunk_rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
@@ -78,6 +78,9 @@ def prepare(recording: Recording, options: WaistOptions) -> Prepared[WaistInputs
     notes: list[Note] = []
     if not mask.all():
         notes.append(SAMPLES_LOST(samples=(~mask).sum(), placement=name))
+    for a, b in true_runs(~np.asarray(imu.mask, bool)):
+        # a short loss was interpolated: zeros would be jolts, and take away the turn and the rise of its samples
+        mask[a:b] |= b - a <= BRIDGED_S * rate
     axes = trunk_axes.functional_axes(whole, rate)
     if axes is None:
         up = as_float(whole.acc).mean(axis=0)
@@ -161,8 +164,9 @@ def _contacts(seen: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOp
 
 def _initial_contacts(seen: TrunkMotion, measured: np.ndarray, rate: float, settings: PyTree) -> trunk_events.Contacts:
     return trunk_events.initial_contacts(
-        seen.forward, seen.upward, seen.yaw_rate, rate, settings, mask=measured, leftward=seen.left
-    )
+        seen.forward, seen.upward, seen.yaw_rate, rate, settings, mask=measured, leftward=seen.left,
+        roll_rate=seen.roll_rate,
+    )  # fmt: skip
 
 
 def _any_axes(up: np.ndarray) -> np.ndarray:

@@ -57,12 +57,18 @@ def earlier(values: AnyArray, rows: int) -> Array:
     return jnp.concatenate([values[:rows], values[:-rows]])
 
 
+def constant_variance(p: WaistParams) -> Values:
+    """Variance of the logarithm of steps that all have one error: the constant's, and that of the sensor's height."""
+    power = 1.0 - 0.5 * (p.excursion_power + p.surge_power)
+    return p.pendulum_constant_sd**2 + (power * p.pendulum_length_sd / p.pendulum_length) ** 2
+
+
 def model_params(p: WaistParams, stood: PyTree) -> WaistModelParams:
     """The model's parameters; `stood`: the person stood still, so that the accelerometer's bias is better known."""
     known = jnp.where(stood, p.acc_bias, p.acc_bias_unknown)
     return WaistModelParams(
         p.speed_noise**2, known**2, p.acc_bias_walk**2, p.acc_bias_turn**2, p.start_speed,
-        p.start_speed_sd**2, p.standing_speed**2, jnp.log(p.pendulum_constant), p.pendulum_constant_sd**2,
+        p.start_speed_sd**2, p.standing_speed**2, jnp.log(p.pendulum_constant), constant_variance(p),
     )  # fmt: skip
 
 
@@ -142,7 +148,8 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, o
         update_variance=variance,
         duration=found.duration,
     )
-    stepped = inputs.steps & there & (found.pendulum > 0.0)
+    stops = inputs.stands & inputs.moves
+    stepped = (stops | (inputs.steps & (found.pendulum > 0.0))) & there
     mask = WaistObservation(stepped, heard, inputs.stands & there)
     observed = WaistObservation(zero, zero, zero)
     known = model_params(p, jnp.any(inputs.still))
@@ -163,12 +170,13 @@ def fused(p: WaistParams, inputs: WaistInputs, seen: PyTree, found: Intervals, o
 
 
 def by_pendulum(p: WaistParams, inputs: WaistInputs, found: Intervals) -> WaistWalk:
-    """Distance by the pendulum's steps alone; an interval from or to standing is half of the adjacent step."""
+    """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
     own = jnp.where(inputs.steps, p.pendulum_constant * found.pendulum, 0.0)
     beside = jnp.maximum(jnp.concatenate([own[1:], own[:1]]), jnp.concatenate([own[:1], own[:-1]]))
-    step = jnp.where(inputs.moves & ~inputs.steps, 0.5 * beside, own)
+    begins = inputs.moves & ~inputs.steps & ~inputs.stands
+    step = jnp.where(begins, 0.5 * beside, own)
     variance = jnp.where(inputs.moves, _step_variance(p, inputs, found), 0.0)
-    distance, share = jnp.cumsum(step), p.pendulum_constant_sd
+    distance, share = jnp.cumsum(step), root(constant_variance(p))
     stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
     return WaistWalk(
         distance=distance,

@@ -13,8 +13,8 @@ from jgait.estimators.waist.inputs import capacity
 from jgait.types import Imu, Recording, RecordingError
 
 SAMPLES = 1024  # of everything that the compiled programs see
-KNOWN = WaistParams(pendulum_constant=1.252, pendulum_constant_sd=0.02)
-"""The simulated trunk's own constant: real ones have 1.36."""
+KNOWN = WaistParams(pendulum_constant=1.112, pendulum_constant_sd=0.02, pendulum_length_sd=0.01)
+"""The simulated trunk's own constant: real ones have 1.23."""
 
 EDGE = 0.7
 """[s] The simulated pelvis is shifted before the first step and shaken after the last, which counts as a contact."""
@@ -58,19 +58,20 @@ def contacts_agree(made, estimate):
 def test_a_straight_walk(straight):
     made, estimate = straight
     contacts_agree(made, estimate)
-    # of the distance 4 % are at both ends, where the pelvis is shifted before a foot moves
-    np.testing.assert_allclose(estimate.distance[-1], made.distance, rtol=0.05)
+    # of the distance 5 % are at both ends, where the pelvis is shifted before a foot moves
+    np.testing.assert_allclose(estimate.distance[-1], made.distance, rtol=0.06)
     assert abs(estimate.distance[-1] - made.distance) < 2.0 * estimate.diagnostics["distance_stddev"][-1]
     strides = estimate.strides
     np.testing.assert_allclose(strides.length[4:12], 1.32, rtol=0.01)
     np.testing.assert_allclose(strides.speed, strides.length / (strides.end - strides.start), rtol=1e-12)
     np.testing.assert_allclose((strides.end - strides.start)[4:12], 1.06, atol=0.02)
-    np.testing.assert_allclose(strides.step_length[4:12], 0.66, rtol=0.02)
+    np.testing.assert_allclose(strides.step_length[4:12], 0.66, rtol=0.04)
     np.testing.assert_allclose(strides.turn, 0.0, atol=0.02)
     np.testing.assert_array_equal(np.diff(strides.side) != 0, True)
     assert np.all(np.diff(estimate.distance) >= 0.0)
-    assert not any(estimate.diagnostics[name].any() for name in FLAGS)
-    assert 1.2 < estimate.diagnostics["pendulum_constant"] < 1.3
+    # the shake after the walk, which counts as a contact, has no known side
+    assert not any(estimate.diagnostics[name][:-1].any() for name in FLAGS)
+    assert 1.09 < estimate.diagnostics["pendulum_constant"] < 1.18
     stated = estimate.strides_stddev.length  # setting off and stopping tell less
     assert np.all((stated > 0.01) & (stated < 0.3)) and np.all(stated[2:-2] < 0.15)
     assert 0.3 < estimate.diagnostics["nis"] < 2.0  # steps at both ends are trusted less than they deserve here
