@@ -1,6 +1,7 @@
 """The command line, `jgait --help`; each command is a file of `jgait.commands`."""
 
 import contextlib
+import gc
 import importlib
 import os
 import sys
@@ -82,6 +83,7 @@ def cache_folder() -> Path:
 
 def main() -> None:
     """Run the command line: float64, and compiled programs kept between runs. JAX is imported by the command."""
+    gc.set_threshold(100_000)  # imports make many objects and no garbage
     os.environ["JAX_ENABLE_X64"] = "1"
     with contextlib.suppress(OSError):  # no place to keep them: every run compiles anew
         cache_folder().mkdir(parents=True, exist_ok=True)

@@ -88,6 +88,7 @@ def trunk_contacts(
     p: "WaistParams | None" = None,
     options: "WaistOptions | None" = None,
     seconds: Seconds = None,
+    wavelet: bool = True,
     title: str = "",
 ) -> Figure:
     """The trunk's accelerations forward, up and left, their reconstruction from wavelet details, and the contacts of
@@ -95,8 +96,8 @@ def trunk_contacts(
 
     The estimate is of `waist` for this recording, with these parameters and options; contacts of a reference are
     dotted. Grey background marks the interval of interest, in which the paper searches the largest forward
-    acceleration; wavelet and interval are the paper's. The window `seconds`, from and to [s], is by default four
-    seconds about the middle contact.
+    acceleration; wavelet and interval are the paper's, and left out without `wavelet`. The window `seconds`, from and
+    to [s], is by default four seconds about the middle contact.
 
     Raises:
         ValueError: if the estimate has no contacts, or no sample lies in the window.
@@ -107,8 +108,8 @@ def trunk_contacts(
     check_overlap(estimate.time, (first, last))
     p, options = waist.WaistParams() if p is None else p, waist.DEFAULT if options is None else options
     trunk = moves(recording, p, options, smooth=False)
-    at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz)
-    peaks = _peaks(trunk, recording.sampling_rate_hz)
+    at, rebuilt = _rebuilt(trunk, recording.sampling_rate_hz) if wavelet else (np.zeros(0), {})
+    peaks = _peaks(trunk, recording.sampling_rate_hz) if wavelet else ()
     kept, fine = (windowed(t, (first, last)) for t in (trunk.time, at))
     figure, axes = blank(len(ROWS), 1, 8.8, 6.8, sharex=True)
     for axis, (field, unit) in zip(axes[:, 0], ROWS, strict=True):
@@ -116,7 +117,8 @@ def trunk_contacts(
             axis.axvspan(peak - RULE.before, peak + RULE.after, **INTEREST)
         raw = getattr(trunk, field)
         axis.plot(trunk.time[kept], raw[kept], label="acceleration", **RAW)
-        axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
+        if wavelet:
+            axis.plot(at[fine], rebuilt[field][fine], label="its wavelet details", **REBUILT)
         _drawn(axis, trunk.time, raw, contacts, reference, (first, last))
         axis.set_ylabel(unit)
         axis.set_xlim(first, last)

@@ -30,7 +30,7 @@ from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
 from jgait.geometry.vectors import Vector, cross, dot, subtract, vector
 from jgait.signal import butterworth
-from jgait.types import SIDES, Estimate, Legs, Recording, Strides, Values
+from jgait.types import SIDES, Counts, Estimate, Legs, Recording, Strides, Values
 
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
@@ -125,7 +125,7 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, optio
 
 
 def _of_leg(
-    p: AnkleParams, leg: AnkleSignals, side: int, options: AnkleOptions
+    p: AnkleParams, leg: AnkleSignals, side: Counts, options: AnkleOptions
 ) -> tuple[Strides, Strides | None, dict[str, Values], dict[str, Values], Values]:
     """Strides of one leg, their standard deviations, flags, diagnostics, and the samples (T,) with valid results."""
     gyr, acc = (butterworth.low_pass_until(v, p.cutoff_hz, leg.rate_hz, leg.last) for v in (leg.gyr, leg.acc))
@@ -142,8 +142,7 @@ def _of_leg(
         "lever_stddev": jnp.stack([part[last] for part in spread.lever]),
         "gyr_bias": jnp.stack([part[last] for part in found.mean.gyr_bias]),
     }
-    named = {f"{name}_{SIDES[side]}": value for name, value in told.items()}
-    return strides, deviations, flags, named, leg.valid & found.filtered.valid
+    return strides, deviations, flags, told, leg.valid & found.filtered.valid
 
 
 def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) -> Estimate:
@@ -158,16 +157,18 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
         ValueError: options that are none.
     """
     check_options(options)
+    worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
+    together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *worn.values())
+    sides = jnp.asarray(list(worn), jnp.int32)
+    every = jax.vmap(lambda leg, side: _of_leg(p, leg, side, options))(together, sides)
     rows, ways, valid = [], [], []
     diagnostics: dict[str, Any] = {}
-    for side, leg in enumerate((inputs.right, inputs.left)):
-        if leg is None:
-            continue
-        strides, deviations, flags, named, there = _of_leg(p, leg, side, options)
+    for number, side in enumerate(worn):
+        strides, deviations, flags, told, there = jax.tree.map(lambda leaf, number=number: leaf[number], every)
         rows.append((strides, deviations, flags))
         ways.append(_walked(strides, inputs.time))
         valid.append(there)
-        diagnostics |= named
+        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
     strides, deviations, flags = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
     return Estimate(
         inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), reduce(jnp.logical_or, valid),

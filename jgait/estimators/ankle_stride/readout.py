@@ -15,7 +15,7 @@ from jgait.filtering import Covariance
 from jgait.geometry.rotation import rotated
 from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.signal import marks
-from jgait.types import Strides, Values
+from jgait.types import Counts, Strides, Values
 
 SHORTEST = 0.1
 """[m] Threshold on the stride length; below it the leg was only shifted, and the stride does not count."""
@@ -34,7 +34,7 @@ FLAGS = ("turning", "stairs", "clipped", "half")
 
 
 def from_filter(
-    p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: int
+    p: AnkleParams, leg: AnkleSignals, state: AnkleState, cov: Covariance, side: Counts
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
     way = measured(Vector(*(part[leg.end] for part in state.position)), tuple(v[leg.end] for v in across(cov)))
@@ -97,7 +97,7 @@ def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there:
 
 
 def by_method(
-    p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, side: int, method: str
+    p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, side: Counts, method: str
 ) -> tuple[Strides, dict[str, Values]]:
     """Strides of one leg (0 right, 1 left) by a method of `ankle_stride.length` ("3d", "sl1" or "sl2"), and flags.
 
@@ -139,7 +139,7 @@ def durations(leg: AnkleSignals) -> tuple[Values, Values]:
     return start, jnp.maximum(jnp.where(leg.follows, leg.lands - start, stood), 1e-3)
 
 
-def told(leg: AnkleSignals, side: int, length: Values, height: Values, turn: Values) -> Strides:
+def told(leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values) -> Strides:
     """The table of strides from the measured quantities and the decided events."""
     there = jnp.arange(leg.begin.shape[0], dtype=jnp.int32) < leg.count
     start, duration = durations(leg)
@@ -147,7 +147,7 @@ def told(leg: AnkleSignals, side: int, length: Values, height: Values, turn: Val
 
 
 def table(
-    side: int,
+    side: Counts,
     times: tuple[Values, Values, Values],
     duration: Values,
     length: Values,

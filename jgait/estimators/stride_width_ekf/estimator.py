@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
@@ -49,12 +50,11 @@ def _filtered(
     )  # fmt: skip
 
 
-def _evidence(p: WidthParams, inputs: WidthInputs, options: WidthOptions, found: filtering.Inferred) -> Values:
+def _evidence(found: filtering.Inferred, other: filtering.Inferred) -> Values:
     """Log-likelihood of the ranges with the feet as labelled, minus that with the feet exchanged [nat].
 
     It is divided by the smaller mean normalised innovation squared of both, if that is above 1.
     """
-    other = _filtered(p, exchanged(inputs), options, stride_width_model.MODEL, smooth=False)
     gained = found.log_likelihood - other.log_likelihood
     return gained / jnp.maximum(jnp.minimum(found.nis, other.nis), 1.0)
 
@@ -71,7 +71,10 @@ def run(
         [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used;
         `log_likelihood` of the innovations and their mean normalised square `nis`; `swap_evidence`.
     """
-    found = _filtered(p, inputs, options, model, smooth=options.smooth)
+    ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
+    together = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *ways)
+    every = jax.vmap(lambda one: _filtered(p, one, options, model, smooth=options.smooth))(together)
+    found, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
     mean, cov = found.mean, found.cov
     values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
     diagnostics = {
@@ -83,8 +86,8 @@ def run(
         "log_likelihood": found.log_likelihood,
         "nis": found.nis,
     }
-    if options.check_swap:
-        diagnostics["swap_evidence"] = _evidence(p, inputs, options, found)
+    if others:
+        diagnostics["swap_evidence"] = _evidence(found, *others)
     deviation = cov.stddev()
     heights = (inputs.height_right, inputs.height_left)
     feet, stddev = _feet(mean, heights), _feet(deviation, (jnp.zeros_like(heights[0]),) * 2)

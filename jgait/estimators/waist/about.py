@@ -16,7 +16,8 @@ from jgait.estimators.about import (
 )
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, TURNING, UNSURE
 from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
-from jgait.estimators.waist.params import DEFAULT, PAPER
+from jgait.estimators.waist.params import DEFAULT, DETECTORS, PAPER
+from jgait.events.trunk import PaperRule
 from jgait.types import SIDES, Estimate, as_float
 
 SIDE_KNOWN = 0.9
@@ -56,7 +57,9 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
 
 def _drawn(made: EstimatedRecording) -> tuple[tuple[PyTree, ...], dict[str, PyTree]]:
     # the figure draws contacts over accelerations, which the recording contains and the estimate does not
-    return (made.recording, made.estimate), {"p": made.params, "options": made.settings["options"]}
+    options = made.settings["options"]
+    wavelet = isinstance(DETECTORS[options.detector], PaperRule)  # which other detectors do not use
+    return (made.recording, made.estimate), {"p": made.params, "options": options, "wavelet": wavelet}
 
 
 ABOUT = About(
