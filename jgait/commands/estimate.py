@@ -15,6 +15,7 @@ from jgait.commands.console import Bar, console, errors, note, progress, stop, v
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.own_options import remarks, with_own_options
 from jgait.commands.pipeline import Choice, chosen
+from jgait.estimators import programs
 from jgait.estimators.about import EstimatedRecording
 from jgait.types import Estimate, Recording, reason_of
 
@@ -96,7 +97,9 @@ def _each(
     for file, name in names.items():
         try:
             with progress() as bars:
-                Bar(bars)(f"{file.name}: reading and computing; the first recording takes longest", 0, None)
+                bar = Bar(bars)
+                bar(f"{file.name}: reading and computing", 0, None)
+                programs.before_compiling(partial(bar, f"{file.name}: compiling (first time only)", 0, None))
                 recording = read(file)
                 result = choice.estimate(p, recording)
             result = _with_notes(result, recording)
