@@ -29,14 +29,17 @@ FILTERING = Path(filtering.__file__).parent
 
 
 class Problem(NamedTuple):
-    """A model, the logarithms of its parameters, and a batch: observations, controls, masks, the intervals [s]."""
+    """A model, the logarithms of its parameters, and a batch: observations, controls, masks, the intervals [s].
+
+    `params` is the type of the model's parameters.
+    """
 
     model: Any
     logs: Any
     batch: Any
     dt: float
     chosen: tuple[str, ...]
-    names: tuple[str, ...]
+    params: Any
 
 
 def foot(count: int, samples: int, dtype: Any) -> Problem:
@@ -62,7 +65,7 @@ def foot(count: int, samples: int, dtype: Any) -> Problem:
     model = foot_model.MODEL._replace(
         observation=_velocity, observation_noise=_velocity_noise, error_observation=_velocity_error
     )
-    return Problem(model, logs, batch, dt, ("position", "velocity", "attitude"), foot_model.FootModelParams._fields)
+    return Problem(model, logs, batch, dt, ("position", "velocity", "attitude"), foot_model.FootModelParams)
 
 
 def _velocity(*arguments: Any) -> Any:
@@ -89,13 +92,12 @@ def leg(count: int, samples: int, dtype: Any) -> Problem:
     controls = leg_model.LegControl(*(jnp.full(phase.shape, 0.01, dtype) for _ in range(2)))
     batch = leg_model.LegObservation(*observed), controls, leg_model.LegObservation(*masks)
     logs = jnp.log(jnp.asarray([0.42, 0.43, 1e-6, 5.0, 1e-9, 4e-4, 4e-4, 1e-5], dtype))
-    return Problem(leg_model.MODEL, logs, batch, dt, ("thigh_angle", "knee_angle"), leg_model.LegModelParams._fields)
+    return Problem(leg_model.MODEL, logs, batch, dt, ("thigh_angle", "knee_angle"), leg_model.LegModelParams)
 
 
 def params_of(problem: Problem, logs: Any) -> Any:
     """The model's parameters from their logarithms."""
-    kind = foot_model.FootModelParams if len(problem.names) == 4 else leg_model.LegModelParams
-    return kind(*(jnp.exp(logs[i]) for i in range(len(problem.names))))
+    return problem.params(*(jnp.exp(logs[i]) for i in range(len(problem.params._fields))))
 
 
 def smoother(problem: Problem, batch: Any, logs: Any, variances: bool = True) -> Any:
@@ -146,8 +148,8 @@ def weights_of(problem: Problem) -> Any:
     )
 
 
-def program(function: Callable[..., Any], *arguments: Any, steps: int) -> Program:
-    """A compiled program; `compile_seconds` of processor time without tracing, which is in `operations` here."""
+def program(function: Callable[..., Any], *arguments: Any, steps: int) -> tuple[Program, float]:
+    """A compiled program, whose `compile_seconds` are of processor time without tracing, and the seconds of tracing."""
     jax.clear_caches()
     start = time.process_time()
     lowered = filtering.compiled(function).lower(*arguments)
@@ -159,7 +161,7 @@ def program(function: Callable[..., Any], *arguments: Any, steps: int) -> Progra
         return jax.block_until_ready(executable(*arguments))
 
     memory = executable.memory_analysis()
-    return Program(run, run, steps, took, memory.temp_size_in_bytes if memory else 0, traced, np.nan, "w")
+    return Program(run, run, steps, took, memory.temp_size_in_bytes if memory else 0, np.nan, np.nan, "w"), traced
 
 
 def on_all_cores(function: Callable[..., Any], batch: Any, logs: Any, steps: int) -> Program:
@@ -180,6 +182,7 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
     counts = (1, 64) if quick else (1, 16, 64, 256)
     split = f"{SAMPLES} samples, float32"
     programs: dict[Any, Program] = {}
+    traced: list[float] = []
     for count in counts:
         problem = make(count, SAMPLES, jnp.float32)
         steps = count * SAMPLES
@@ -190,7 +193,8 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
         if count >= 64:
             programs["smoother", count] = on_all_cores(run, problem.batch, problem.logs, steps)
         else:
-            programs["smoother", count] = program(run, problem.batch, problem.logs, steps=steps)
+            programs["smoother", count], seconds = program(run, problem.batch, problem.logs, steps=steps)
+            traced.append(seconds)
     problem = make(16, SAMPLES, jnp.float32)
     steps, weights = 16 * SAMPLES, weights_of(problem)
 
@@ -203,17 +207,17 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
     def smoothed(batch: Any, logs: Any) -> Any:
         return smoother(problem, batch, logs)
 
-    programs["smoother", 16] = program(smoothed, problem.batch, problem.logs, steps=steps)
-    programs["gradient", 16] = program(jax.value_and_grad(value, argnums=1), problem.batch, weights, steps=steps)
-    programs["filter", 16] = program(logs_value, problem.batch, problem.logs, steps=steps)
-    programs["likelihood", 16] = program(
+    programs["smoother", 16], _ = program(smoothed, problem.batch, problem.logs, steps=steps)
+    programs["gradient", 16], _ = program(jax.value_and_grad(value, argnums=1), problem.batch, weights, steps=steps)
+    programs["filter", 16], _ = program(logs_value, problem.batch, problem.logs, steps=steps)
+    programs["likelihood", 16], _ = program(
         jax.value_and_grad(logs_value, argnums=1), problem.batch, problem.logs, steps=steps
     )
     seconds = interleaved(programs, 3 if quick else 9)
     first = programs["smoother", 1].compile_seconds
     gradient = programs["gradient", 16]
     rows = [Row(f"{name}_compile_s", first, "s", None, 1, split)]
-    rows.append(Row(f"{name}_trace_s", programs["smoother", 1].operations, "s", None, 1, split))
+    rows.append(Row(f"{name}_trace_s", traced[0], "s", None, 1, split))
     for count in counts:
         rate = programs["smoother", count].steps / seconds["smoother", count] / 1e6
         rows.append(Row(f"{name}_msteps_b{count}", rate, "1e6/s", None, count, split))

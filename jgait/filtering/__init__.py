@@ -2,14 +2,14 @@
 
 A `Model` is a set of functions on NamedTuples of scalars. `kalman_filter` and `kalman_smoother` run over a
 recording, `infer` runs the filter or the smoother, `step` filters one sample online. The argument `method` selects
-the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
+the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`, and for smoothers `IteratedSmoother`).
 """
 
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, Step, Updated, kalman_filter, step
 from jgait.filtering.infer import SUMMARY, Inferred, infer
-from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
+from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.sample import draw
 from jgait.filtering.smoother import Smoothed, kalman_smoother
@@ -26,6 +26,7 @@ __all__ = [
     "Covariance",
     "Inferred",
     "IteratedEKF",
+    "IteratedSmoother",
     "Method",
     "Model",
     "Posterior",

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait.filtering.component_model import ComponentModel, component_model
-from jgait.filtering.lanes import applied, product, transposed
+from jgait.filtering.lanes import applied, product, product_transposed
 from jgait.filtering.local_model import Linearised, LocalModel
 from jgait.filtering.methods import CKF, UKF, Affine, Method, linearise
 from jgait.filtering.update import Update, kept, updated
@@ -35,7 +35,7 @@ def affine_step(
     around = local.covariance_turned(list(before), list(delta), cov)
     matrix, predicted, noise = _Lanes(method, local).transition(x, around, controls, dt)
     matrix = product(matrix, turn)
-    prior = product(product(matrix, cov), transposed(matrix)) + noise
+    prior = product_transposed(product(matrix, cov), matrix) + noise
     at = jnp.zeros_like(delta)
     spread_of = local.observation_noise(list(predicted), controls)
     unit = jnp.eye(seen.shape[0], dtype=prior.dtype)[:, :, None]

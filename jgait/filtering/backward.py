@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.filtering.lanes import applied, outer, product, symmetrised, transposed, where
+from jgait.filtering.lanes import applied, outer, product, product_transposed, summed, symmetrised, transposed, where
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
 """The outputs: −P λ (T, n), P − P Λ P (T, n, n), λ (T, n) and Λ (T, n, n) of the samples after each."""
@@ -57,12 +57,12 @@ class Backward:
             vector, matrix = carry
             cov, closed, rows, information, weighted = sample
             told = {"move": -applied(cov, vector), "vector": vector, "matrix": matrix}
-            fine = jnp.isfinite(jnp.sum(told["move"], 0))
+            fine = jnp.isfinite(summed(told["move"]))
             if self.chosen:
                 part = _taken(cov, self.chosen)
                 known = _taken(transposed(part), self.chosen)
-                smoothed = known - product(product(part, matrix), transposed(part))
-                fine = fine & jnp.isfinite(jnp.sum(smoothed, (0, 1)))
+                smoothed = known - product_transposed(product(part, matrix), part)
+                fine = fine & jnp.isfinite(summed(smoothed))
                 told["cov"] = where(fine, smoothed, known)
                 half = product(information, rows)
                 matrix = product(product(transposed(closed), matrix), closed) + product(transposed(rows), half)
@@ -96,8 +96,8 @@ class Backward:
                 half, part = product(closed, m_ct), product(rows, m_ct)
                 closed_ct = closed_ct + 2.0 * product(matrix, half)
                 rows_ct = rows_ct + 2.0 * product(g, part)
-                g_ct = product(part, transposed(rows))
-                matrix_ct = product(half, transposed(closed))
+                g_ct = product_transposed(part, rows)
+                matrix_ct = product_transposed(half, closed)
                 if "cov" in ct:
                     change, place = symmetrised(ct["cov"]), jnp.asarray(self.chosen)
                     part = _taken(cov, self.chosen)

@@ -199,7 +199,7 @@ class _Reverse:
 
     @property
     def block(self) -> int:
-        return 1
+        return int(self.function.block)
 
     @property
     def whole(self) -> "_Reverse":

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 from jgait.filtering.affine_step import affine_step
@@ -28,13 +29,16 @@ from jgait.filtering.lanes import (
     lifted,
     outer,
     product,
+    product_transposed,
+    summed,
     symmetrised,
     transposed,
     where,
 )
 from jgait.filtering.local_model import Linearised, LocalModel, Shape
-from jgait.filtering.methods import EKF, KF, Method
-from jgait.filtering.update import updated
+from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
+from jgait.filtering.sharing import shared
+from jgait.filtering.update import joseph, updated
 
 OUTPUTS = (
     "predicted", "delta", "cov", "predicted_cov", "innovation", "variance", "nis", "log_det", "valid", "closed", "seen",
@@ -64,15 +68,19 @@ FOR_GRADIENT = ("predicted", "delta", "cov", "predicted_cov", "information", "we
 """The outputs that the gradient's scan uses."""
 
 
-def linearises_once(method: Method) -> bool:
+def linearises_once(method: Method | IteratedSmoother) -> bool:
     """Whether the linearised model depends on the means alone: KF and EKF without iterations."""
     return isinstance(method, KF | EKF) and method.iterations == 1
 
 
-def block_of(shape: Shape) -> int:
-    """The number of recordings computed at once [1]: as many as leave a few matrices in the processor's first cache."""
-    size = shape.sizes[1] ** 2 * jnp.dtype(shape.dtype).itemsize
-    return 16 if size <= 512 else 8
+def block_of(size: int, dtype: DTypeLike) -> int:
+    """The number of recordings computed at once [1]: as many as leave a few matrices in the processor's first cache.
+
+    Args:
+        size: number of components of the error.
+        dtype: of the matrices.
+    """
+    return 16 if size**2 * jnp.dtype(dtype).itemsize <= 512 else 8
 
 
 @dataclass(frozen=True)
@@ -134,7 +142,7 @@ class Filter:
         if linearises_once(self.method):
             lin = local.linearised(list(before), list(delta), x, controls, dt, list(measured), seen)
             lin = Linearised(*held(*lin))
-            prior = held(product(product(lin.matrix, cov), transposed(lin.matrix)) + lin.noise)
+            prior = held(product_transposed(product(lin.matrix, cov), lin.matrix) + lin.noise)
             update = updated(prior, lin.observation, lin.innovation, lin.observation_noise)
             return lin, prior, update, lin.innovation, update
         return affine_step(self.method, local, (before, delta, x, cov), sample)
@@ -143,19 +151,16 @@ class Filter:
         """One predict and update: all outputs at a sample, from (x⁻, δ, P) at the sample before."""
         before, delta, cov = carry
         lin, prior, update, innovation, first = self._priors(local, before, delta, cov, sample)
-        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(diagonal(prior), 0))
+        finite = jnp.isfinite(summed(lin.predicted) + summed(diagonal(prior)))
         gain = held(update.gain)
-        # Joseph's form: a variance that the observation makes far smaller keeps its digits.
         rows, spread = (where(update.good, v, 0.0) for v in (lin.observation, lin.observation_noise))
-        left = held(diagonal_matrix(jnp.ones_like(delta)) - product(gain, rows))
-        noise = product(product(gain, spread), transposed(gain))
-        after = product(product(left, prior), transposed(left)) + noise
+        after = joseph(prior, gain, rows, spread)
         valid = finite & update.good
         move = applied(gain, where(update.good, lin.innovation, 0.0))
         told = {"predicted": where(finite, lin.predicted, before), "delta": where(finite, move, delta),
                 "cov": held(where(finite, after, cov)), "predicted_cov": where(finite, prior, cov),
                 "innovation": where(valid, innovation, 0.0), "variance": diagonal(first.total),
-                "nis": where(valid, jnp.sum(innovation * first.weighted, 0), 0.0), "log_det": first.log_det,
+                "nis": where(valid, summed(innovation * first.weighted), 0.0), "log_det": first.log_det,
                 "information": update.information, "weighted": update.weighted, "valid": valid}  # fmt: skip
         if set(FOR_SMOOTHER) & set(self.keep):
             rows, unit = product(rows, lin.matrix), diagonal_matrix(jnp.ones_like(delta))
@@ -219,13 +224,13 @@ class Filter:
 
         # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
         wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
-        moved_model, pull = jax.vjp(transition, list(before), list(delta), wide, flat)
-        seen_model, pull_seen = jax.vjp(observation, moved_model[2], wide, flat)
+        moved_model, pull = jax.vjp(shared(transition, 3), list(before), list(delta), wide, flat)
+        seen_model, pull_seen = jax.vjp(shared(observation, 3), moved_model[2], wide, flat)
         lin = Linearised(*held(*moved_model, *seen_model))
         a, h, e = lin.matrix, lin.observation, lin.innovation
         moved, prior = held(product(a, cov)), known["predicted_cov"]
         g, z = known["information"], known["weighted"]
-        finite = jnp.isfinite(jnp.sum(lin.predicted, 0) + jnp.sum(a, (0, 1)) + jnp.sum(diagonal(lin.noise), 0))
+        finite = jnp.isfinite(summed(lin.predicted) + summed(a) + summed(diagonal(lin.noise)))
         valid = finite & (g[0, 0] > 0.0)
         h, e = where(valid, h, 0.0), where(valid, e, 0.0)
         cross = held(product(h, prior))
@@ -243,12 +248,12 @@ class Filter:
         if "closed" in ct or "seen" in ct:  # J = H A, M = A − K J
             rows = product(h, a)
             closed, rows_ct = given("closed", a), given("seen", rows)
-            gain_ct = gain_ct - product(closed, transposed(rows))
+            gain_ct = gain_ct - product_transposed(closed, rows)
             rows_ct = rows_ct - product(transposed(gain), closed)
-            h_ct, a_ct = product(rows_ct, transposed(a)), closed + product(transposed(h), rows_ct)
+            h_ct, a_ct = product_transposed(rows_ct, a), closed + product(transposed(h), rows_ct)
         spread = product(transposed(gain), cov_ct)
-        cross_ct = product(g, transposed(gain_ct)) - 2.0 * spread
-        g_ct = product(cross, gain_ct) - product(product(cross, cov_ct), transposed(cross))
+        cross_ct = product_transposed(g, gain_ct) - 2.0 * spread
+        g_ct = product(cross, gain_ct) - product_transposed(product(cross, cov_ct), cross)
         if "information" in ct:
             g_ct = g_ct + ct["information"]
         if "weighted" in ct:
@@ -269,9 +274,9 @@ class Filter:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
         a_ct = a_ct + 2.0 * product(prior_ct, moved)
-        on_x, *seen_ct = pull_seen(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
+        on_x, *seen_ct = shared(pull_seen, 3)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
         pulled_x = x_ct + where(valid, on_x, 0.0)
-        x_back, delta_back, *moved_ct = pull(held(a_ct, prior_ct, pulled_x))
+        x_back, delta_back, *moved_ct = shared(pull, 3)(held(a_ct, prior_ct, pulled_x))
         state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
         # What was not finite did not change the belief, and says nothing of the parameters.
         back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))

@@ -14,7 +14,8 @@ from jgait.filtering.batched_call import call
 from jgait.filtering.core import linearises_once
 from jgait.filtering.finish import closure
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.methods import Method
+from jgait.filtering.methods import IteratedSmoother, Method
+from jgait.filtering.passes import iterated
 from jgait.filtering.recorded import Recorded
 
 Execution = Literal["auto", "core", "fast"]
@@ -26,7 +27,9 @@ Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its g
 """
 
 
-def chosen(given: Inputs, method: Method, execution: Execution, covariances: bool = False) -> Execution:
+def chosen(
+    given: Inputs, method: Method | IteratedSmoother, execution: Execution, covariances: bool = False
+) -> Execution:
     """The selected computation; `covariances`: whether smoothed ones are wanted.
 
     Raises:
@@ -55,9 +58,17 @@ def filtered(
 
 
 def smoothed(
-    given: Inputs, method: Method, keep: tuple[str, ...], execution: Execution, components: tuple[int, ...]
+    given: Inputs,
+    method: Method | IteratedSmoother,
+    keep: tuple[str, ...],
+    execution: Execution,
+    components: tuple[int, ...],
 ) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed mean, covariance of the selected error components (None without any), the filter's fields by name."""
+    if isinstance(method, IteratedSmoother):
+        chosen(given, method, execution)
+        mean, cov, first = iterated(given, method.passes, keep, components)
+        return list(mean.T), cov, _named(keep, first)
     fast.check_linear(given, method)
     if chosen(given, method, execution, bool(components)) == "fast":
         mean, told = bryson_frazier.bryson_frazier(given, keep)

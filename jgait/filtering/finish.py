@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.lanes import held, product, transposed
+from jgait.filtering.lanes import held, product, product_transposed
 from jgait.filtering.local_model import LocalModel, Shape
 from jgait.filtering.methods import reached
 
@@ -34,7 +34,7 @@ def covariances(
     if move is not None:
         turned = local.turned(*_updated(local, flat, around, *others), turned)
     turn = held(jnp.stack([turned[i] for i in chosen]))
-    return _apart(product(product(turn, about), transposed(turn)), x)
+    return _apart(product_transposed(product(turn, about), turn), x)
 
 
 def _together(*arguments: PyTree) -> list[PyTree]:

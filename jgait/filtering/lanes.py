@@ -20,12 +20,38 @@ def product(a: PyTree, b: PyTree) -> PyTree:
 
 def applied(a: PyTree, x: PyTree) -> PyTree:
     """Matrices times vectors (i, k, B) (k, B) → (i, B)."""
-    return jnp.sum(a * x[None], axis=1)
+    return product(a, x[:, None])[:, 0]
+
+
+def summed(a: PyTree) -> PyTree:
+    """The sums (B,) over all axes but the batch.
+
+    For several recordings as sums of slices: XLA computes reductions of leading axes number by number.
+    """
+    if a.shape[-1] == 1:
+        return jnp.sum(a, axis=tuple(range(a.ndim - 1)))
+    rows = a.reshape(-1, a.shape[-1])
+    while rows.shape[0] > 1:
+        half = rows.shape[0] // 2
+        odd = rows[2 * half :]
+        rows = rows[:half] + rows[half : 2 * half]
+        rows = jnp.concatenate([rows, odd]) if odd.shape[0] else rows
+    return rows[0]
 
 
 def transposed(a: PyTree) -> PyTree:
     """The transposed matrices."""
     return jnp.swapaxes(a, 0, 1)
+
+
+def product_transposed(a: PyTree, b: PyTree) -> PyTree:
+    """Matrix products a bᵀ, (i, k, B) (j, k, B) → (i, j, B).
+
+    For one recording bᵀ is put together from columns: XLA does not vectorise a product with what it sees as transposed.
+    """
+    if max(a.shape[-1], b.shape[-1]) > 1:
+        return product(a, transposed(b))
+    return product(a, held(jnp.stack([b[:, k] for k in range(b.shape[1])])))
 
 
 def symmetrised(a: PyTree) -> PyTree:
@@ -40,7 +66,8 @@ def outer(x: PyTree, y: PyTree) -> PyTree:
 
 def diagonal(a: PyTree) -> PyTree:
     """The diagonals (n, B)."""
-    return jnp.sum(a * jnp.eye(a.shape[0], dtype=a.dtype)[:, :, None], axis=1)
+    size = a.shape[0]
+    return a.reshape(size * size, a.shape[-1])[:: size + 1]
 
 
 def diagonal_matrix(x: PyTree) -> PyTree:

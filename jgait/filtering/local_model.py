@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.component_model import ComponentModel, component_model
 from jgait.filtering.components import known
-from jgait.filtering.lanes import held, lifted, where
+from jgait.filtering.lanes import held, where
 from jgait.filtering.model import Model
 
 
@@ -60,6 +62,33 @@ class Linearised(NamedTuple):
     observation_noise: PyTree
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def placed(size: int, places: tuple[tuple[tuple[int, int], ...], ...], entries: list[PyTree]) -> PyTree:
+    """The matrix (n, n, B) that has entries (B,) at their places (row, column), and zeros.
+
+    Its derivative is put together from diagonals: in reverse mode these are slices, which cost less than sums.
+    """
+    total: PyTree = 0.0
+    for entry, where_ in zip(entries, places, strict=True):
+        pattern = np.zeros((size, size, 1))
+        pattern[tuple(np.transpose(where_))] = 1.0
+        total = total + jnp.asarray(pattern, entry.dtype) * entry[None, None]
+    return total
+
+
+@placed.defjvp
+def _placed_derivative(size: int, places: PyTree, primals: PyTree, tangents: PyTree) -> tuple[PyTree, PyTree]:
+    (entries,), (moved,) = primals, tangents
+    at = {place: entry for entry, where_ in zip(moved, places, strict=True) for place in where_}
+    zero, total = jnp.zeros_like(entries[0]), jnp.zeros((size * size, *entries[0].shape), entries[0].dtype)
+    for offset in sorted({j - i for i, j in at}):
+        first = max(offset, -offset * size)
+        line = jnp.stack([at.get((i, i + offset), zero) for i in range(max(0, -offset), size - max(0, offset))])
+        after = size * size - first - (size + 1) * (len(line) - 1) - 1
+        total = total + lax.pad(line, zero[0] * 0.0, [(first, after, size), (0, 0, 0)])
+    return placed(size, places, entries), total.reshape(size, size, -1)
+
+
 class LocalModel:
     """The functions of a model with parameters (..., B) or (..., 1), on lists of arrays (B,), one for each component.
 
@@ -100,6 +129,12 @@ class LocalModel:
             return [a + b for a, b in zip(x, delta, strict=True)]
         return self._call(lambda cm, x, d: cm.retract(x, d), x, delta)
 
+    def between(self, x: PyTree, y: PyTree) -> PyTree:
+        """The errors y ⊖ x."""
+        if not self.curved:
+            return [b - a for a, b in zip(x, y, strict=True)]
+        return self._call(lambda cm, x, y: cm.local(x, y), x, y)
+
     def turned(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
         """Errors about x ⊕ δ of the states x ⊕ (δ + e), for columns e near zero."""
         if not self.curved:
@@ -110,6 +145,17 @@ class LocalModel:
                 return cm.error_shift(x, d, e)
             at = cm.retract(x, d)
             return jax.jvp(lambda d: cm.local(at, cm.retract(x, d)), (d,), (e,))[1]
+
+        return self._call(shifted, x, delta, columns=columns)
+
+    def carried(self, x: PyTree, delta: PyTree, columns: PyTree) -> PyTree:
+        """Errors about x ⊕ δ of the states (x ⊕ e) ⊕ δ, for columns e near zero."""
+        if not self.curved:
+            return columns
+
+        def shifted(cm: ComponentModel, x: list[PyTree], d: list[PyTree], e: list[PyTree]) -> list[PyTree]:
+            at, zero = cm.retract(x, d), [jnp.zeros_like(v) for v in e]
+            return jax.jvp(lambda e: cm.local(at, cm.retract(cm.retract(x, e), d)), (zero,), (e,))[1]
 
         return self._call(shifted, x, delta, columns=columns)
 
@@ -176,28 +222,28 @@ class LocalModel:
         return self.shape.controls.unflatten(leaves)
 
     def _matrix(self, function: Callable[..., Any], *rows: PyTree) -> PyTree:
-        """A noise matrix as a sum of its distinct entries, each times a constant pattern: few operations for XLA."""
-        patterns: list[np.ndarray] = []
+        """A noise matrix (n, n, B) as a sum of its distinct entries, each at its places."""
+        constant, places = np.zeros((0, 0)), list[tuple[tuple[int, int], ...]]()
 
         def distinct(cm: ComponentModel, *values: PyTree) -> list[PyTree]:
+            nonlocal constant
             matrix = function(cm, *values)
-            size = len(matrix)
-            constant, found = np.zeros((size, size)), dict[int, tuple[PyTree, np.ndarray]]()
+            constant = np.asarray([[entry if known(entry) else 0.0 for entry in row] for row in matrix])
+            found: dict[int, tuple[PyTree, list[tuple[int, int]]]] = {}
             for i, row in enumerate(matrix):
                 for j, entry in enumerate(row):
-                    if known(entry):
-                        constant[i, j] = entry
-                    else:
-                        found.setdefault(id(entry), (entry, np.zeros((size, size))))[1][i, j] = 1.0
-            patterns[:] = [constant, *(pattern for _, pattern in found.values())]
+                    if not known(entry):
+                        found.setdefault(id(entry), (entry, []))[1].append((i, j))
+            places[:] = [tuple(where) for _, where in found.values()]
             return [entry for entry, _ in found.values()]
 
         entries = self._call(distinct, *rows)
-        first, *others = [jnp.asarray(pattern, self.shape.dtype)[:, :, None] for pattern in patterns]
-        total = jnp.broadcast_to(first, (*first.shape[:2], self.lanes))
-        for entry, pattern in zip(entries, others, strict=True):
-            total = total + pattern * lifted(entry, pattern)
-        return total
+        fixed = jnp.asarray(constant, self.shape.dtype)[:, :, None]
+        return (
+            placed(len(constant), tuple(places), entries) + fixed
+            if entries
+            else jnp.broadcast_to(fixed, (*constant.shape, self.lanes))
+        )
 
     def linearised(
         self, before: PyTree, delta: PyTree, x: PyTree, controls: PyTree, dt: PyTree, measured: PyTree, seen: PyTree

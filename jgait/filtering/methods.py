@@ -99,6 +99,21 @@ class CKF:
         _check_iterations(self.iterations)
 
 
+@dataclass(frozen=True)
+class IteratedSmoother:
+    """For `kalman_smoother`: the EKF with its smoother, then passes that linearise again at the smoothed trajectory.
+
+    Attributes:
+        passes: number of passes, with the first; their limit is the most probable trajectory.
+    """
+
+    passes: int = 3
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.passes, int) or isinstance(self.passes, bool) or self.passes < 2:
+            raise ValueError(f"passes must be a whole number from 2 up; got {self.passes!r}")
+
+
 Method = KF | EKF | UKF | CKF
 
 

@@ -12,6 +12,7 @@ from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, bl
 from jgait.filtering.finish import covariances, states
 from jgait.filtering.local_model import Shape
 from jgait.filtering.methods import Method
+from jgait.filtering.sharing import shared
 from jgait.filtering.structured import LOG_2PI
 
 NEEDS = {
@@ -48,8 +49,9 @@ class Recorded:
 
     @property
     def block(self) -> int:
-        """Recordings computed at once: one for a gradient, whose scans then need no other layout."""
-        return 1 if self.all else block_of(self.shape)
+        """Recordings computed at once; one for most gradients, whose program is then half as long and no slower."""
+        block = block_of(self.shape.sizes[1], self.shape.dtype)
+        return 1 if self.all and (self.smooth or block < 16) else block
 
     @property
     def whole(self) -> "Recorded":
@@ -163,8 +165,10 @@ class Recorded:
             found = self._fields(real | fixed, back, arguments[-1])
             return [found[i] for i in given]
 
-        shown, pull = jax.vjp(fields, real, {name: back[name] for name in ("move", "cov") if name in back})
-        told_ct, back_ct = pull([jnp.broadcast_to(cotangents[i], v.shape) for i, v in zip(given, shown, strict=True)])
+        shown, pull = jax.vjp(shared(fields, 3), real, {name: back[name] for name in ("move", "cov") if name in back})
+        told_ct, back_ct = shared(pull, 3)(
+            [jnp.broadcast_to(cotangents[i], v.shape) for i, v in zip(given, shown, strict=True)]
+        )
         _add(told_ct, names, cotangents[first:middle])
         if self.smooth:
             _add(back_ct, self.backward.names, cotangents[middle:])

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import Literal
 from jaxtyping import PyTree
@@ -22,18 +23,19 @@ WORTH = 3
 _FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})
 
 
-def shared(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """The same function of pytrees, with barriers behind values that are used again.
+def shared(function: Callable[..., PyTree], uses: int = 2) -> Callable[..., PyTree]:
+    """The same function of pytrees: equal operations once, and barriers behind values that are used again.
 
     Args:
         function: function of arrays, typically the body of a scan; loops and branches in it do not change.
+        uses: number of uses from which a value is stored.
     """
 
     def run(*arguments: PyTree) -> PyTree:
         closed, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
         leaves = jax.tree.leaves(arguments)
         flat, counts = _flattened(closed)
-        return jax.tree.unflatten(jax.tree.structure(shapes), _evaluated(flat, counts, leaves))
+        return jax.tree.unflatten(jax.tree.structure(shapes), _evaluated(flat, counts, leaves, uses))
 
     return run
 
@@ -56,6 +58,7 @@ class _Flat:
 def _flattened(closed: PyTree) -> tuple[_Flat, Counter[int]]:
     """A jaxpr with its calls inlined, and the number of uses of each value."""
     flat = _Flat()
+    done: dict[PyTree, list[int]] = {}
 
     def constant(value: PyTree) -> int:
         place = flat.new()
@@ -75,7 +78,12 @@ def _flattened(closed: PyTree) -> tuple[_Flat, Counter[int]]:
                 body = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
                 names.update(zip(equation.outvars, inline(body.jaxpr, body.consts, inputs), strict=True))
                 continue
+            key = _key(equation, inputs)
+            if key is not None and key in done:
+                names.update(zip(equation.outvars, done[key], strict=True))
+                continue
             places = [flat.new() for _ in equation.outvars]
+            done[key] = places
             flat.equations.append((equation, inputs, places))
             names.update(zip(equation.outvars, places, strict=True))
         return [read(variable) for variable in jaxpr.outvars]
@@ -89,12 +97,12 @@ def _flattened(closed: PyTree) -> tuple[_Flat, Counter[int]]:
     return flat, counts
 
 
-def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree]) -> list[PyTree]:
+def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree], uses: int) -> list[PyTree]:
     values = dict(flat.values)
     costs: dict[int, int] = dict.fromkeys(values, 0)
     for place, argument in zip(flat.inputs, arguments, strict=True):
         # XLA repeats the slicing of a scan's inputs, too.
-        values[place] = lax.optimization_barrier(argument) if counts[place] > 1 else argument
+        values[place] = lax.optimization_barrier(argument) if counts[place] >= uses else argument
         costs[place] = 0
 
     def read(place: PyTree) -> PyTree:
@@ -107,10 +115,23 @@ def _evaluated(flat: _Flat, counts: Counter[int], arguments: list[PyTree]) -> li
         below = sum(costs[place] for place in set(inputs_of(inputs)))
         cost = 0 if primitive.name == "optimization_barrier" else below + _cost(primitive.name)
         for place, output in zip(places, outputs, strict=True):
-            stored = counts[place] > 1 and cost >= WORTH
+            stored = counts[place] >= uses and cost >= WORTH
             values[place] = lax.optimization_barrier(output) if stored else output
             costs[place] = 0 if stored else cost
     return [read(place) for place in flat.outputs]
+
+
+def _key(equation: PyTree, inputs: list[PyTree]) -> PyTree:
+    """The same for equal equations; None if equality cannot be determined."""
+    if equation.effects:
+        return None
+    operands = [(float(v.val), v.aval) if isinstance(v, Literal) and jnp.ndim(v.val) == 0 else v for v in inputs]
+    key = (equation.primitive.name, tuple(sorted(equation.params.items())), *operands)
+    try:
+        hash(key)
+    except TypeError:
+        return None
+    return key
 
 
 def inputs_of(inputs: list[PyTree]) -> list[int]:

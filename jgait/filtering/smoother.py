@@ -22,7 +22,7 @@ from jgait.filtering.execution import Execution, smoothed
 from jgait.filtering.filter import FIELDS, KEEP, Posterior, named_covariance, named_values, posterior
 from jgait.filtering.hidden import without_hidden
 from jgait.filtering.inputs import inputs
-from jgait.filtering.methods import EKF, Method
+from jgait.filtering.methods import EKF, IteratedSmoother, Method
 from jgait.filtering.model import Belief, Model
 from jgait.types import Values
 
@@ -49,7 +49,7 @@ def kalman_smoother(
     controls: PyTree = None,
     dt: Values = 1.0,
     mask: PyTree = None,
-    method: Method = EKF(),
+    method: Method | IteratedSmoother = EKF(),
     initial: Belief | None = None,
     keep: tuple[str, ...] = KEEP,
     covariance: bool | tuple[str, ...] = True,
@@ -64,7 +64,8 @@ def kalman_smoother(
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
         dt: interval [s], scalar or (T,), as in `kalman_filter`.
         mask: observation tuple of (T,) bools, one (T,) bool, or None; as in `kalman_filter`.
-        method: how to linearise.
+        method: how to linearise; `IteratedSmoother(k)` linearises again at the smoothed trajectory, and its `filtered`
+            is that of the EKF.
         initial: belief before the first interval; None: the model's `initial`.
         keep: fields of the filter's `Posterior` to return.
         covariance: False omits the smoothed covariances, which is several times faster. A tuple of names selects
@@ -78,7 +79,8 @@ def kalman_smoother(
     Raises:
         ValueError: see `kalman_filter`.
     """
-    checks.check_arguments(model, method, keep, FIELDS, execution)
+    first = EKF() if isinstance(method, IteratedSmoother) else method
+    checks.check_arguments(model, first, keep, FIELDS, execution)
     if not isinstance(covariance, bool | tuple):
         raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
     checks.check_values(observations, controls, dt)
@@ -96,7 +98,7 @@ def _smoothed(
     dt: Values,
     mask: PyTree,
     initial: Belief | None,
-    method: Method,
+    method: Method | IteratedSmoother,
     keep: tuple[str, ...],
     covariance: bool | tuple[str, ...],
     execution: Execution,

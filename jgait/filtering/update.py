@@ -6,7 +6,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
-from jgait.filtering.lanes import applied, inverse, product, transposed, where
+from jgait.filtering.lanes import (
+    applied,
+    diagonal_matrix,
+    held,
+    inverse,
+    product,
+    product_transposed,
+    summed,
+    transposed,
+    where,
+)
 
 
 class Update(NamedTuple):
@@ -24,12 +34,19 @@ class Update(NamedTuple):
 def updated(cov: PyTree, observation: PyTree, innovation: PyTree, spread: PyTree) -> Update:
     """The update of a covariance P⁻ by an observation with H, e and R; nothing is updated where it is not finite."""
     cross = product(observation, cov)
-    total = product(cross, transposed(observation)) + spread
+    total = product_transposed(cross, observation) + spread
     information, log_det, positive = inverse(total)
     gain, weighted = product(transposed(cross), information), applied(information, innovation)
-    good = positive & jnp.isfinite(jnp.sum(gain, (0, 1)) + jnp.sum(weighted, 0) + log_det)
+    good = positive & jnp.isfinite(summed(gain) + summed(weighted) + log_det)
     found = Update(gain, information, weighted, cross, total, log_det, good)
     return kept(found, good)
+
+
+def joseph(cov: PyTree, gain: PyTree, observation: PyTree, spread: PyTree) -> PyTree:
+    """P after the update, in Joseph's form: a variance that the observation makes far smaller keeps its digits."""
+    left = held(diagonal_matrix(jnp.ones_like(cov[0])) - product(gain, observation))
+    noise = product_transposed(product(gain, spread), gain)
+    return product_transposed(product(left, cov), left) + noise
 
 
 def kept(update: Update, good: PyTree) -> Update:

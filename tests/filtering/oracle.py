@@ -70,7 +70,7 @@ class Vectors:
         def turned(e: Any, x: Any, delta: Any) -> Any:  # errors about x as errors about x ⊕ delta
             return minus(plus(x, e), plus(x, delta))
 
-        self.f, self.h, self.plus, self.differ = map(jax.jit, (f, h, plus, differ))
+        self.f, self.h, self.plus, self.minus, self.differ = map(jax.jit, (f, h, plus, minus, differ))
         self.Q = jax.jit(lambda x, u, dt: matrix(model.transition_noise(params, state.unflatten(x), u, dt)))
         self.R = jax.jit(lambda x, u: matrix(model.observation_noise(params, state.unflatten(x), u)))
         self.moved, self.observed = affine(moved), affine(observed)

@@ -60,7 +60,7 @@ def solved(c: Any, p: Any, observations: Any) -> Any:
 def test_batches_of_any_shape_are_the_single_results(name):
     c = case(name, 5)
     ready = inputs(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
-    block = block_of(ready.shape)
+    block = block_of(ready.shape.sizes[1], ready.dtype)
     rng = np.random.default_rng(0)
     params = c.params[None] * jnp.asarray(rng.uniform(0.5, 2.0, (3, 4)))
     batch = Reading(*(jnp.asarray(rng.normal(size=(block + 1, 5))) for _ in range(2)))
