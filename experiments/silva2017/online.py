@@ -24,7 +24,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.ankle_stride.online import ONLINE
-from jgait.filtering.compile import wide_vectors
+from jgait.filtering.compile import compiler_options
 from jgait.types import Imu, Recording, Strides
 
 SAMPLES, CALLS, REPEATS, HZ = 40_000, 3000, 9, 100.0
@@ -71,7 +71,7 @@ def unpacked(parts: list[Any], like: Any) -> Any:
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """`jax.jit`, for the widest vectors."""
-    return jax.jit(function, compiler_options=wide_vectors() or None, **options)
+    return jax.jit(function, compiler_options=compiler_options() or None, **options)
 
 
 def scan_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, repeats: int) -> float:

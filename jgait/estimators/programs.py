@@ -20,6 +20,8 @@ from typing import Any
 import jax
 from jaxtyping import PyTree
 
+from jgait.filtering.compile import compiler_options, processor
+
 LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
 
@@ -50,25 +52,6 @@ def keep(folder: Path | None) -> None:
 def before_compiling(call: Callable[[], None] | None) -> None:
     """Call a function before each program that is compiled because the folder does not have it."""
     _Store.compiling = call
-
-
-@functools.cache
-def compiler_options() -> dict[str, Any]:
-    """Compiler options for the default backend: on a CPU no calls of a library for small sums, and wide vectors.
-
-    For sums as short as those of a filter, calling XLA's library YNNPACK takes longer than the sum. With AVX-512
-    vectors have 512 bits; XLA uses 256 by default, because some older processors lower their clock rate.
-    """
-    if jax.default_backend() != "cpu":
-        return {}
-    options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
-    if " avx512f " in _processor():
-        options["xla_cpu_prefer_vector_width"] = 512
-    try:
-        jax.jit(lambda: 0, compiler_options=options).lower().compile()
-    except jax.errors.JaxRuntimeError:  # an XLA without these options
-        return {}
-    return options
 
 
 @functools.cache
@@ -140,23 +123,13 @@ def _device() -> str:
 
 
 @functools.cache
-def _processor() -> str:
-    """The processor's model and instructions, as far as the system names them."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return f"{platform.machine()} {platform.processor()}"
-    return "\n".join(sorted({f"{line} " for line in lines if line.startswith(("model name", "flags", "Features"))}))
-
-
-@functools.cache
 def _surroundings() -> str:
     """What a program depends on beside its own function: sources, versions, processor, settings."""
     root = Path(__file__).parents[1]
     sources = sorted((str(path.relative_to(root)), path.stat()) for path in root.rglob("*.py"))
     stamps = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in sources]
     settings = jax.config.jax_default_matmul_precision, os.environ.get("XLA_FLAGS")
-    return repr((stamps, jax.__version__, platform.python_version(), _processor(), jax.device_count(), settings))
+    return repr((stamps, jax.__version__, platform.python_version(), processor(), jax.device_count(), settings))
 
 
 def _read(file: Path, structure: Any) -> Callable[..., PyTree] | None:

@@ -1,6 +1,7 @@
-"""`jax.jit` with the widest vector instructions of the processor."""
+"""`jax.jit` with compiler options that suit filters on the processor."""
 
 import functools
+import platform
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,22 +11,36 @@ from jaxtyping import PyTree
 
 
 @functools.cache
-def wide_vectors() -> dict[str, Any]:
-    """Compiler options for the default backend: 512-bit vectors on processors with AVX-512, else none.
+def compiler_options() -> dict[str, Any]:
+    """Compiler options for the default backend: on a CPU no calls of a library for small sums, and wide vectors.
 
-    XLA uses 256 bits by default, because some older processors lower their clock rate for wider vectors.
+    For sums as short as those of a filter, calling XLA's library YNNPACK takes longer than the sum. With AVX-512
+    vectors have 512 bits; XLA uses 256 by default, because some older processors lower their clock rate.
     """
     if jax.default_backend() != "cpu":
         return {}
+    options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    if " avx512f " in processor():
+        options["xla_cpu_prefer_vector_width"] = 512
     try:
-        flags = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        jax.jit(lambda: 0, compiler_options=options).lower().compile()
+    except jax.errors.JaxRuntimeError:  # an XLA without these options
         return {}
-    return {"xla_cpu_prefer_vector_width": 512} if " avx512f " in flags else {}
+    return options
+
+
+@functools.cache
+def processor() -> str:
+    """The processor's model and instructions, as far as the system names them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+    return "\n".join(sorted({f"{line} " for line in lines if line.startswith(("model name", "flags", "Features"))}))
 
 
 def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...] = ()) -> Callable[..., PyTree]:
-    """`jax.jit` of a function, compiled for wide vectors where the processor has them.
+    """`jax.jit` of a function, compiled with `compiler_options`.
 
     Compiler options apply to the outermost `jit` only: inside another `jit`, this is a plain `jax.jit`.
 
@@ -40,7 +55,7 @@ def compiled(function: Callable[..., PyTree], *, static_argnames: tuple[str, ...
 
     @functools.cache
     def wide() -> PyTree:
-        return jax.jit(function, static_argnames=static_argnames, compiler_options=wide_vectors() or None)
+        return jax.jit(function, static_argnames=static_argnames, compiler_options=compiler_options() or None)
 
     @functools.wraps(function)
     def call(*args: PyTree, **kwargs: PyTree) -> PyTree:

@@ -13,7 +13,7 @@ import optax
 from jax.sharding import Mesh
 from jaxtyping import PRNGKeyArray, PyTree
 
-from jgait.filtering.compile import wide_vectors
+from jgait.filtering.compile import compiler_options
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
@@ -223,7 +223,7 @@ def _judged(
         known, mine = (of_subject(tree, problem.transforms, item.subject) for tree in (params, at))
         return problem.loss(constrain(mine, problem.transforms, known), item.data)
 
-    program = jax.jit(jax.vmap(one), compiler_options=wide_vectors() or None)
+    program = jax.jit(jax.vmap(one), compiler_options=compiler_options() or None)
     before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
     after = jax.tree.map(lambda leaf: leaf[fold], best)
     return np.asarray(program(before, items)), np.asarray(program(after, items))

@@ -13,7 +13,7 @@ import optax
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Bool, Float, PyTree
 
-from jgait.filtering.compile import wide_vectors
+from jgait.filtering.compile import compiler_options
 from jgait.tune import checkpoint
 from jgait.tune.descent import Carry, Settings, Trace, first, runner
 from jgait.tune.problem import Context, Problem
@@ -114,7 +114,7 @@ def _program(
 ) -> Callable[..., PyTree]:
     run = jax.vmap(runner(problem, optimizer, settings, size), in_axes=(0, None, None))
     everywhere = None if problem.mesh is None else NamedSharding(problem.mesh, PartitionSpec())
-    return jax.jit(run, out_shardings=everywhere, compiler_options=wide_vectors() or None)
+    return jax.jit(run, out_shardings=everywhere, compiler_options=compiler_options() or None)
 
 
 AT_ONCE = 128
