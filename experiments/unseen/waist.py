@@ -1,13 +1,10 @@
-"""What was chosen on some people, on others: known and left-out people beside each other, and plain guesses.
+"""The waist on `ipol_gait`: contacts, sides and distances of known people and of people left out.
 
-The waist on `ipol_gait`. Everything that is learned from people (the delay of contacts and how it grows with the step
-time, the pendulum's constant) is learned on everybody for the column of known people, and on everybody but the person
-who is judged for that of people left out. Defaults that are no number of people (filters, thresholds, cues of a side)
-are the same in both, and were chosen with these people at hand.
+Learned are the delay of contacts, how it grows with the step time, and the pendulum's constant. Filters, thresholds and
+cues of a side are the same for known people and for people left out, and were chosen with these people at hand.
 
 The plain guess is the mean stride and the mean distance of the other people; for sides it is one side at random; for
-contacts there is none. mobgap's numbers are its best detector's, as
-they come, from the last full run of `waist_ofdri`.
+contacts there is none. mobgap's numbers are its best detector's, as they come, from the last full run of `waist_ofdri`.
 """
 
 from collections.abc import Sequence
