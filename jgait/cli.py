@@ -16,6 +16,8 @@ except ImportError as missing:  # the library alone does without them
     print(f"the jgait command needs its extra: pip install 'jgait[cli]' ({missing})", file=sys.stderr)
     raise SystemExit(1) from missing
 
+from jgait.commands.cache import folder
+
 COMMANDS = {
     "demo": "Estimate, compare with the truth, tune, judge: a first look.",
     "estimate": "Angles, strides, contacts, distance of your recordings.",
@@ -24,6 +26,7 @@ COMMANDS = {
     "tune": "Learn parameters from a cohort by gradient.",
     "report": "One HTML page about a recording or a cohort.",
     "datasets": "Public recordings: what there is, and how to get it.",
+    "cache": "Compiled programs kept between runs: their size; remove them.",
 }
 """Name of a command → what it does."""
 
@@ -76,19 +79,14 @@ def about() -> None:
     """
 
 
-def cache_folder() -> Path:
-    """The folder of compiled programs."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jgait" / "compiled"
-
-
 def main() -> None:
     """Run the command line: float64, and compiled programs kept between runs. JAX is imported by the command."""
     gc.set_threshold(100_000)  # imports make many objects and no garbage
     os.environ["JAX_ENABLE_X64"] = "1"
     with contextlib.suppress(OSError):  # no place to keep them: every run compiles anew
-        cache_folder().mkdir(parents=True, exist_ok=True)
-        _kept.append(cache_folder())
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(cache_folder())
+        folder().mkdir(parents=True, exist_ok=True)
+        _kept.append(folder())
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder())
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     app()
 

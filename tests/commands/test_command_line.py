@@ -124,3 +124,15 @@ def test_the_readme_says_what_the_recordings_give(data):
     limits = {"right": (4.8, 3.2, 4.0), "left": (5.0, 4.8, 4.0)}
     for side, limit in limits.items():
         assert all(value <= most for value, most in zip(paper[side].values(), limit, strict=False)), paper[side]
+
+
+def test_the_cache_of_programs_is_shown_and_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kept = tmp_path / "jgait" / "compiled"
+    assert "0 programs, 0.0 MB" in run("cache")[1]
+    kept.mkdir(parents=True)
+    (kept / "one.program").write_bytes(bytes(2_000_000))
+    assert f"1 program, 2.0 MB, in {kept}" in run("cache")[1]
+    assert "removed 1 program" in run("cache", "--clear")[1]
+    assert not kept.exists()
+    assert run("cache", "--clear")[0] == 0

@@ -1,0 +1,34 @@
+"""`jgait cache`: the compiled programs that the commands keep between runs."""
+
+import os
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jgait.commands.console import console, count, stop, visible
+
+
+def folder() -> Path:
+    """The folder of compiled programs."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jgait" / "compiled"
+
+
+def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove the programs.")] = False) -> None:
+    """Show where compiled programs are kept and how much room they take, or remove them.
+
+    Without them the next run of a command compiles again, which takes seconds. The folder stays below 1 GB.
+    """
+    files = [path for path in folder().glob("*") if path.is_file()]
+    size = sum(path.stat().st_size for path in files) / 1e6
+    said = f"{count(len(files), 'program', 'programs')}, {size:.1f} MB, in {visible(folder())}"
+    if clear:
+        try:
+            shutil.rmtree(folder())
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            stop(f"not all programs could be removed: {error}")
+        said = f"removed {said}"
+    console.print(said, soft_wrap=True, highlight=False)
