@@ -23,7 +23,7 @@ ESTIMATORS = ("leg_ekf", "foot_ins", "ankle_stride", "waist", "stride_width_ekf"
 LENGTHS = tuple(round(12.0 + 1.9 * number, 1) for number in range(10))
 """[s] Ten lengths of files, 12 to 29 s."""
 ROUTE = ("--route", "straight:17.5")
-PARTS = ("imports", "tracing", "xla", "cache", "figures")
+SPENT = ("imports", "tracing", "xla", "cache", "figures")
 
 
 def spent(command: Sequence[Any], cache: Path, folder: Path = ROOT) -> float:
@@ -86,7 +86,7 @@ def _rows(scratch: Path, quick: bool) -> list[Row]:
             if state == "cold":
                 shutil.rmtree(scratch / "cache")
             parts = _parts(scratch, ["estimate", one, "--estimator", estimator, "--out", scratch / "parts" / state])
-            lines.append([f"{estimator}, {state}", seconds, *(parts[part] for part in PARTS), parts["programs"]])
+            lines.append([f"{estimator}, {state}", seconds, *(parts[part] for part in SPENT), parts["programs"]])
             found.append(Row(f"estimate_{state}_s_{estimator}", seconds, "s", None, rounds, split))
         shutil.rmtree(scratch / "parts")
         print(f"{estimator}: {session['next_length_compilations']:g} compilations of another length, "
@@ -94,7 +94,7 @@ def _rows(scratch: Path, quick: bool) -> list[Row]:
     cold, warm = cold_and_warm(["simulate", *ROUTE], scratch, rounds)
     for state, seconds in (("cold", cold), ("warm", warm)):
         found.append(Row(f"simulate_{state}_s", seconds, "s", None, rounds, split))
-        lines.append([f"simulate, {state}", seconds, *("–" for _ in PARTS), "–"])
+        lines.append([f"simulate, {state}", seconds, *("–" for _ in SPENT), "–"])
     units = {"next_length_compilations": "programs", "next_file_s": "s", "warm_run_ms": "ms"}
     found += [Row(name, value, units[name], None, 1, "worst estimator") for name, value in worst.items()]
     if not quick:
@@ -103,13 +103,13 @@ def _rows(scratch: Path, quick: bool) -> list[Row]:
             Row("demo_cold_s", cold, "s", None, rounds, split),
             Row("demo_warm_s", warm, "s", None, rounds, split),
         ]
-        lines += [["demo, cold", cold, *("–" for _ in PARTS), "–"], ["demo, warm", warm, *("–" for _ in PARTS), "–"]]
+        lines += [["demo, cold", cold, *("–" for _ in SPENT), "–"], ["demo, warm", warm, *("–" for _ in SPENT), "–"]]
         seconds = [answers(started(MODULE, ["cohort", scratch / "seven", kind]))[0] for kind in ("many", "one")]
         over = Row("lengths_over_one_length", seconds[0] / seconds[1], "ratio", None, 100, "evaluate, with compiling")
         found.append(over)
     if os.environ.get("JGAIT_BENCHMARK_SUITE"):
         found += suite(scratch)
-    show("Processor seconds, and the parts of one run", ["", "all", *PARTS, "programs"], lines)
+    show("Processor seconds, and the parts of one run", ["", "all", *SPENT, "programs"], lines)
     return found
 
 
