@@ -1,6 +1,6 @@
 """The legs on `walking5m`: distances by the leg's kinematics, and by strapdown of the accelerometers on both shanks.
 
-Of each way one scale is learned. The plain guess is the mean distance of the other people. The people walk from a mark
+Of each way one scale is learned. The plain guess is the median distance of the other people. People walk from a mark
 to a mark, and their distances have a standard deviation of 4 %.
 """
 

@@ -187,3 +187,37 @@ def test_a_real_bout(parts, data):
     rows = np.flatnonzero(told["initial_contact_valid"])
     np.testing.assert_array_equal(np.asarray(told["initial_contact"])[rows], found.time)
     np.testing.assert_array_equal(np.asarray(told["initial_contact_side"])[rows], found.side)
+
+
+def test_where_contacts_are_not_listed_nothing_is_judged(parts):
+    time = np.arange(1000) / 100.0
+    swings = np.zeros((1000, 3))
+    swings[700:720, 1] = 5.0  # a step after the trial, which ends at 6 s
+    foot = Imu(time, swings, swings, np.ones(1000, bool))
+    contacts, sides = np.array([1.0, 2.0, 3.0, 4.0, 6.0]), np.array([0, 1, 0, 0, 1])
+    known = parts.walks.listed(time, {"foot_left": foot}, contacts, sides, 6.0)
+    unknown = parts.walks.runs(time, ~known)
+    # between two contacts of the right foot, and from the swing to half a second after it
+    np.testing.assert_allclose(unknown, [[3.1, 3.9], [7.0, 7.68]], atol=0.011)
+
+
+def test_a_delay_grows_with_the_step_time(load_experiment):
+    unseen = load_experiment("unseen.waist")
+    step = np.linspace(0.45, 0.75, 200)
+    late = 0.02 + 0.1 * step
+    late[::20] += 0.5  # far detections teach nothing
+    np.testing.assert_allclose(unseen.delay(late, step), [0.02, 0.1], atol=1e-9)
+    errors = unseen.guessed(np.array([10.0, 10.0, 20.0, np.nan]), np.array(["a", "a", "b", "c"]))
+    np.testing.assert_allclose(errors, [100.0, 100.0, -50.0, np.nan])
+
+
+def test_a_scale_of_the_legs_is_that_of_the_other_people(load_experiment):
+    legs = load_experiment("unseen.legs")
+    true = np.array([4.0, 5.0, 6.0])
+    found = [legs.Distances(name, t, 1.25 * t, 9.0 - t) for name, t in zip("abc", true, strict=True)]
+    told = {row.metric: row.value for row in legs.of_distances(found)}
+    assert told["leg_distance_pct"] == pytest.approx(0.0) and told["leg_raw_bias_pct"] == pytest.approx(25.0)
+    assert told["leg_distance_correlation"] == pytest.approx(1.0)
+    # the guess is the median of the others: 5.5 for 4, 5 for 5, 4.5 for 6
+    assert told["leg_distance_pct_guess"] == pytest.approx(100.0 * (1.5 / 4.0 + 0.0 + 1.5 / 6.0) / 3.0)
+    assert told["shank_distance_correlation"] == pytest.approx(-1.0)

@@ -1,0 +1,49 @@
+"""Closing steps of walking bouts, made of contacts and standing alone; and what is not known of a person."""
+
+import numpy as np
+import pytest
+
+from jgait.estimators.waist import WaistParams, with_body
+from jgait.estimators.waist.bouts import CLOSING, bouts
+from jgait.estimators.waist.readout import constant_variance
+from jgait.events.trunk import Contacts
+
+RATE, STEP = 100.0, 0.5
+
+
+def nodes(steps, stands_s):
+    """The nodes of one bout whose contacts are at these steps after 2 s, right and left in turn, before standing."""
+    time = 2.0 + STEP * np.asarray(steps, float)
+    side, every = np.arange(time.size) % 2, np.ones(time.size)
+    contacts = Contacts(time, side, every > 0.0, time, every / STEP, 0.9 * every)
+    (bout,) = bouts(contacts, [(0, 150), (round(stands_s * RATE), round(stands_s * RATE) + 200)], RATE)
+    return bout
+
+
+def test_a_contact_found_in_time_closes_the_bout():
+    bout = nodes([0, 1, 2, 3, 3.95], 4.8)
+    assert [node.contact for node in bout] == [False, *[True] * 5, False]
+    assert bout[-2].at == pytest.approx(RATE * (2.0 + 3.95 * STEP))
+    assert bout[-2].likely == pytest.approx(0.95)
+
+
+def test_the_settling_after_the_closing_step_is_not_its_contact():
+    bout = nodes([0, 1, 2, 3, 4.4], 5.0)
+    assert sum(node.contact for node in bout) == 5
+    assert bout[-2].at == pytest.approx(RATE * (2.0 + (3.0 + CLOSING) * STEP))
+
+
+def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standing():
+    bout = nodes([0, 1, 2, 3], 4.7)  # 2.4 steps after the last contact
+    assert sum(node.contact for node in bout) == 5
+    assert bout[-2].at == pytest.approx(RATE * (2.0 + (3.0 + CLOSING) * STEP))
+    assert (bout[-2].side, bout[-2].step, bout[-2].stands, bout[-1].stands) == (0, True, False, True)
+    # who stands still sooner has closed the step before
+    assert sum(node.contact for node in nodes([0, 1, 2, 3], 4.4)) == 4
+
+
+def test_an_unknown_height_is_a_wider_deviation():
+    unknown, person, sensor = (
+        constant_variance(with_body(WaistParams(), body)) for body in ({}, {"height": 1.6}, {"sensor_height": 0.96})
+    )
+    assert unknown > person > sensor > WaistParams().pendulum_constant_sd ** 2
