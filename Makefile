@@ -36,7 +36,7 @@ NAMES ?=
 
 NOTEBOOKS ?= $(wildcard notebooks/*.ipynb)
 
-.PHONY: help setup demo test release lint types docs experiments summary bench peers lock clean
+.PHONY: help setup demo test release lint types docs experiments presets summary bench peers lock clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -70,6 +70,9 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; NAMES="leg_ekf
 		echo "experiments: $$name"; \
 		$(BIN)/python -m experiments "$$name" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
+
+presets: $(STAMP) ## tune again the parameters that come with jgait
+	@$(BIN)/python -m experiments.autotune.preset
 
 summary: $(STAMP) ## write the table of all experiments into experiments/README.md, its main lines into README.md
 	@$(BIN)/python -m experiments.common.summary $(ARGS)

@@ -24,6 +24,7 @@ COMMANDS = {
     "simulate": "Walks with known truth, as files.",
     "evaluate": "A whole cohort, compared with its reference.",
     "tune": "Learn parameters from a cohort by gradient.",
+    "presets": "Tuned parameters that come with jgait.",
     "report": "One HTML page about a recording or a cohort.",
     "datasets": "Public recordings: what there is, and how to get it.",
     "cache": "Compiled programs kept between runs: their size; remove them.",

@@ -57,7 +57,9 @@ EstimatorName = Annotated[
     typer.Option("--estimator", "--method", help=f"Which estimator: {', '.join(estimators.names())}."),
 ]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the default one.")]
-Params = Annotated[Path | None, typer.Option("--params", help="Start from the parameters of this file.")]
+Params = Annotated[
+    Path | None, typer.Option("--params", help="Parameters of this file, or preset:NAME; see jgait presets.")
+]
 
 AT_ENDS = 0.25
 """[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""

@@ -63,7 +63,7 @@ def evaluate(
     from jgait import evaluate as evaluation
     from jgait.evaluate.store import OtherEvaluationError
 
-    pipeline = pipeline_of(estimator, paper)
+    pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     measures = measures_of(pipeline)
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures)

@@ -83,10 +83,10 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
 
     `values` are the options that only some estimators have, as arguments, see `with_own_options`.
     """
-    pipeline_of(name, paper)
+    pipeline_of(name, paper, file)
     given = given_of(name, values)
     about = estimators.about_of(name)
-    settings = settings_of(about, paper)
+    settings = settings_of(about, paper, file)
     for option in about.options:
         if option.settings is not None and option.name in given:
             settings = option.settings(settings, given[option.name])
@@ -94,18 +94,40 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     return Choice(estimator, settings, start_of(estimator, file, paper), given, paper)
 
 
-def settings_of(about: About, paper: bool) -> Settings:
-    """The settings of the paper's pipeline or of the default one."""
-    options = about.paper if paper else about.default
-    return {} if options is None else {"options": options}
+def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings:
+    """The settings of the paper's pipeline or of the default one, with those for which the parameters were tuned.
+
+    Exits with code 2 if the file of parameters cannot be read, or was tuned with settings that do not exist.
+    """
+    from jgait import io
+
+    options: Any = about.paper if paper else about.default
+    tuned: dict[str, Any] = {}
+    if file is not None:
+        try:
+            tuned = dict(io.made_of(file)[1].get("options", {}))
+        except (ValueError, OSError) as error:
+            stop(f"--params: {error}")
+    unknown = [option for option in tuned if option not in getattr(options, "_fields", ())]
+    if unknown:
+        stop(f"--params: {file} was tuned with the option {unknown[0]!r}, which this estimator does not have")
+    return {} if options is None else {"options": options._replace(**tuned) if tuned else options}
 
 
-def pipeline_of(name: str, paper: bool) -> Estimator[PyTree, PyTree]:
+def pipeline_of(
+    name: str, paper: bool, file: Path | None = None, noise: str | None = None
+) -> Estimator[PyTree, PyTree]:
     """The estimator of this name; exits with code 2 if there is none, or no pipeline of a paper."""
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         refuse("--paper", tuple(n for n in estimators.names() if estimators.about_of(n).paper is not None), name)
     try:
-        return estimators.get(name, **settings_of(estimators.about_of(name), paper))
+        settings = settings_of(estimators.about_of(name), paper, file)
+        if noise is not None:
+            options: Any = settings.get("options")
+            if "noise" not in getattr(options, "_fields", ()):
+                raise ValueError(f"{name} has no noise models to choose from")
+            settings = {"options": options._replace(noise=noise, soft=True)}
+        return estimators.get(name, **settings)
     except ValueError as error:
         stop(str(error))
 

@@ -172,7 +172,7 @@ def _of_cohort(
     from jgait import evaluate as evaluation
     from jgait import report as reports
 
-    pipeline = pipeline_of(estimator, paper)
+    pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     measures = measures_of(pipeline)
     source = cohorts.source(table, dataset, simulated, seed, files["gyr_unit"], files["acc_unit"], measures)

@@ -35,6 +35,9 @@ def tune(
         bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on other people.")
     ] = True,
     estimator: cohorts.EstimatorName = "leg_ekf",
+    noise: Annotated[
+        str | None, typer.Option(help="Noise model, with soft stances: constant, log_linear or network.")
+    ] = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
     gyr_unit: recordings.GyrUnit = None,
@@ -57,7 +60,7 @@ def tune(
 
     weights = losses_of("--loss", loss)
     judged = next(iter(weights if judge is None else losses_of("--judge", judge)))
-    pipeline = pipeline_of(estimator, paper)
+    pipeline = pipeline_of(estimator, paper, params, noise)
     start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
     freed = _freed(pipeline, names)
@@ -77,7 +80,8 @@ def tune(
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
-        "recordings": len(made.names), "people": len(set(made.subjects)),
+        "recordings": len(made.names), "people": len(set(made.subjects)), "options": _tuned_options(made.options),
+        "data": {name: source.marks[name] for name in made.names if name in source.marks},
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
     asked = {
@@ -108,6 +112,11 @@ def tune(
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(made.names)} recordings could not be used")
         raise typer.Exit(1)
+
+
+def _tuned_options(options: PyTree) -> dict[str, PyTree]:
+    """The options that parameters with a noise model need, for the file of parameters."""
+    return {name: getattr(options, name) for name in ("soft", "noise") if hasattr(options, name)}
 
 
 def _freed(pipeline: Estimator[PyTree, PyTree], names: list[str]) -> PyTree:

@@ -71,8 +71,19 @@ def report(
     out = folder.stage
     values = _values(job, results)
     spreads = {name: row.stderr for name, row in values.items() if row.stderr is not None}
+    held_out = None
+    if results.validation is not None:
+        each = results.validation.items
+        medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
+        held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}
     files = [
-        io.write_params(out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=how),
+        io.write_params(
+            out / "tuned.json",
+            results.fit.params,
+            estimator=job.pipeline.name,
+            stderr=spreads,
+            made=how | {"held_out": held_out},
+        ),
         plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
     ]
     change = None
@@ -116,7 +127,11 @@ def _values(job: Job, results: TuningResults) -> dict[str, LearnedNumber]:
     units = io.units(job.start)
     free = {_name(path) for path, _ in jax.tree_util.tree_flatten_with_path(results.fit.free)[0]}
     before, after = (
-        {_name(path): float(value) for path, value in jax.tree_util.tree_flatten_with_path(params)[0]}
+        {
+            _name(path): float(value)
+            for path, value in jax.tree_util.tree_flatten_with_path(params)[0]
+            if not np.ndim(value)
+        }
         for params in (job.start, results.fit.params)
     )
     rows = {name: LearnedNumber(units[name], before[name], after[name]) for name in after if name in free}

@@ -16,6 +16,7 @@ from jaxtyping import PRNGKeyArray, PyTree
 from jgait import tune as tuning
 from jgait.commands.console import Bar, console, count
 from jgait.estimators import Estimator
+from jgait.params import priors
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 
 
@@ -115,12 +116,14 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
         bar("learning from other people (compiling)", 0, None)
         validation = tuning.cross_validate(
             job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
-            progress=report("learning from other people"), checkpoint_file=job.run / "cross_validation.npz",
+            priors=priors(job.start), progress=report("learning from other people"),
+            checkpoint_file=job.run / "cross_validation.npz",
             steps=job.steps, starts=job.starts, key=job.key, subjects=job.made.subjects,
         )  # fmt: skip
     bar("learning from all people (compiling)", 0, None)
     fit = tuning.fit(
         job.loss, job.start, job.free, job.made.data, job.optimizer, progress=report("learning from all people"),
+        priors=priors(job.start),
         checkpoint_file=job.run / "fit.npz", steps=job.steps, starts=job.starts, key=job.key,
         subjects=job.made.subjects,
     )  # fmt: skip

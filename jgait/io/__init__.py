@@ -14,7 +14,7 @@ from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mob
 from jgait.io.formats.mobilised import mobilised_trials, read_all_mobilised, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read
-from jgait.io.params import read_params, write_params
+from jgait.io.params import PRESETS, made_of, params_file, preset_names, read_params, write_params
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.tables import read_csv, recording_from_dataframe
 from jgait.io.write import recording_to_dataframe, to_dataframe, write_csv, write_table
@@ -22,14 +22,18 @@ from jgait.params import units
 
 __all__ = [
     "FORMATS",
+    "PRESETS",
     "Capture",
     "CaptureEvent",
     "MobgapTables",
     "OpenSimMotion",
     "format_of",
     "joint_centres",
+    "made_of",
     "mobilised_trials",
     "opensim_reference",
+    "params_file",
+    "preset_names",
     "quality_notes",
     "read",
     "read_all_mobilised",

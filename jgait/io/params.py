@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import jax
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait.io.atomic import write_text
@@ -16,6 +17,9 @@ from jgait.types import RecordingError
 from jgait.version import __version__
 
 FORMAT = 1
+
+PRESETS = Path(__file__).parent / "presets"
+"""Folder of the parameters that come with jgait."""
 
 
 def write_params(
@@ -30,7 +34,7 @@ def write_params(
 
     Args:
         path: of the file.
-        params: NamedTuple of single numbers, natural units.
+        params: NamedTuple of numbers, natural units.
         estimator: name of the estimator.
         stderr: name of a parameter (see `units`) → its standard error, where known.
         made: how the parameters were computed; any JSON value.
@@ -39,7 +43,7 @@ def write_params(
     unit_of = units(params)
     for where, value in jax.tree_util.tree_flatten_with_path(params)[0]:
         name = jax.tree_util.keystr(where).lstrip(".")
-        rows[name] = {"value": float(value), "unit": unit_of[name]}
+        rows[name] = {"value": np.asarray(value, np.float64).tolist(), "unit": unit_of[name]}
         spread = (stderr or {}).get(name)
         if spread is not None and math.isfinite(spread):
             rows[name]["stderr"] = float(spread)
@@ -65,10 +69,10 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
         FileNotFoundError: if there is no such file.
         RecordingError: if the file has no parameters, is of another estimator, or has an unknown parameter.
     """
-    file = Path(path)
+    file = params_file(path)
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
-        rows = {name: float(row["value"]) for name, row in whole["parameters"].items()}
+        rows = {name: _value(row["value"]) for name, row in whole["parameters"].items()}
         of, version, made = str(whole["estimator"]), whole["format"], dict(whole.get("made", {}))
     if version != FORMAT:
         raise RecordingError(f"{file} has format {version}; this version of jgait reads {FORMAT}")
@@ -79,5 +83,35 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
     unknown = [name for name in rows if name not in names]
     if unknown:
         raise RecordingError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
+    for name, (_, value) in zip(names, flat, strict=True):
+        if np.shape(rows.get(name, value)) != np.shape(value):
+            raise RecordingError(f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted")
     values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
     return jax.tree.unflatten(structure, values), made
+
+
+def _value(value: PyTree) -> PyTree:
+    return np.asarray(value, np.float64) if isinstance(value, list) else float(value)
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the presets that come with jgait."""
+    return tuple(sorted(path.stem for path in PRESETS.glob("*.json")))
+
+
+def params_file(path: str | os.PathLike[str]) -> Path:
+    """The file of a path, or of a preset "preset:NAME". Raises ValueError if there is no such preset."""
+    kind, _, name = str(path).partition(":")
+    if kind != "preset":
+        return Path(path)
+    if name not in preset_names():
+        raise ValueError(f"there is no preset {name!r}; there are {', '.join(preset_names())}")
+    return PRESETS / f"{name}.json"
+
+
+def made_of(path: str | os.PathLike[str]) -> tuple[str, dict[str, PyTree]]:
+    """The estimator of a file of parameters, and how the parameters were made; errors as of `read_params`."""
+    file = params_file(path)
+    with reading(file, "a file of parameters"):
+        whole = json.loads(file.read_text(encoding="utf-8"))
+        return str(whole["estimator"]), dict(whole.get("made", {}))

@@ -1,0 +1,50 @@
+"""The preset `foot_soft`: what the tuning on all trials found, and the error of the days left out. `make presets`."""
+
+import hashlib
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from experiments.autotune import learn, vicon
+from experiments.autotune.walks import KINDS, SET, options_of, trials
+from jgait import io
+from jgait.datasets import pyshoe_vicon, registry
+from jgait.estimators.foot_ins import FootParams
+
+NAME = "foot_soft"
+
+
+def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarray, folder: Path = io.PRESETS) -> Path:
+    """Write the parameters; `before` and `after` are the errors of the trials [m], `kinds` their gait."""
+    options = options_of(vicon.NOISE)
+    files = [registry.file(SET, f"{pyshoe_vicon.ROOT}/{name}.mat")[0] for name in pyshoe_vicon.names()]
+    held = {
+        "error": "3-D error of the foot's path", "unit": "m", "n": before.size, "split": vicon.SPLIT,
+        "before": float(np.median(before)), "after": float(np.median(after)),
+        "by_kind": {
+            name: {"before": float(np.median(before[kinds == name])), "after": float(np.median(after[kinds == name]))}
+            for name in KINDS if (kinds == name).any()
+        },
+    }  # fmt: skip
+    made = {
+        "loss": "position_log=1", "cohort": SET, "free": list(learn.FREE), "steps": learn.STEPS, "held_out": held,
+        "options": {"soft": options.soft, "noise": options.noise}, "recordings": len(files),
+        "data": {file.name: f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files},
+    }  # fmt: skip
+    rounded = jax.tree.map(lambda v: float(f"{float(v):.5g}"), p)
+    return io.write_params(folder / f"{NAME}.json", rounded, estimator="foot_ins", made=made)
+
+
+def main() -> None:
+    """Tune on the days left out and on all days, and write the preset."""
+    found = trials(vicon.NOISE, False)
+    if found is None:
+        raise SystemExit(1)
+    before, after, _ = vicon.held_out(vicon.NOISE, False)
+    print(write(vicon.all_days(vicon.NOISE), before, after, found.kinds))
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    main()

@@ -1,0 +1,78 @@
+"""The trials of `pyshoe_vicon`: by speed and day, and as lessons in groups of similar length."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from experiments.common.recordings import available, names, walks
+from jgait import tune
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import FootOptions
+from jgait.tune import Lessons
+from jgait.types import Walk
+
+SET = "pyshoe_vicon"
+
+LENGTHS = (5632, 7552, 16384)
+"""[samples] A trial is padded to the shortest of these lengths that holds it: one program each."""
+
+KINDS = ("walking", "fast", "creeping")
+
+
+def kind(speed: float | None) -> str:
+    """Walking 0.6–1.3 m/s, fast and running from 1.3 m/s, creeping (slow steps, kneeling) below."""
+    if speed is None or speed < 0.6:
+        return "creeping"
+    return "walking" if speed < 1.3 else "fast"
+
+
+class Trials(NamedTuple):
+    """The trials in the order of their names: walks, kind and day of each, and lessons in groups.
+
+    `groups` are (rows of the trials, lessons), single precision.
+    """
+
+    walks: list[Walk]
+    kinds: np.ndarray
+    days: np.ndarray
+    groups: list[tuple[np.ndarray, Lessons]]
+
+
+@cache
+def trials(noise: str, quick: bool) -> Trials | None:
+    """The trials that are here, prepared for a noise model with soft stances; None if the set is not here."""
+    if not available(SET):
+        return None
+    found = list(walks(SET, names(SET)[::9] if quick else None))
+    return Trials(
+        found, np.array([kind(walk.info["speed"]) for walk in found]),
+        np.array([walk.recording.name[:10] for walk in found]), groups(found, options_of(noise)),
+    )  # fmt: skip
+
+
+def options_of(noise: str) -> FootOptions:
+    """The options of a tuned model: soft stances and a noise model."""
+    return FootOptions(soft=True, noise=noise)
+
+
+def groups(found: Sequence[Walk], options: FootOptions) -> list[tuple[np.ndarray, Lessons]]:
+    """Rows of the walks and their lessons, by length; raises if a walk cannot be used."""
+    estimator = foot_ins.estimator(options)
+    samples = np.array([len(next(iter(walk.recording.sensors.values())).time) for walk in found])
+    of = np.searchsorted(LENGTHS, samples)
+    result = []
+    for number in sorted(set(of.tolist())):
+        rows = np.flatnonzero(of == number)
+        made = tune.lessons(estimator, [found[row] for row in rows], samples=LENGTHS[number])
+        if made.failures:
+            raise RuntimeError(f"trials that cannot be used: {made.failures}")
+        result.append((rows, made._replace(data=jax.tree.map(_single, made.data))))
+    return result
+
+
+def _single(values: Any) -> np.ndarray:
+    array = np.asarray(values)
+    return array.astype(np.float32) if array.dtype == np.float64 else array

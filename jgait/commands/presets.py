@@ -1,0 +1,22 @@
+"""`jgait presets`: the tuned parameters that come with jgait."""
+
+from rich.table import Table
+
+from jgait.commands.console import console, visible
+from jgait.commands.evaluate import number
+
+
+def presets() -> None:
+    """List the tuned parameters that come with jgait; any command takes them by `--params preset:NAME`."""
+    from jgait import io
+
+    shown = Table()
+    for column in ("preset", "estimator", "loss", "tuned on", "error of data left out", "before", "after"):
+        shown.add_column(column, justify="right" if column in ("before", "after") else "left")
+    for name in io.preset_names():
+        estimator, made = io.made_of(f"preset:{name}")
+        held = made["held_out"]
+        what = f"{held['error']} [{held['unit']}], median of {held['n']}"
+        cells = (name, estimator, made["loss"], made["cohort"], what)
+        shown.add_row(*map(visible, cells), number(held["before"]), number(held["after"]))
+    console.print(shown)

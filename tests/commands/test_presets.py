@@ -1,0 +1,60 @@
+"""Presets: files of parameters that bring the options for which they were tuned."""
+
+import json
+
+import numpy as np
+import pytest
+from made.command import run
+
+from jgait import io
+from jgait.commands.pipeline import pipeline_of, start_of
+from jgait.estimators import noise
+from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.types import RecordingError
+
+
+@pytest.mark.parametrize("name", io.preset_names())
+def test_every_preset_fits_its_estimator_and_states_how_it_was_made(name):
+    estimator, made = io.made_of(f"preset:{name}")
+    pipeline = pipeline_of(estimator, False, f"preset:{name}")
+    assert start_of(pipeline, f"preset:{name}", False) != pipeline.params
+    assert {"loss", "cohort", "data", "held_out", "options", "free"} <= made.keys()
+    assert made["held_out"]["after"] < made["held_out"]["before"]
+    assert all(mark.startswith("sha256:") for mark in made["data"].values())
+    code, said = run("presets")
+    assert code == 0 and name in said
+
+
+def written(folder, model, **made):
+    estimator = FootParams(noise=noise.model_of(model).start)
+    p = estimator._replace(softness=0.3, noise=estimator.noise._replace(last=np.arange(8.0)))
+    return p, io.write_params(folder / "p.json", p, estimator="foot_ins", made=made)
+
+
+def test_a_file_brings_its_options_and_weights_of_any_shape(tmp_path):
+    p, file = written(tmp_path, "network", options={"soft": True, "noise": "network"})
+    pipeline = pipeline_of("foot_ins", False, file)
+    made = start_of(pipeline, file, False)
+    assert made.softness == 0.3
+    np.testing.assert_array_equal(made.noise.last, p.noise.last)
+    np.testing.assert_array_equal(made.noise.first, p.noise.first)
+    whole = json.loads(file.read_text())
+    whole["parameters"]["noise.last"]["value"] = [1.0, 2.0]
+    file.write_text(json.dumps(whole))
+    with pytest.raises(RecordingError, match=r"noise\.last of shape \(2,\); \(8,\) is wanted"):
+        io.read_params(file, pipeline.params, estimator="foot_ins")
+
+
+def test_files_that_do_not_fit(tmp_path):
+    _, file = written(tmp_path, "network", options={"soft": True, "colour": "red"})
+    for words, expected in (
+        (("--params", "preset:nothing"), "there is no preset 'nothing'"),
+        (("--params", file), "tuned with the option 'colour', which this estimator does not have"),
+        (("--params", tmp_path / "none.json"), "none.json"),
+    ):
+        code, said = run("evaluate", "--simulated", 1, "--estimator", "foot_ins", *words, "--out", tmp_path / "out")
+        assert code == 2 and expected in said, said
+    code, said = run("tune", "--simulated", 2, "--free", "distance_scale", "--noise", "log_linear")
+    assert code == 2 and "leg_ekf has no noise models" in said
+    tuned = pipeline_of("foot_ins", False, None, "log_linear")
+    assert "noise.rate" in str(io.units(tuned.params)) and FootOptions().soft is False
