@@ -120,7 +120,7 @@ def _filtered(p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, optio
         ankle_model.MODEL, model_params(p), AnkleObservation(Vector(zero, zero, zero), zero), smooth=options.smooth,
         controls=controls(p, leg, gyr, acc), dt=leg.dt,
         mask=AnkleObservation(Vector(stands, stands, stands), stands if options.level else False),
-        method=options.method, initial=prior_of(p, leg, gyr),
+        method=options.method, initial=prior_of(p, leg, gyr), covariance=("position", "attitude.z", "lever"),
     )  # fmt: skip
 
 
