@@ -77,7 +77,8 @@ def make_clock(
     step = float(np.median(np.diff(seconds)))
     # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
     steps = np.diff(seconds)
-    rate = 1.0 / float(steps[steps < 1.5 * step].mean())
+    # without the rounding of sums, which differs between recordings of different length
+    rate = float(f"{1.0 / float(steps[steps < 1.5 * step].mean()):.9g}")
     if sampling_rate_hz is None:
         notes.append(RATE_DEDUCED(rate_hz=rate))
     elif abs(rate / sampling_rate_hz - 1.0) > 0.05:

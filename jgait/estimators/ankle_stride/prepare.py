@@ -107,7 +107,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
 def _gentle(values: Values, rate_hz: float) -> np.ndarray:
     """The signal (T, 3) as the search for stances sees it."""
     low_pass = compiled(butterworth.low_pass_both_ways)
-    slow = low_pass(_padded(as_float(values)), cutoff_hz=shank_stance.CUTOFF_HZ, sampling_rate_hz=rate_hz)
+    slow = low_pass(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
     return np.asarray(slow)[: len(values)]
 
 
