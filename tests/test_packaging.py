@@ -277,7 +277,9 @@ before = set(sys.modules)
 import {then}
 print(json.dumps(sorted(set(sys.modules) - before)))
 """
-    brought = loaded(installed, code.format(first="jax, jaxtyping, numpy.typing", then="jgait"), tmp_path)
+    brought = loaded(installed, code.format(first="jax, jaxtyping, numpy.typing", then="jgait.types"), tmp_path)
     assert "jgait.types" in brought
     assert [name for name in brought if name.split(".")[0] != "jgait"] == []
     assert len(brought) <= 5
+    alone = loaded(installed, code.format(first="importlib", then="jgait"), tmp_path)
+    assert not {"jax", "numpy"} & set(alone)
