@@ -41,7 +41,7 @@ from jgait.events.shank import check_rate
 from jgait.events.trunk_rhythm import SLOWEST, Rhythm, contacts_nearby
 from jgait.events.trunk_soft import SOFT, Soft, instants
 from jgait.signal import butterworth, wavelet
-from jgait.signal.windows import vertex
+from jgait.signal.windows import between_samples, vertex
 from jgait.types import AnyArray, Flags, Values
 
 SLIP, SAY = 0.02, 0.5
@@ -210,7 +210,9 @@ def sides(
     known = [(jnp.asarray(yaw_rate), TURN)]
     known += [] if leftward is None else [(-jnp.asarray(leftward), SWAY)]
     known += [] if roll_rate is None else [(jnp.asarray(roll_rate), DROP)]
-    says = jnp.stack([_leans(signal, at, f, there, sampling_rate_hz, cue) for signal, cue in known])
+    cues = jnp.asarray([[cue.begin, cue.end] for _, cue in known], at.dtype)
+    signals = jnp.stack([signal for signal, _ in known])
+    says = jax.vmap(lambda signal, cue: _leans(signal, at, f, there, sampling_rate_hz, cue))(signals, cues)
 
     def step(carry: PyTree, item: PyTree) -> PyTree:
         odds, before = carry
@@ -229,20 +231,24 @@ def sides(
         passed: Array = lax.scan(step, start, (at, f, says.T, there))[1]
         return passed.T
 
-    before, after = chain(at, f, says, there), chain(at[::-1], f[::-1], says[:, ::-1], there[::-1])[:, ::-1]
+    both_ways = [jnp.stack([v, jnp.flip(v, axis=-1)]) for v in (at, f, says, there)]
+    before, after = jax.vmap(chain)(*both_ways)
+    after = after[:, ::-1]
     kept = jnp.asarray([1.0 - 2.0 * cue.exchanged for _, cue in known], at.dtype)[:, None]
     odds: Array = 2.0 * jnp.arctanh(kept * jnp.tanh(0.5 * (before + says + after))).sum(axis=0)
     return odds
 
 
-def _leans(signal: Array, at: Array, f: Array, there: Array, rate: float, cue: Cue) -> Array:
-    """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts."""
+def _leans(signal: Array, at: Array, f: Array, there: Array, rate: float, part: Array) -> Array:
+    """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts.
+
+    `part` (2,): begin and end of the part of the step [steps].
+    """
     total = jnp.cumsum(signal - signal.mean()) / rate
-    when = jnp.arange(signal.shape[0], dtype=signal.dtype) / rate
-    gained = [
-        jnp.interp(at + (k + cue.end) / f, when, total) - jnp.interp(at + (k + cue.begin) / f, when, total)
-        for k in (-1, 0, 1)
-    ]
+    steps = jnp.arange(-1, 2, dtype=signal.dtype)[:, None] + part[None, :]
+    place = rate * (at[None, None] + steps[..., None] / f[None, None])
+    begun, ended = jnp.moveaxis(between_samples(total, place), 1, 0)
+    gained = ended - begun
     counts = there.astype(signal.dtype)
     leans = (gained[1] - 0.5 * (gained[0] + gained[2])) * counts
     nine = jnp.ones(9, signal.dtype)

@@ -108,7 +108,7 @@ def step_frequency(bank: ArrayLike, sampling_rate_hz: float) -> Array:
     near = jnp.asarray(np.exp(-0.5 * (HOP * np.arange(-reach, reach + 1) / MEMORY) ** 2), band.dtype)
     smooth = jnp.convolve(frequency * weight, near, "full") / jnp.convolve(weight, near, "full")
     smooth = smooth[reach : reach + len(middle)]
-    return jnp.interp(jnp.arange(count, dtype=band.dtype), jnp.asarray(middle, band.dtype), smooth)
+    return signal.between_samples(smooth, jnp.asarray(np.arange(count) / hop, band.dtype))
 
 
 def low_passed(x: ArrayLike, sampling_rate_hz: float) -> Array:

@@ -16,6 +16,7 @@ Either acceleration alone has larger errors; the errors with both on real walks 
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -83,8 +84,10 @@ def cues(
     The accelerations are (T,), upward without gravity [m/s²], finite; where `mask` is False a sample does not count.
     """
     rate, both = sampling_rate_hz, jnp.stack([-jnp.asarray(forward), jnp.asarray(upward)], axis=1)
-    slope: PyTree = jnp.gradient(butterworth.low_pass_both_ways(both, cutoff_hz, rate), axis=0)
-    fast = both - butterworth.low_pass_both_ways(both, BLOW_HZ, rate)
+    corners = jnp.stack([jnp.asarray(corner, both.dtype) for corner in (cutoff_hz, BLOW_HZ)])
+    slow, blunt = jax.vmap(lambda corner: butterworth.low_pass_both_ways(both, corner, rate))(corners)
+    slope: PyTree = jnp.gradient(slow, axis=0)
+    fast = both - blunt
     blow = butterworth.low_pass_both_ways(jnp.sqrt((fast * fast).sum(axis=1, keepdims=True) + 1e-6), cutoff_hz, rate)
     found: Array = jnp.concatenate([slope * rate, blow], axis=1)
     size = min(signal.window_size(WINDOW, rate), 2 * (found.shape[0] // 2) - 1)
@@ -108,9 +111,7 @@ def instants(
     about, last = jnp.asarray(coarse, score.dtype), score.shape[0] - 1
     later = jnp.asarray(GRID * np.arange(-round(REACH / GRID), round(REACH / GRID) + 1), score.dtype)
     place = (about[:, None] + later[None, :]) * sampling_rate_hz
-    low = jnp.clip(jnp.floor(place), 0, last - 1).astype(jnp.int32)
-    share = jnp.clip(place - low.astype(score.dtype), 0.0, 1.0)
-    seen = score[low] * (1.0 - share)[..., None] + score[low + 1] * share[..., None]
+    seen = signal.between_samples(score, place)
     aside = (later - settings.centre) / settings.width
     weights = (settings.forward, settings.upward, settings.blow)
     logits = sum(weight * seen[..., k] for k, weight in enumerate(weights)) / settings.temperature

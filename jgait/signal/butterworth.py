@@ -18,10 +18,6 @@ from jaxtyping import Float
 
 from jgait.types import AnyArray, Integer, Scalar, Values
 
-UNROLL = 4
-"""Samples per iteration of the scan [1]; chosen because one sample costs less than the overhead of an iteration."""
-
-
 DAMPING = math.sqrt(2.0)
 """[1] Damping of a Butterworth filter of second order."""
 
@@ -83,7 +79,7 @@ def _filtered(
 ) -> Float[Array, "time *rest"]:
     typed = FilterSection(*(jnp.asarray(c, values.dtype) for c in s))
     start = at_rest(typed, values[-1] if reverse else values[0])
-    return lax.scan(lambda state, x: step(typed, state, x), start, values, reverse=reverse, unroll=UNROLL)[1]
+    return lax.scan(lambda state, x: step(typed, state, x), start, values, reverse=reverse)[1]
 
 
 def _samples(x: AnyArray, least: int) -> Float[Array, "time *rest"]:

@@ -1,6 +1,6 @@
 """Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
 
-`moving_mean` and `vertex` are JAX, the other functions run on the host.
+`moving_mean`, `between_samples` and `vertex` are JAX, the other functions run on the host.
 """
 
 from collections.abc import Sequence
@@ -37,6 +37,15 @@ def moving_mean(x: Float[AnyArray, "time *rest"], size: int) -> Float[Array, "ti
     # A window sum: in float32 the difference of two cumulative sums loses precision on long recordings.
     zero = np.zeros((), padded.dtype)
     return lax.reduce_window(padded, zero, lax.add, window, (1,) * padded.ndim, "valid") / size
+
+
+def between_samples(x: Float[AnyArray, "time *rest"], place: Float[AnyArray, "*places"]) -> Float[Array, "..."]:
+    """The signal at places between its samples [samples], by straight lines; constant before and after the samples."""
+    values, at = jnp.asarray(x), jnp.asarray(place)
+    last = values.shape[0] - 1
+    low = jnp.clip(jnp.floor(at), 0, max(last - 1, 0)).astype(jnp.int32)
+    share = jnp.clip(at - low.astype(at.dtype), 0.0, 1.0).reshape(at.shape + (1,) * (values.ndim - 1))
+    return values[low] * (1.0 - share) + values[jnp.minimum(low + 1, last)] * share
 
 
 def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:

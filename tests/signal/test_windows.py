@@ -39,3 +39,12 @@ def test_true_runs():
     assert signal.true_runs([True, False, True, True]) == [(0, 1), (2, 4)]
     assert signal.true_runs([]) == []
     assert signal.true_runs([False, False]) == []
+
+
+def test_between_samples_is_numpys_interpolation_over_the_samples_numbers():
+    x = np.random.default_rng(0).normal(size=(7, 2))
+    place = np.array([[-1.0, 0.0, 0.25], [3.0, 5.9, 6.0], [6.5, 100.0, 2.5]])
+    found = signal.between_samples(x, place)
+    for k in range(2):
+        np.testing.assert_allclose(found[..., k], np.interp(place, np.arange(7), x[:, k]), rtol=1e-14)
+    np.testing.assert_array_equal(signal.between_samples(x[:1], np.array([-1.0, 0.0, 2.0])), x[[0, 0, 0]])

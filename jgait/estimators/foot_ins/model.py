@@ -23,7 +23,7 @@ the source of their foot trajectories. The pivot and the noise that grows with t
 from typing import NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
+from jgait.geometry.rotation import Quaternion, conjugate, exponential, jacobian_product, logarithm, product, rotated
 from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
 from jgait.types import Flags, Values
 
@@ -223,17 +223,9 @@ def local(reference: FootState, s: FootState) -> FootError:
 
 
 def error_shift(reference: FootState, delta: FootError, e: FootError) -> FootError:
-    """The error `e` on top of the error `delta`: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ).
-
-    J = I + (1 − cos θ)/θ² δ× + (θ − sin θ)/θ³ δ×² with θ = |δ|, as series of θ²: to 1e-6 up to 1 rad.
-    """
+    """The error `e` on top of the error `delta`: rotation vectors do not add, exp(δ + e) = exp(J e) exp(δ)."""
     del reference
-    d = delta.attitude
-    a = d.x * d.x + d.y * d.y + d.z * d.z
-    once = cross(d, e.attitude)
-    first = 0.5 - a * (1.0 / 24.0 - a * (1.0 / 720.0 - a * (1.0 / 40320.0)))
-    second = 1.0 / 6.0 - a * (1.0 / 120.0 - a * (1.0 / 5040.0 - a * (1.0 / 362880.0)))
-    return e._replace(attitude=add(e.attitude, add(scale(first, once), scale(second, cross(d, once)))))
+    return e._replace(attitude=jacobian_product(delta.attitude, e.attitude))
 
 
 def initial(p: FootModelParams) -> Belief:

@@ -8,6 +8,7 @@ The walking direction is the low-passed direction of h: a low-pass on the headin
 separates turns of the walk from turns of the pelvis. The horizontal accelerations are rotated by the difference.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -96,7 +97,12 @@ def _attitude(p: WaistParams, inputs: WaistInputs, *, smooth: bool) -> Values:
         Quaternion(*(inputs.attitude[i] for i in range(4))), vector(inputs.gyr_bias),
         TrunkError(*(Vector(v, v, v) for v in known)),
     )  # fmt: skip
-    solve = filtering.kalman_smoother if smooth else filtering.kalman_filter
+    # covariances are not used
+    solve = (
+        partial(filtering.kalman_smoother, keep=(), covariance=False)
+        if smooth
+        else (partial(filtering.kalman_filter, keep=("mean", "log_likelihood")))
+    )
     return solve(
         waist_orientation.MODEL,
         TrunkNoise(p.gyr_bias_walk**2, p.sensor_bias_walk**2),

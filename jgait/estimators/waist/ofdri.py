@@ -30,7 +30,6 @@ from jax import Array, lax
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import PyTree
 
-from jgait.signal.butterworth import UNROLL
 from jgait.signal.marks import marks
 from jgait.types import Counts, Flags, Values
 
@@ -146,7 +145,7 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
 
     nothing = jnp.zeros_like(acc[0])
     samples = (acc, shares, steps, anew)
-    return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples, unroll=UNROLL)[1]
+    return lax.scan(one, (nothing, nothing, nothing, acc[0]), samples)[1]
 
 
 def reverse_share(found: Since, cycles: Cycles, at: Placed, beta: ArrayLike) -> Array:

@@ -3,7 +3,10 @@ r"""Attitude of the trunk in the world: a Kalman filter on attitude and the bias
 State: the attitude q_ws in a world with z up, the gyroscope bias b_g and the accelerometer bias b_a. Errors of the
 attitude are rotation vectors in the world, δ with q' = exp(δ) q. Over an interval h with the mean rate ω,
 
-    q' = q exp(h (ω − b_g)),        z = R(q) (f − b_a) = (0, 0, g) + noise.
+    q' = q exp(h (ω − b_g)),        z = R(q) (f − b_a) = (0, 0, g) + noise,
+    δ' = δ − h R(q) J(φ) δ_bg,      δ_z = δ × R(q) (f − b_a) − R(q) δ_ba,      φ = h (ω − b_g),
+
+with J the left Jacobian of the exponential.
 
 The noise of z is the acceleration of the trunk, small while standing and large while walking; while walking, tilt
 follows the gyroscope over seconds and gravity over longer times. An accelerometer bias looks like a lean that turns
@@ -19,8 +22,8 @@ and parameters are not printed.
 from typing import NamedTuple
 
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
-from jgait.geometry.vectors import GRAVITY, Vector, add, scale, subtract
+from jgait.geometry.rotation import Quaternion, conjugate, exponential, jacobian_product, logarithm, product, rotated
+from jgait.geometry.vectors import GRAVITY, Vector, add, cross, scale, subtract
 from jgait.types import Values
 
 
@@ -81,6 +84,13 @@ def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> Tru
     return TrunkState(turned, s.gyr_bias, s.acc_bias)
 
 
+def error_transition(p: TrunkNoise, s: TrunkState, e: TrunkError, u: TrunkControl, dt: Values) -> TrunkError:
+    """An error after the interval: the bias turns the attitude."""
+    del p
+    turn = scale(dt, jacobian_product(scale(dt, subtract(u.gyr, s.gyr_bias)), e.gyr_bias))
+    return e._replace(attitude=subtract(e.attitude, rotated(s.attitude, turn)))
+
+
 def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
     """Process noise of the attitude, from the rate's error over the interval, and of both biases."""
     del s
@@ -93,6 +103,13 @@ def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservati
     del p
     force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
     return TrunkObservation(Vector(force.x, force.y, force.z - GRAVITY))
+
+
+def error_observation(p: TrunkNoise, s: TrunkState, e: TrunkError, u: TrunkControl) -> TrunkObservation:
+    """Change of the observation by an error."""
+    del p
+    force = rotated(s.attitude, subtract(u.acc, s.acc_bias))
+    return TrunkObservation(subtract(cross(e.attitude, force), rotated(s.attitude, e.acc_bias)))
 
 
 def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
@@ -116,6 +133,12 @@ def local(reference: TrunkState, s: TrunkState) -> TrunkError:
     )
 
 
+def error_shift(reference: TrunkState, delta: TrunkError, e: TrunkError) -> TrunkError:
+    """The error `e` on top of the error `delta`: exp(δ + e) = exp(J(δ) e) exp(δ)."""
+    del reference
+    return e._replace(attitude=jacobian_product(delta.attitude, e.attitude))
+
+
 def initial(p: TrunkNoise) -> Belief:
     """The belief of an upright trunk, the sensor's z axis up, biases zero with small variances."""
     del p
@@ -130,5 +153,8 @@ def belief(attitude: Quaternion, gyr_bias: Vector, variances: TrunkError) -> Bel
     return Belief(mean, Covariance.from_variances(variances))
 
 
-MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
+MODEL = Model(
+    initial, transition, transition_noise, observation, observation_noise, retract, local, None,
+    error_transition, error_observation, error_shift,
+)  # fmt: skip
 """The model of one sensor on the trunk."""
