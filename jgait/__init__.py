@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from jgait.version import __version__
 
 if TYPE_CHECKING:
+    from jgait.estimators.combined import Analysis, analyse
     from jgait.types import (
         PLACEMENTS,
         SIDES,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "PLACEMENTS",
     "SIDES",
+    "Analysis",
     "Estimate",
     "Feet",
     "FootTrajectory",
@@ -38,12 +40,15 @@ __all__ = [
     "Strides",
     "Walk",
     "__version__",
+    "analyse",
     "leg_of",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `jgait.types`, which is imported, and JAX with it, when the first of them is asked for."""
+    """A name of `jgait.types` or `jgait.estimators.combined`, imported, and JAX with it, when it is first asked for."""
+    if name in ("Analysis", "analyse"):
+        return getattr(importlib.import_module("jgait.estimators.combined"), name)
     if name == "types" or name in __all__:
         module = importlib.import_module("jgait.types")
         return module if name == "types" else getattr(module, name)

@@ -56,6 +56,10 @@ EstimatorName = Annotated[
     str,
     typer.Option("--estimator", "--method", help=f"Which estimator: {', '.join(estimators.names())}."),
 ]
+OneEstimator = Annotated[
+    str | None,
+    typer.Option("--estimator", "--method", help=f"One method alone: {', '.join(estimators.names())}; default all."),
+]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the default one.")]
 Params = Annotated[
     Path | None, typer.Option("--params", help="Parameters of this file, or preset:NAME; see jgait presets.")

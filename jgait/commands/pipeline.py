@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 from jgait import estimators
 from jgait.commands.console import note, stop
 from jgait.commands.own_options import given_of, refuse
-from jgait.estimators import About, Estimator
+from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 from jgait.types import Estimate, Recording
@@ -43,12 +43,19 @@ class Choice(NamedTuple):
         """
         about = self.estimator.about
         measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
-        body = {**known, **measured}
-        p = self.estimator.own(self.params, body)
+        names = [measure.name for measure in about.measures]
+        given = {name: value for name, value in {**known, **measured}.items() if name in names}
+        p = self.estimator.own(self.params, given)
+        body = proportions.with_proportions(
+            given, [name for name in names if name != "height"] if proportions.gives(names) else names
+        )
         for option in about.options:
             if option.params is not None and option.name in self.given:
                 p = option.params(p, self.given[option.name])
-        return p, missing(about, body, self.params, self.estimator.params)
+        return p, [
+            *(proportions.told(given, names) if "height" in given else ()),
+            *missing(about, body, self.params, self.estimator.params),
+        ]
 
     def estimate(self, p: PyTree, recording: Recording) -> Estimate:
         """The estimate of one recording, with the notes of the options."""

@@ -43,21 +43,21 @@ def _cell(value: PyTree, column: TotalColumn) -> str:
     return f"{column.scale * value:.{column.digits}f}"
 
 
-def planned(about: About, name: str) -> list[str]:
+def planned(about: About, name: str, ending: str = "csv") -> list[str]:
     """The names of the files that `written` may write."""
-    return [f"{name}_{table.name}.csv" for table in about.tables] + [
+    return [f"{name}_{table.name}.{ending}" for table in about.tables] + [
         f"{name}_{figure.file}.png" for figure in about.figures
     ]
 
 
-def written(made: EstimatedRecording, about: About, out: Path, name: str) -> list[Path]:
+def written(made: EstimatedRecording, about: About, out: Path, name: str, ending: str = "csv") -> list[Path]:
     """Write tables and figures of one recording into a folder; their names begin with `name`. Returns their paths."""
     from jgait import io, plot
 
     files = []
     for table in about.tables:
         if table.when(made.estimate):
-            files.append(io.write_csv(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.csv"))
+            files.append(io.write_table(rows_of(table, made.estimate, about), out / f"{name}_{table.name}.{ending}"))
     for figure in about.figures:
         if figure.when(made.estimate):
             arguments, words = figure.arguments(made)

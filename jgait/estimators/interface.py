@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
 from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.proportions import gives, with_proportions
 from jgait.estimators.run import trimmed
 from jgait.notes import Note
 from jgait.params import check_params
@@ -111,13 +112,16 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict
         measures: names of the measures that the estimator accepts.
         p: parameters; a parameter with a value for each leg is a pair (right, left).
         body: name → a number or (right, left), as far as known. A parameter of one number gets the mean of both.
+            "height" [m] gives the measures that are not in `body`, see `jgait.estimators.proportions`.
 
     Raises:
         ValueError: if `body` contains another name, or a measure is not one number or two.
     """
+    body = with_proportions(body, measures)
     unknown = [name for name in body if name not in measures]
     if unknown:
-        takes = " and ".join(filter(None, [", ".join(measures[:-1]), measures[-1]]))
+        named = (*measures, "height") if gives(measures) else measures
+        takes = " and ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
         raise ValueError(f"{estimator} takes {takes} of a person; got {unknown[0]!r}")
 
     def number(value: PyTree) -> Values:

@@ -9,6 +9,7 @@ from jgait.types import SIDES, Estimate, as_float
 
 THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
 SHANK = BodyMeasure("shank_length", "m", 0.2, 0.7, "shank length, knee to ankle", "--shank", 0.43)
+HEIGHT = BodyMeasure("height", "m", 0.8, 2.4, "height of the person", "--height")
 NO_LENGTHS = MissingMeasure(
     ("thigh_length", "shank_length"),
     "the default length of 0.43 m is taken, and distances are in proportion to it",

@@ -6,6 +6,7 @@ a recording unusable raise `RecordingError`; doubtful properties become notes.
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes
+from jgait.io.combined import analysis_to_dataframes
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
 from jgait.io.formats.c3d import read_c3d
 from jgait.io.formats.c3d_axes import joint_centres
@@ -27,6 +28,7 @@ __all__ = [
     "CaptureEvent",
     "MobgapTables",
     "OpenSimMotion",
+    "analysis_to_dataframes",
     "format_of",
     "joint_centres",
     "made_of",

@@ -154,18 +154,18 @@ def write_csv(
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist; write_csv makes no folders")
-    _put(_table(what), target, parquet=False)
+    _put(_table(what), target, "csv")
     return target
 
 
 def write_table(
     what: "Estimate | Recording | pd.DataFrame | Mapping[str, pd.DataFrame]", path: str | os.PathLike[str]
 ) -> Path:
-    """Write a table as Parquet or CSV, by the file's ending, completely or not at all, and return the path.
+    """Write a table as Parquet, JSON or CSV, by the file's ending, completely or not at all, and return the path.
 
     Args:
         what: as `write_csv`.
-        path: the file, `.csv`, `.parquet` or `.pq`; its folder must exist.
+        path: the file, `.csv`, `.json` (a list of rows), `.parquet` or `.pq`; its folder must exist.
 
     Raises:
         ValueError: for another ending.
@@ -173,19 +173,22 @@ def write_table(
         ImportError: if Parquet needs a library that is not installed.
     """
     target = Path(path)
-    if target.suffix.lower() not in (".csv", *PARQUET):
-        raise ValueError(f"a table is written as .csv, {', '.join(PARQUET)}; got {target.name!r}")
-    _put(_table(what), target, parquet=target.suffix.lower() in PARQUET)
+    ending = target.suffix.lower()
+    if ending not in (".csv", ".json", *PARQUET):
+        raise ValueError(f"a table is written as .csv, .json, {', '.join(PARQUET)}; got {target.name!r}")
+    _put(_table(what), target, "parquet" if ending in PARQUET else ending[1:])
     return target
 
 
-def _put(table: "pd.DataFrame", target: Path, *, parquet: bool) -> None:
-    """Write a table to a temporary file, which then replaces the target."""
-    if parquet:
+def _put(table: "pd.DataFrame", target: Path, kind: str) -> None:
+    """Write a table as "csv", "json" or "parquet" to a temporary file, which then replaces the target."""
+    if kind == "parquet":
         library("pyarrow", "or writing Parquet files")
     with replaced(target) as part:
-        if parquet:
+        if kind == "parquet":
             table.to_parquet(part, engine="pyarrow", index=False)
+        elif kind == "json":
+            table.to_json(part, orient="records", double_precision=9, indent=1, force_ascii=False)
         else:
             table.to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
 

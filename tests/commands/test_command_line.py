@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import pandas as pd
 import pytest
 from made.command import run
 
@@ -35,11 +36,53 @@ def test_estimate_writes_a_table_and_figures(csv, tmp_path):
     assert code == 0, said
     assert "wrote" in said
     names = {path.name for path in out.glob("[!.]*")}
-    assert names == {"walk_legs.csv", "walk_angles.png", "walk_foot_path.png", "walk_distance.png"}
-    import pandas as pd
+    tables = {f"walk_{name}.csv" for name in ("strides", "bouts", "contacts", "sources", "samples")}
+    assert names == tables | {f"walk_{name}.png" for name in ("strides", "angles", "foot_path", "distance")}
+    for name in tables:
+        assert np.isfinite(pd.read_csv(out / name).select_dtypes("number").to_numpy()).any()
+    assert set(pd.read_csv(out / "walk_sources.csv")["source"]) == {"shanks", "legs", "combined"}
 
-    written = pd.read_csv(out / "walk_legs.csv")
-    assert np.isfinite(written.select_dtypes("number").to_numpy()).any()
+
+def test_one_method_alone_writes_its_own_table(csv, tmp_path):
+    words = ("--estimator", "leg_ekf", "--height", 1.8, "--table-format", "parquet", "--out", tmp_path / "results")
+    code, said = run("estimate", csv, *words)
+    assert code == 0, said
+    assert "thigh length 0.44" in said
+    names = {path.name for path in (tmp_path / "results").glob("[!.]*")}
+    assert names == {"walk_legs.parquet", "walk_angles.png", "walk_foot_path.png", "walk_distance.png"}
+
+
+def test_a_person_comes_from_a_file_and_options_win(csv, tmp_path):
+    person = tmp_path / "person.json"
+    person.write_text('{"height": 1.6, "thigh_length": [0.41, 0.4]}')
+    numbers = tmp_path / "numbers.json"
+    words = ("--person", person, "--height", 1.8, "--out", tmp_path / "results", "--json", numbers)
+    code, said = run("estimate", csv, *words)
+    assert code == 0, said
+    assert "from the height of 1.80 m, by usual proportions: shank length 0.44" in said
+    (told,) = json.loads(numbers.read_text())["recordings"].values()
+    assert told["person"] == {"height": 1.8, "thigh_length": [0.41, 0.4]}
+    assert {row["source"] for row in told["sources"]} == {"shanks", "legs", "combined"}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--paper",), "--paper is of one estimator; give --estimator as well"),
+        (("--duty", 0.5), "--duty is an option of duty_cycled_gyro; give --estimator as well"),
+        (("--table-format", "xlsx"), "--table-format is csv, parquet, json; got 'xlsx'"),
+        (("--person", "size.json"), "a person has"),
+        (("--person", "high.json"), "height is 0.8 to 2.4 m"),
+        (("--person", "none.json"), "No such file"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(csv, tmp_path, monkeypatch, words, reason):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "size.json").write_text('{"size": 42}')
+    (tmp_path / "high.json").write_text('{"height": 175}')
+    code, said = run("estimate", csv, *words)
+    assert code == 2
+    assert reason in said
 
 
 def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
@@ -49,7 +92,7 @@ def test_one_bad_file_does_not_cost_the_others(csv, tmp_path):
     assert code == 1
     assert "empty" in said
     assert "1 of 2 recordings could not be used" in said
-    assert (tmp_path / "results" / "walk_legs.csv").exists()
+    assert (tmp_path / "results" / "walk_samples.csv").exists()
 
 
 def test_lost_samples_are_noted(table, csv, tmp_path):

@@ -106,7 +106,7 @@ def gone(path):
         (backwards, "time runs backwards at row 50"),
         (unknown_columns, "gyr"),
         (misspelt, "did you mean 'tigh_right_gyr_x' for 'thigh_right_gyr_x'"),
-        (no_shank, "leg_ekf needs 'shank_right'; the recording has"),
+        (no_shank, "no estimator has its sensors"),
         (empty, "walk.csv is empty"),
         (header_alone, "has a header and no rows"),
         (torn, "Expected 13 fields in line 6, saw 16"),
@@ -193,7 +193,7 @@ def test_a_measuring_systems_file_gives_what_the_same_table_gives(recording, wal
     code, said = run("estimate", walk, theirs, "--out", tmp_path / "results")
     assert code == 0, said
     assert "Shimmer" in said
-    ours, other = (pd.read_csv(tmp_path / "results" / f"{name}_legs.csv") for name in ("walk", "session"))
+    ours, other = (pd.read_csv(tmp_path / "results" / f"{name}_samples.csv") for name in ("walk", "session"))
     there = np.asarray(recording.sensors["thigh_right"].mask & recording.sensors["shank_right"].mask)
     assert there.mean() > 0.9
     # Lost samples are masked in the one and interpolated in the other.
@@ -271,7 +271,7 @@ def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(re
     assert code == 0, said
     assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
     assert "'Time (ms)' as time" in said
-    angles = pd.read_csv(tmp_path / "results" / "lab_legs.csv")
+    angles = pd.read_csv(tmp_path / "results" / "lab_samples.csv")
     assert angles["knee_angle_right_deg"].max() > 40.0
     assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000
 

@@ -7,7 +7,7 @@ from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTa
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
 from jgait.estimators.ankle_stride.sensor_axes import axes_of, worn_otherwise
 from jgait.estimators.stride_flags import CLIPPED, HALF, STAIRS, TURNING
-from jgait.estimators.totals import DISTANCE, LEG_STRIDES, MEDIANS, WAY, has_strides, median
+from jgait.estimators.totals import DISTANCE, HEIGHT, LEG_STRIDES, MEDIANS, WAY, has_strides, median
 from jgait.types import SIDES, Estimate, as_float
 
 TAPE_SD = 0.01
@@ -61,6 +61,7 @@ ABOUT = About(
     measures=(
         BodyMeasure("lever_ankle", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor at the ankle", "--lever", 0.03),
         BodyMeasure("lever_shank", "m", -0.05, 0.2, f"{_HEIGHT}, of a sensor on the shank", "--lever", 0.18),
+        HEIGHT,
     ),
     missing=(
         MissingMeasure(

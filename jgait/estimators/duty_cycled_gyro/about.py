@@ -19,7 +19,7 @@ from jgait.estimators.about import (
     TotalColumn,
 )
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, PAPER
-from jgait.estimators.totals import JOINT_COLUMNS, NO_LENGTHS, SHANK, THIGH, has_legs, joint_ranges
+from jgait.estimators.totals import HEIGHT, JOINT_COLUMNS, NO_LENGTHS, SHANK, THIGH, has_legs, joint_ranges
 from jgait.types import SIDES, Estimate, as_float
 
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
@@ -126,7 +126,7 @@ ABOUT = About(
     source="Udaya Shankar et al. 2010",
     default=DEFAULT,
     paper=PAPER,
-    measures=(THIGH, SHANK),
+    measures=(THIGH, SHANK, HEIGHT),
     missing=(NO_LENGTHS._replace(text="the default length of 0.43 m is taken"),),
     options=(
         CommandOption(

@@ -8,6 +8,7 @@ from jgait.estimators.totals import (
     DISTANCE,
     DURATION,
     FOOT_PATH,
+    HEIGHT,
     JOINT_ANGLES,
     JOINT_COLUMNS,
     NO_LENGTHS,
@@ -34,7 +35,7 @@ ABOUT = About(
     source="Bennett et al. 2013",
     default=DEFAULT,
     paper=PAPER,
-    measures=(THIGH, SHANK),
+    measures=(THIGH, SHANK, HEIGHT),
     missing=(NO_LENGTHS,),
     options=(
         CommandOption(

@@ -6,6 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import jax
 from jaxtyping import PyTree
 
+from jgait.estimators.proportions import SENSOR_SD, SENSOR_SHARE
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import LITERAL, PaperRule, Peaks
 from jgait.events.trunk_soft import Soft
@@ -139,11 +140,8 @@ def check_options(options: WaistOptions) -> None:
             raise ValueError(f"{name} must be one of {', '.join(known)}; got {getattr(options, name)!r}")
 
 
-SHARE_SD, SENSOR_SD = 0.02, 0.01
-"""[m] Standard deviation of the sensor's height where the person's height is known, and where it was measured."""
-
-SENSOR_SHARE = 0.6
-"""[1] Height of a sensor at the waist over the person's height; two people of `mobgap_lab` have 0.606 and 0.617."""
+TAPE_SD = 0.01
+"""[m] Standard deviation of the sensor's height where it was measured."""
 
 
 def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
@@ -169,9 +167,9 @@ def with_body(p: WaistParams, body: dict[str, Any]) -> WaistParams:
         return float(value)
 
     if "height" in body:
-        p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]), pendulum_length_sd=SHARE_SD)
+        p = p._replace(pendulum_length=SENSOR_SHARE * one(body["height"]), pendulum_length_sd=SENSOR_SD)
     if "sensor_height" in body:
-        p = p._replace(pendulum_length=one(body["sensor_height"]), pendulum_length_sd=SENSOR_SD)
+        p = p._replace(pendulum_length=one(body["sensor_height"]), pendulum_length_sd=TAPE_SD)
     if "pendulum_constant" in body:
         p = p._replace(pendulum_constant=one(body["pendulum_constant"]))
     return p

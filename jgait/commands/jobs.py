@@ -1,0 +1,180 @@
+"""What `jgait estimate` does with each recording: one estimator, or all that the sensors allow."""
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import PyTree
+from rich.table import Table
+
+from jgait.commands import results
+from jgait.commands.console import visible
+from jgait.commands.pipeline import Choice
+from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.totals import joint_ranges
+from jgait.notes import Note
+from jgait.types import Recording
+
+ENDINGS = ("csv", "parquet", "json")
+"""Formats of tables."""
+
+TABLES = ("strides", "bouts", "contacts", "sources", "samples")
+FIGURES = ("strides", "angles", "foot_path", "distance")
+
+
+class EstimateJob(NamedTuple):
+    """The work on one recording after another.
+
+    Attributes:
+        name: name of the estimator, or "all".
+        table: table that is printed, without rows.
+        caption: text below the table.
+        planned: first part of the names of files → the files that may be written.
+        compute: recording → result.
+        notes: result → notes.
+        write: (result, folder, first part of the names) → files written.
+        rows: (result, name) → rows of the printed table.
+        numbers: (result, files) → numbers for the JSON file.
+    """
+
+    name: str
+    table: Table
+    caption: str
+    planned: Callable[[str], list[str]]
+    compute: Callable[[Recording], Any]
+    notes: Callable[[Any], tuple[Note, ...]]
+    write: Callable[[Any, Path, str], list[Path]]
+    rows: Callable[[Any, str], list[list[str]]]
+    numbers: Callable[[Any, list[Path]], dict[str, Any]]
+
+
+def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> EstimateJob:
+    """The estimator that the options select."""
+    about = choice.estimator.about
+
+    def compute(recording: Recording) -> EstimatedRecording:
+        result = choice.estimate(p, recording)
+        notes = tuple(dict.fromkeys((*recording.notes, *result.diagnostics["notes"])))
+        result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
+        return EstimatedRecording(recording, result, p, choice.settings)
+
+    return EstimateJob(
+        choice.estimator.name, results.printed_table(title, about), about.caption.format(**choice.settings),
+        lambda name: results.planned(about, name, ending), compute, lambda made: made.estimate.diagnostics["notes"],
+        lambda made, out, name: results.written(made, about, out, name, ending),
+        lambda made, name: results.printed_rows(made.estimate, about, name),
+        lambda made, files: results.numbers(made.estimate, about, files),
+    )  # fmt: skip
+
+
+def all_sensors(person: Mapping[str, Any], ending: str) -> EstimateJob:
+    """Every estimator that has its sensors."""
+    from jgait.estimators.combined import analyse
+
+    table = Table(title="all sensors together", title_justify="left")
+    for heading in ("recording", "quantity", "combined", "each alone"):
+        table.add_column(heading, justify="left")
+    return EstimateJob(
+        "all", table,
+        "± one standard deviation, of one stride or of the distance; length, speed, steps and stance: medians over "
+        "whole strides; angles: smallest … largest flexion; whole tables in the files",
+        _planned_of(ending), partial(analyse, person=person), lambda made: made.notes,
+        partial(_written, ending=ending), _rows, _numbers,
+    )  # fmt: skip
+
+
+def _planned_of(ending: str) -> Callable[[str], list[str]]:
+    def planned(name: str) -> list[str]:
+        return [f"{name}_{table}.{ending}" for table in TABLES] + [f"{name}_{figure}.png" for figure in FIGURES]
+
+    return planned
+
+
+def _written(made: PyTree, out: Path, name: str, *, ending: str) -> list[Path]:
+    """Write the tables and figures of an analysis."""
+    from jgait import io, plot
+    from jgait.estimators.totals import has_legs, has_strides
+
+    estimate = made.estimate
+    files = [
+        io.write_table(table, out / f"{name}_{key}.{ending}") for key, table in io.analysis_to_dataframes(made).items()
+    ]
+    figures = {
+        "strides": (plot.leg_strides, has_strides(estimate)),
+        "angles": (plot.joint_angles, has_legs(estimate)),
+        "foot_path": (plot.foot_path, has_legs(estimate)),
+        "distance": (plot.distance, estimate.distance is not None and has_strides(estimate)),
+    }
+    for key, (draw, there) in figures.items():
+        if there:
+            files.append(plot.save(draw(estimate, title=name), out / f"{name}_{key}.png"))
+    return files
+
+
+QUANTITIES = {
+    "strides": ("strides", "", 0), "distance": ("distance", "m", 2), "stride_length": ("stride length", "m", 3),
+    "walking_speed": ("walking speed", "m/s", 2),
+}  # fmt: skip
+"""Quantity → its words, unit and digits."""
+
+
+def _rows(made: PyTree, name: str) -> list[list[str]]:
+    """A row for each quantity: the combined value with its standard deviation, and the value of each source."""
+    rows = []
+    for quantity, (words, unit, digits) in QUANTITIES.items():
+        told = [c for c in made.comparisons if c.quantity == quantity]
+        alone = ", ".join(f"{c.source} {c.value:.{digits}f}" for c in told if c.source != "combined")
+        for c in told:
+            if c.source == "combined":
+                deviation = "" if c.stddev is None else f" ± {c.stddev:.{digits}f}"
+                rows.append([words, f"{c.value:.{digits}f}{deviation} {unit}".rstrip(), alone])
+    steps, stance = _timing(made)
+    rows += [] if steps is None else [["steps", f"{steps:.0f} 1/min", ""]]
+    rows += [] if stance is None else [["stance", f"{100.0 * stance:.0f} % of the stride", ""]]
+    for joint, pair in joint_ranges(made.estimate).items():
+        if pair is not None:
+            segment, side = joint.split("_")[:2]
+            rows.append([f"{segment} {side}", f"{pair[0]:.0f} … {pair[1]:.0f} °", "legs"])
+    return [[visible(name) if i == 0 else "", *row] for i, row in enumerate(rows)]
+
+
+def _timing(made: PyTree) -> tuple[float | None, float | None]:
+    """Steps a minute, and share of the stance in the stride; medians over whole strides, None if not known."""
+    from jgait.estimators.combined.compare import regular
+
+    strides = made.estimate.strides
+    if made.strides is None or not len(made.strides.first):
+        return None, None
+    whole = regular(made.strides)
+    lasts = (np.asarray(strides.end) - np.asarray(strides.start))[whole]
+    steps = float(120.0 / np.median(lasts))
+    if strides.final_contact is None:
+        return steps, None
+    stance = (np.asarray(strides.final_contact) - np.asarray(strides.start))[whole] / lasts
+    stance = stance[np.isfinite(stance) & (stance > 0.0)]
+    return steps, float(np.median(stance)) if stance.size else None
+
+
+def _numbers(made: PyTree, files: list[Path]) -> dict[str, Any]:
+    """The JSON numbers of an analysis: its tables but for the samples, notes, and the person."""
+    from jgait import io
+
+    tables = io.analysis_to_dataframes(made)
+    rows = {
+        name: json.loads(table.to_json(orient="records", double_precision=6))
+        for name, table in tables.items() if name != "samples"
+    }  # fmt: skip
+    told = {c.quantity: c for c in made.comparisons if c.source == "combined"}
+    distance = told.get("distance")
+    return {
+        "duration_s": float(made.estimate.time[-1] - made.estimate.time[0]),
+        "distance_m": None if distance is None else distance.value,
+        "distance_std_m": None if distance is None else distance.stddev,
+        "person": made.person,
+        "notes": [note.to_dict() for note in made.notes],
+        "files": [str(path) for path in files],
+        **rows,
+    }

@@ -1,0 +1,122 @@
+"""The estimate from all sensors of a recording together."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.estimators.combined.compare import (
+    Comparison,
+    WalkedDistance,
+    comparisons,
+    distances,
+    length_notes,
+    side_notes,
+    walked,
+)
+from jgait.estimators.combined.crosscheck import crosscheck
+from jgait.estimators.combined.sources import SourceEstimate, sources
+from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.notes import SEVERITIES, Note
+from jgait.types import Estimate, Legs, Recording, RecordingError, as_float
+
+
+class Analysis(NamedTuple):
+    """Gait from all sensors of a recording together.
+
+    Attributes:
+        estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
+            the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist
+            and `distance_stddev` [m].
+        sources: what each group of sensors says alone, in the order in which their times are preferred.
+        strides: for each stride which sources measured it and which were combined; None without strides.
+        comparisons: each quantity as each source measures it, and combined.
+        notes: decisions about the recording, its problems and contradictions between its sensors, gravest first.
+        person: the measures of the person that were given.
+    """
+
+    estimate: Estimate
+    sources: tuple[SourceEstimate, ...]
+    strides: JoinedStrides | None
+    comparisons: tuple[Comparison, ...]
+    notes: tuple[Note, ...]
+    person: dict[str, float]
+
+
+def analyse(recording: Recording, person: Mapping[str, Any] | None = None) -> Analysis:
+    """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
+
+    Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
+    consistent; otherwise the more certain one is used, and a note states the contradiction. The sensors are checked
+    against each other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is
+    left out, strides of sensors on a wrong side or clock are not combined with others.
+
+    Args:
+        recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough.
+        person: measures of the person [m], as far as known: "height" gives those that are missing by usual proportions;
+            "thigh_length", "shank_length", "sensor_height" (of the waist's sensor), "lever_ankle", "lever_shank",
+            "pivot_height", "range_offset". Values are numbers or (right, left).
+
+    Returns:
+        An `Analysis` of NumPy arrays.
+
+    Raises:
+        RecordingError: if no estimator has its sensors, or none can use them.
+        ValueError: a measure of the person that is unknown or outside its range.
+    """
+    body = dict(person or {})
+    findings = crosscheck(recording)
+    kept = {name: imu for name, imu in recording.sensors.items() if name not in findings.unusable}
+    if not kept:
+        raise RecordingError("; ".join(str(note) for note in findings.notes))
+    usable = recording._replace(sensors=kept, notes=())
+    found, notes = sources(usable, body)
+    strides = joined(found, findings.doubtful)
+    ways = distances(found, body)
+    unsure = frozenset(source.name for source in found if findings.doubtful.intersection(source.placements))
+    total, differ = walked(ways, unsure)
+    if strides is not None:
+        differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
+    every = [*findings.notes, *differ, *recording.notes, *notes]
+    every += [note for source in found for note in source.estimate.diagnostics["notes"]]
+    order = sorted(dict.fromkeys(every), key=lambda note: SEVERITIES.index(note.severity))
+    estimate = _assembled(found, strides, total)
+    estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": tuple(order)})
+    rows = comparisons(found, strides, ways, total)
+    return Analysis(estimate, tuple(found), strides, tuple(rows), tuple(order), body)
+
+
+def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None) -> Estimate:
+    """The joined estimate, at the times of the first source; parts at other times are only in their source."""
+    by_name = {source.name: source.estimate for source in found}
+    base = found[0].estimate
+    time = as_float(base.time)
+
+    def at_times(estimate: Estimate | None) -> Estimate | None:
+        if estimate is None or np.shape(estimate.time) != time.shape:
+            return None
+        return estimate if np.max(np.abs(as_float(estimate.time) - time)) < 1e-3 else None
+
+    legs, feet, waist = (at_times(by_name.get(name)) for name in ("legs", "feet", "waist"))
+    diagnostics: dict[str, Any] = {"standing": base.diagnostics.get("standing")}
+    for source in found:
+        diagnostics |= {k: v for k, v in source.estimate.diagnostics.items() if k.startswith("initial_contact")}
+    if strides is not None:
+        diagnostics |= {**strides.flags, "contradicts": strides.contradicts}
+    if total is not None:
+        diagnostics["distance_stddev"] = np.asarray([total.stddev])
+    valid = np.zeros(time.shape, bool)
+    for part in (base, legs, feet, waist):
+        valid |= False if part is None else np.asarray(part.valid, bool)
+    return Estimate(
+        time=time,
+        legs=Legs(None, None) if legs is None else legs.legs,
+        stddev=None if legs is None else legs.stddev,
+        distance=None if total is None else np.interp(time, total.time, total.distance),
+        valid=valid,
+        diagnostics=diagnostics,
+        strides=None if strides is None else strides.strides,
+        feet=None if feet is None else feet.feet,
+        feet_stddev=None if feet is None else feet.feet_stddev,
+        strides_stddev=None if strides is None else strides.stddev,
+    )

@@ -1,0 +1,218 @@
+"""What several sources say of one quantity of a walk, side by side, and notes about contradictions."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides, combined, correlation
+from jgait.estimators.proportions import SHARE_SD, SHARES
+from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.types import SIDES, as_float
+
+LENGTHS_DIFFER = Kind(
+    "lengths_differ", "check", "stride length: {source} says {length:.2f} m, {other} {other_length:.2f} m (medians of "
+    "{strides} common strides), more apart than their deviations allow",
+    "At least one of the two is wrong: a measure of the person, a sensor's place, its range or its label. Both are in "
+    "the table of sources; the combined table has the more certain one.",
+)  # fmt: skip
+DISTANCES_DIFFER = Kind(
+    "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
+    "than their deviations allow",
+    "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources; "
+    "the combined distance is the more certain one.",
+)  # fmt: skip
+SIDES_DIFFER = Kind(
+    "sides_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of {contacts} "
+    "contacts: the labels of the right and left sensors seem exchanged, or the waist's sensor faces the other way",
+    WRONG_PLACE,
+)  # fmt: skip
+
+LEG_DISTANCE_SD = 0.06
+"""[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
+learned on the person; errors on people left out by `experiments/unseen`."""
+
+SAME_CONTACT = 0.25
+"""[s] Largest difference of the times of one contact in two sources."""
+
+FEWEST = 4
+"""[1] Least number of common strides or contacts for a comparison."""
+
+OPPOSITE = 0.75
+"""[1] Threshold on the share of contacts with opposite sides."""
+
+
+class Comparison(NamedTuple):
+    """One quantity of a walk as one source measures it.
+
+    Attributes:
+        quantity: "stride_length" [m], "distance" [m], "walking_speed" [m/s] or "strides" [1].
+        source: name of the source, or "combined".
+        value: the value; of strides the median over the strides that are not half ones or turns.
+        stddev: its standard deviation, or None where none is stated.
+        strides: number of strides that the value is from; 0 for a distance.
+    """
+
+    quantity: str
+    source: str
+    value: float
+    stddev: float | None
+    strides: int
+
+
+class WalkedDistance(NamedTuple):
+    """Distance of the whole walk (T,) [m], with the time [s], and the standard deviation at the end [m]."""
+
+    source: str
+    time: np.ndarray
+    distance: np.ndarray
+    stddev: float
+
+
+def distances(sources: Sequence[SourceEstimate], person: dict[str, float]) -> list[WalkedDistance]:
+    """The distance of every source that has one, the most certain first.
+
+    Errors of a source's strides are taken to have one cause, so that they add up.
+    """
+    found = []
+    for source in sources:
+        estimate = source.estimate
+        if estimate.distance is None or source.name == "width":
+            continue
+        total = float(estimate.distance[-1])
+        told = estimate.diagnostics.get("distance_stddev")
+        if told is not None:
+            sd = float(np.ravel(told)[-1])
+        elif estimate.strides is not None and estimate.strides_stddev is not None:
+            lengths = float(np.nansum(as_float(estimate.strides.length)))
+            sd = total * float(np.nansum(as_float(estimate.strides_stddev.length))) / max(lengths, 1e-6)
+        else:
+            share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
+            sd = total * float(np.hypot(LEG_DISTANCE_SD, share))
+        if total > 0.0 and sd > 0.0:
+            found.append(WalkedDistance(source.name, as_float(estimate.time), as_float(estimate.distance), sd))
+    return sorted(found, key=lambda one: one.stddev)
+
+
+def walked(found: Sequence[WalkedDistance], doubtful: frozenset[str]) -> tuple[WalkedDistance | None, list[Note]]:
+    """The distances of several sources combined by their variances, and a note for each that contradicts the first.
+
+    The combined distance follows the most certain source in time.
+    """
+    sure = [one for one in found if one.source not in doubtful] or list(found)
+    if not sure:
+        return None, []
+    ends = np.array([one.distance[-1] for one in sure])
+    shared = correlation([one.source for one in sure])
+    value, sd, kept = combined(ends, np.array([one.stddev for one in sure]), shared)
+    best = next(one for one, keeps in zip(sure, kept, strict=True) if keeps)
+    own = best.distance[-1]
+    notes = [
+        DISTANCES_DIFFER(source=best.source, distance=own, other=one.source, other_distance=one.distance[-1])
+        for one in found
+        if abs(one.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(one.stddev, best.stddev))
+    ]  # fmt: skip
+    used = "+".join(one.source for one, keeps in zip(sure, kept, strict=True) if keeps)
+    return WalkedDistance(used, best.time, best.distance * value / best.distance[-1], sd), notes
+
+
+def comparisons(
+    sources: Sequence[SourceEstimate], strides: JoinedStrides | None, found: Sequence[WalkedDistance],
+    total: WalkedDistance | None,
+) -> list[Comparison]:  # fmt: skip
+    """Every quantity that a source measures, and the combined value."""
+    rows: list[Comparison] = []
+    if strides is not None:
+        usual = regular(strides)
+        for quantity, field in (("stride_length", "length"), ("walking_speed", "speed")):
+            for source in sources:
+                if source.name in strides.rows:
+                    at = strides.rows[source.name]
+                    own = at[(at >= 0) & usual]
+                    tables = source.estimate.strides, source.estimate.strides_stddev
+                    rows += _median(quantity, source.name, field, own, *tables)
+            rows += _median(quantity, "combined", field, np.flatnonzero(usual), strides.strides, strides.stddev)
+        for source in sources:
+            if source.name in strides.rows:
+                count = int((strides.rows[source.name] >= 0).sum())
+                rows.append(Comparison("strides", source.name, float(count), None, count))
+        rows.append(Comparison("strides", "combined", float(len(usual)), None, len(usual)))
+    rows += [Comparison("distance", one.source, float(one.distance[-1]), one.stddev, 0) for one in found]
+    if total is not None:
+        rows.append(Comparison("distance", "combined", float(total.distance[-1]), total.stddev, 0))
+    return rows
+
+
+def regular(strides: JoinedStrides) -> np.ndarray:
+    """(n,) bool, strides that count in medians: no turns, stairs or half strides; all if there are none."""
+    usual = np.ones(len(strides.first), bool)
+    for name in ("turning", "stairs", "half"):
+        usual &= ~strides.flags.get(name, np.zeros(len(usual), bool))
+    return usual if usual.any() else np.ones(len(usual), bool)
+
+
+def _median(
+    quantity: str, source: str, field: str, rows: np.ndarray, strides: object, stddev: object
+) -> list[Comparison]:
+    values = getattr(strides, field)
+    known = np.zeros(0) if values is None else as_float(values)[rows]
+    keep = np.isfinite(known)
+    if not keep.any():
+        return []
+    spread = None if stddev is None else getattr(stddev, field)
+    sd = None if spread is None else float(np.nanmedian(as_float(spread)[rows][keep]))
+    return [
+        Comparison(quantity, source, float(np.median(known[keep])), sd if sd and sd > 0.0 else None, int(keep.sum()))
+    ]
+
+
+def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
+    """A note for each source whose stride lengths contradict those of the most certain source."""
+    told = {}
+    for source in sources:
+        at = strides.rows.get(source.name)
+        if at is not None and source.estimate.strides_stddev is not None:
+            values, spread = (
+                np.where(at >= 0, as_float(table.length)[at], np.nan)
+                for table in (source.estimate.strides, source.estimate.strides_stddev)
+            )
+            told[source.name] = (values, spread)
+    notes = []
+    usual = regular(strides)
+    order = sorted(
+        told, key=lambda name: float(np.nanmedian(told[name][1])) if np.isfinite(told[name][1]).any() else 9.0
+    )
+    for name, other in itertools.combinations(order, 2):
+        (a, sa), (b, sb) = told[name], told[other]
+        both = np.isfinite(a) & np.isfinite(b) & usual
+        if both.sum() >= FEWEST:
+            apart = abs(float(np.median((a - b)[both])))
+            if apart > CONSISTENT * float(np.median(np.hypot(sa, sb)[both])):
+                lengths = {"length": np.median(a[both]), "other_length": np.median(b[both])}
+                notes.append(LENGTHS_DIFFER(source=name, other=other, strides=both.sum(), **lengths))
+    return notes
+
+
+def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
+    """A note if the waist's contacts are on the other side than those of feet, ankles or shanks."""
+    waist = next((source for source in sources if source.name == "waist"), None)
+    worn = [name for name in strides.rows if name != "waist" and (strides.rows[name] >= 0).any()]
+    if waist is None or not worn or set(np.asarray(strides.strides.side)) != set(range(len(SIDES))):
+        return []
+    ours = np.array([name != "waist" for name in strides.first])
+    times, sides = as_float(strides.strides.end)[ours], np.asarray(strides.strides.side)[ours]
+    told = waist.estimate.diagnostics
+    sure = as_float(told["initial_contact_side_probability"]) > 0.9
+    opposite = contacts = 0
+    for time, side in zip(
+        as_float(told["initial_contact"])[sure], np.asarray(told["initial_contact_side"])[sure], strict=True
+    ):
+        near = np.abs(times - time)
+        if near.size and near.min() < SAME_CONTACT:
+            contacts += 1
+            opposite += int(sides[int(np.argmin(near))] != side)
+    if contacts < FEWEST or opposite < OPPOSITE * contacts:
+        return []
+    return [SIDES_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]

@@ -1,0 +1,383 @@
+"""Checks of the sensors of a recording against each other: units, mounting, sides, segments, clocks; on the host.
+
+A walking person moves in a known way: both legs swing alike, half a stride apart, and the shank turns faster than the
+thigh. A sensor that contradicts the other sensors is named. Every check needs only the norms of the signals and the
+direction of gravity, so that it does not depend on how a sensor is mounted.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jgait.geometry.vectors import GRAVITY
+from jgait.mounting.shank import LABELS_EXCHANGED
+from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
+
+WRONG_UNIT = (
+    "One sensor is in another unit than the others. Its numbers are not used; state the unit of this sensor, or "
+    "convert its columns."
+)
+WRONG_CLOCK = (
+    "Contacts and joint angles that need both this sensor and another are wrong by this time. The sensor's own strides "
+    "hold; they are not combined with those of the others. Synchronise the sensors and compute the result again."
+)
+
+GYR_UNIT = Kind(
+    "sensor_gyr_unit", "stop", "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s where "
+    "the other sensors let expect about {expected:.2g}; the sensor is left out", WRONG_UNIT,
+)  # fmt: skip
+ACC_UNIT = Kind(
+    "sensor_acc_unit", "stop", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
+    "the median, where gravity alone is 9.81; the sensor is left out", WRONG_UNIT,
+)  # fmt: skip
+TURNED_OVER = Kind(
+    "upside_down", "info", "{placement} seems to be upside down: its axis that looks down looks up in {other}",
+    "The estimators compute the sensor's axes from the walk, so no result is worse for it, unless the sensor is not "
+    "where its label says.",
+)  # fmt: skip
+SIDES_EXCHANGED = Kind(
+    "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they swing half a stride before or "
+    "after {others}", WRONG_PLACE,
+)  # fmt: skip
+CLOCK_OFF = Kind(
+    "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "
+    "another time than the other sensors show", WRONG_CLOCK,
+)  # fmt: skip
+TRUNK_CLOCK_OFF = Kind(
+    "trunk_clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when "
+    "the legs rest, and rests when they move", WRONG_CLOCK,
+)  # fmt: skip
+LEGS_TOGETHER = Kind(
+    "legs_together", "check", "{placement} and {other} swing {seconds:.2f} s apart, where half a stride is {half:.2f} "
+    "s: one of the two clocks seems to be off, or both are on one leg", WRONG_CLOCK,
+)  # fmt: skip
+
+USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
+"""[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""
+
+UNIT_RATIO = 7.5
+"""[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
+
+UNIT_FORCES = ((0.5, 2.0, "g"), (500.0, 2000.0, "mg"), (60.0, 150.0, "m/s², but converted from g"))
+"""[m/s²], lowest and highest median specific force, and the unit that it suggests; other values are left to the
+readers' checks."""
+
+OPPOSITE = -0.5
+"""[1] Threshold on the scalar product of the up axes of two sensors, below which one is upside down (over 120°)."""
+
+OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
+"""[strides] Phase of the stride frequency in the squared rate, after that of the shank of the same leg. Medians of
+`walking5m` and `neura_sparse`; feet and ankles vary by 0.03, thighs by 0.1 between people."""
+
+APART = 0.25
+"""[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one."""
+
+EITHER = 0.4
+"""[strides] Phase from which on a clock may be late as well as early, because strides repeat."""
+
+LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
+"""[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
+movement; a sensor with less does not take part in the comparison of phases."""
+
+FEWEST_STRIDES = 4
+"""[1] Least number of strides for a comparison of phases."""
+
+STRIDE_S = (0.7, 2.2)
+"""[s] Shortest and longest stride."""
+
+INTENSITY_S = 1.0
+"""[s] Duration of the window over which the intensity of movement is averaged; about a stride, so that steps vanish."""
+
+LARGEST_FORCE = 3.0
+"""[m/s²] Largest difference of a specific force from its median that counts in the intensity."""
+
+LATE_S, LONGEST_DELAY = 0.3, 1.5
+"""[s] Threshold on the delay of the trunk's intensity relative to that of the legs, and the longest delay tried; of 43
+public walks with synchronous sensors, two have 0.3 s or more, which the next two thresholds leave out."""
+
+LIKE, LEAST_GAIN = 0.9, 0.03
+"""[1] Least correlation of the intensities at the best delay, and least gain over the correlation without delay."""
+
+LEAST_SECONDS = 6.0
+"""[s] Shortest recording for the comparison of intensities."""
+
+
+class Findings(NamedTuple):
+    """Contradictions between the sensors of a recording.
+
+    Attributes:
+        notes: a note for each contradiction.
+        unusable: placements whose signals are in a wrong unit.
+        doubtful: placements whose side or clock contradicts the other sensors.
+    """
+
+    notes: tuple[Note, ...]
+    unusable: frozenset[str]
+    doubtful: frozenset[str]
+
+
+def crosscheck(recording: Recording) -> Findings:
+    """Contradictions between the sensors of a walking person.
+
+    Args:
+        recording: sensors with known placements; each on its own clock.
+
+    Returns:
+        The contradictions; none if there are too few sensors or strides to tell.
+    """
+    notes, unusable = _units(recording.sensors)
+    sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
+    notes += _upside_down(sensors)
+    notes += _segments(sensors)
+    doubtful: set[str] = set()
+    for found, placements in (_phases(sensors), _trunk(sensors)):
+        notes += found
+        doubtful |= placements
+    return Findings(tuple(notes), frozenset(unusable), frozenset(doubtful))
+
+
+def kind_of(placement: str) -> str:
+    """The segment of a placement without its side ("shank"); "" for the trunk and the head."""
+    kind, _, side = placement.partition("_")
+    return kind if side in SIDES else ""
+
+
+def _kept(imu: Imu, values: AnyArray) -> np.ndarray:
+    return as_float(values)[np.asarray(imu.mask, bool)]
+
+
+def fast_rate(imu: Imu) -> float:
+    """99th percentile of the norm of the angular rate [rad/s]; 0 without samples."""
+    rates = np.linalg.norm(_kept(imu, imu.gyr), axis=1)
+    return float(np.percentile(rates, 99.0)) if rates.size else 0.0
+
+
+def _units(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
+    """Notes about sensors in other units than the rest, and their placements."""
+    notes: list[Note] = []
+    wrong: set[str] = set()
+    rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in sensors.items()}
+    known = np.log([rate for rate in rates.values() if rate > 0.0])
+    # of two sensors that contradict each other, the one nearer to the usual rate is right
+    pace = (
+        float(np.exp(np.median(known) if known.size != 2 else known[np.argmin(np.abs(known))])) if known.size else 1.0
+    )
+    for name, imu in sensors.items():
+        ratio = rates[name] / pace
+        expected = pace * USUAL_RATE[kind_of(name)]
+        if rates[name] > 0.0 and not 1.0 / UNIT_RATIO < ratio < UNIT_RATIO:
+            wrong.add(name)
+        if name in wrong:
+            unit = "deg/s" if ratio > 1.0 else "rad/s, but converted from deg/s"
+            notes.append(GYR_UNIT(placement=name, unit=unit, rate=fast_rate(imu), expected=expected))
+        if imu.acc is None:
+            continue
+        force = np.linalg.norm(_kept(imu, imu.acc), axis=1)
+        middle = float(np.median(force)) if force.size else GRAVITY
+        for low, high, unit in UNIT_FORCES:
+            if low < middle < high:
+                wrong.add(name)
+                notes.append(ACC_UNIT(placement=name, unit=unit, force=middle))
+    return notes, wrong
+
+
+def _up(imu: Imu) -> np.ndarray | None:
+    """(3,) direction of the median specific force in the sensor's axes; None without an accelerometer."""
+    force = None if imu.acc is None else _kept(imu, imu.acc)
+    if force is None or not len(force):
+        return None
+    up = np.median(force, axis=0)
+    return np.asarray(up / max(float(np.linalg.norm(up)), 1e-9))
+
+
+def _upside_down(sensors: Mapping[str, Imu]) -> list[Note]:
+    """Notes about sensors of which one looks up where the same axis of its counterpart looks down."""
+    ups = {name: up for name, imu in sensors.items() if (up := _up(imu)) is not None}
+    segments = {name: up for name, up in ups.items() if kind_of(name) in ("thigh", "shank", "ankle")}
+    notes: list[Note] = []
+    for kind in OFFSETS:
+        pair = [f"{kind}_{side}" for side in SIDES if f"{kind}_{side}" in ups]
+        if len(pair) < 2 or ups[pair[0]] @ ups[pair[1]] > OPPOSITE:
+            continue
+        others = [up for name, up in segments.items() if name not in pair]
+        votes = [sum(float(np.sign(ups[name] @ up)) for up in others) for name in pair]
+        if kind != "foot" and votes[0] * votes[1] < 0.0:
+            wrong = pair[int(np.argmin(votes))]
+            notes.append(TURNED_OVER(placement=wrong, other=pair[1 - pair.index(wrong)]))
+        else:
+            notes.append(TURNED_OVER(placement=" or ".join(pair), other="the other"))
+    for name in ups:
+        if kind_of(name) == "" and len(segments) >= 3:
+            agree = [float(ups[name] @ up) for up in segments.values()]
+            if max(agree) < OPPOSITE:
+                notes.append(TURNED_OVER(placement=name, other="thighs and shanks"))
+    return notes
+
+
+def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
+    """Notes about thigh and shank sensors that are exchanged: the shank turns faster than the thigh."""
+    notes = []
+    for side in SIDES:
+        pair = {kind: sensors.get(f"{kind}_{side}") for kind in ("thigh", "shank")}
+        if all(imu is not None for imu in pair.values()):
+            thigh, shank = (fast_rate(imu) for imu in pair.values() if imu is not None)
+            if thigh > shank:
+                notes.append(LABELS_EXCHANGED(thigh=f"thigh_{side}", shank=f"shank_{side}"))
+    return notes
+
+
+class _Phase(NamedTuple):
+    """Phase of a sensor's movement in the stride [strides], without its segment's offset; coherence and share."""
+
+    phase: float
+    coherence: float
+    share: float
+
+
+def _swings(imu: Imu) -> np.ndarray:
+    """Times [s] of the largest rate in each stride of a sensor on a shank, at an ankle or on a foot."""
+    from scipy import signal
+
+    time = as_float(imu.time)
+    rate_hz = 1.0 / float(np.median(np.diff(time)))
+    speed = np.linalg.norm(as_float(imu.gyr), axis=1)
+    if len(speed) < 5.0 * rate_hz:
+        return np.zeros(0)
+    slow = signal.sosfiltfilt(signal.butter(2, 4.0, fs=rate_hz, output="sos"), speed)
+    peaks, _ = signal.find_peaks(
+        slow, height=0.6 * float(np.percentile(slow, 98.0)), distance=max(1, round(STRIDE_S[0] * rate_hz))
+    )
+    return np.asarray(time[peaks])
+
+
+def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Phase:
+    """The phase of the stride frequency in a sensor's squared rate, over strides of another sensor [s]."""
+    time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
+    grid = (np.arange(64) + 0.5) / 64.0
+    at = begins[:, None] + (ends - begins)[:, None] * grid
+    values = np.interp(at, time, power)
+    values = values - values.mean(axis=1, keepdims=True)
+    size = np.maximum(np.abs(values).sum(axis=1), 1e-12)
+    waves = (values * np.exp(-2j * np.pi * grid)).sum(axis=1) / size
+    mean = waves.mean()
+    phase = -float(np.angle(mean)) / (2.0 * np.pi) - offset
+    return _Phase(phase % 1.0, float(abs(mean) / max(np.abs(waves).mean(), 1e-12)), float(abs(mean)))
+
+
+def _wrapped(strides: float) -> float:
+    """A phase between −0.5 and 0.5 strides."""
+    return (strides + 0.5) % 1.0 - 0.5
+
+
+def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
+    """Notes about leg sensors that swing at another time than the other sensors, and their placements."""
+    legs = [f"{kind}_{side}" for kind in ("shank", "foot", "ankle", "thigh") for side in SIDES]
+    legs = [name for name in legs if name in sensors]
+    if len(legs) < 2 or kind_of(legs[0]) == "thigh":
+        return [], set()
+    swings = _swings(sensors[legs[0]])
+    lasts = np.diff(swings)
+    whole = (lasts > STRIDE_S[0]) & (lasts < STRIDE_S[1])
+    if whole.sum() < FEWEST_STRIDES:
+        return [], set()
+    stride = float(np.median(lasts[whole]))
+    whole &= np.abs(lasts / stride - 1.0) < 0.3
+    begins, ends = swings[:-1][whole], swings[1:][whole]
+    phases = {}
+    for name in legs:
+        side = 0.5 * SIDES.index(name.rpartition("_")[2])
+        found = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
+        if found.coherence > LEAST_COHERENCE and found.share > LEAST_SHARE:
+            phases[name] = found.phase
+    return _named(phases, stride)
+
+
+def _named(phases: dict[str, float], stride: float) -> tuple[list[Note], set[str]]:
+    """Which phases contradict the others, in words."""
+    if len(phases) < 2:
+        return [], set()
+    names = list(phases)
+
+    def away(common: float) -> list[str]:
+        return [name for name in names if abs(_wrapped(phases[name] - common)) > APART]
+
+    common = min(
+        phases.values(), key=lambda value: (len(away(value)), sum(abs(_wrapped(p - value)) for p in phases.values()))
+    )
+    near = [phases[name] for name in names if name not in away(common)]
+    common += float(np.median([_wrapped(value - common) for value in near]))
+    wrong = away(common)
+    if not wrong:
+        return [], set()
+    if len(names) == 2:
+        apart = abs(_wrapped(phases[names[0]] - phases[names[1]] + 0.5)) * stride
+        return [LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)], set(names)
+    notes: list[Note] = []
+    doubtful: set[str] = set()
+    for kind in OFFSETS:
+        pair = [f"{kind}_{side}" for side in SIDES]
+        if all(name in wrong for name in pair) and all(abs(_wrapped(phases[n] - common)) > 0.5 - APART for n in pair):
+            others = [name for name in names if name not in pair]
+            tie = len(wrong) * 2 >= len(names)
+            words = " or ".join(sorted({kind_of(n) for n in others} | {kind})) if tie else kind
+            notes.append(SIDES_EXCHANGED(kind=words, others="the other sensors" if tie else ", ".join(others)))
+            doubtful |= set(names) if tie else set(pair)
+            wrong = [name for name in wrong if name not in pair]
+    for name in wrong:
+        strides = _wrapped(phases[name] - common)
+        direction = "late" if strides > 0.0 else "early"
+        if abs(strides) > EITHER:
+            direction = "late or early"
+        notes.append(CLOCK_OFF(placement=name, seconds=abs(strides) * stride, direction=direction))
+        doubtful.add(name)
+    return notes, doubtful
+
+
+def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:
+    """Intensity of a sensor's movement on a time grid: the specific force's difference from its median, of mean 1.
+
+    The difference is limited to `LARGEST_FORCE`, so that all of walking counts alike, and averaged over `INTENSITY_S`.
+    """
+    force = np.linalg.norm(as_float(imu.acc), axis=1)
+    moved = np.minimum(np.abs(force - np.median(force)), LARGEST_FORCE)
+    width = max(1, round(INTENSITY_S / step))
+    window = np.hanning(width + 2)[1:-1]
+    level = np.convolve(np.interp(grid, as_float(imu.time), moved), window / window.sum(), mode="same")
+    return np.asarray(level / max(float(level.mean()), 1e-9))
+
+
+def _trunk(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
+    """Notes about trunk sensors that move and rest at other times than the legs, and their placements."""
+    felt = {name: imu for name, imu in sensors.items() if imu.acc is not None}
+    legs = [[imu for name, imu in felt.items() if kind_of(name) in OFFSETS and name.endswith(side)] for side in SIDES]
+    trunk = [name for name in felt if kind_of(name) == "" and name != "head"]
+    if not all(legs) or not trunk:
+        return [], set()
+    step = 0.02
+    every = [*legs[0], *legs[1], *(felt[name] for name in trunk)]
+    grid = np.arange(max(float(i.time[0]) for i in every), min(float(i.time[-1]) for i in every), step)
+    if grid.size * step < LEAST_SECONDS:
+        return [], set()
+    of_legs = np.mean([np.median([_intensity(imu, grid, step) for imu in side], axis=0) for side in legs], axis=0)
+    notes: list[Note] = []
+    doubtful: set[str] = set()
+    for name in trunk:
+        delay, likeness, gain = _delay(_intensity(felt[name], grid, step), of_legs, round(LONGEST_DELAY / step))
+        seconds = delay * step
+        if abs(seconds) > LATE_S and likeness > LIKE and gain > LEAST_GAIN:
+            words = "late" if seconds > 0.0 else "early"
+            notes.append(TRUNK_CLOCK_OFF(placement=name, seconds=abs(seconds), direction=words))
+            doubtful.add(name)
+    return notes, doubtful
+
+
+def _delay(level: np.ndarray, other: np.ndarray, most: int) -> tuple[int, float, float]:
+    """The delay [samples] at which two signals correlate most, the correlation, and its gain over that without delay.
+
+    Samples without a counterpart count with the first or last value, so that every delay has the same samples.
+    """
+    padded = np.pad(level, most, mode="edge")
+    found = [float(np.corrcoef(padded[most + d : most + d + len(level)], other)[0, 1]) for d in range(-most, most + 1)]
+    best = int(np.argmax(found))
+    return best - most, found[best], found[best] - found[most]

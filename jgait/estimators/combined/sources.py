@@ -1,0 +1,137 @@
+"""The estimators that the sensors of a recording allow, each run once: the sources of a combined estimate."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from jaxtyping import PyTree
+
+from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, waist
+from jgait.estimators.ankle_stride import AnkleOptions
+from jgait.estimators.interface import Estimator
+from jgait.estimators.proportions import gives, told
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Estimate, Recording, RecordingError
+
+NOT_USED = Kind(
+    "source_not_used", "check", "{source}: no estimate, because {reason}",
+    "These sensors could not be used. What the other sensors measure does not depend on them.",
+)  # fmt: skip
+
+TRUNK = ("waist", "lower_back", "pelvis")
+"""Placements of which the waist's estimator uses the first that it finds."""
+
+MEASURES = {
+    "leg_ekf": ("thigh_length", "shank_length"),
+    "ankle_stride": ("lever_ankle", "lever_shank"),
+    "waist": ("height", "sensor_height", "pendulum_constant"),
+    "foot_ins": ("pivot_height",),
+    "stride_width_ekf": ("range_offset",),
+}
+"""Estimator → measures of a person that it takes."""
+
+
+class SourceEstimate(NamedTuple):
+    """Sensors that measure gait by themselves, and what an estimator makes of them.
+
+    Attributes:
+        name: "feet", "ankles", "shanks", "waist", "legs" or "width".
+        estimator: name of the estimator.
+        placements: placements of its sensors.
+        estimate: the estimate.
+        params: parameters of the estimate.
+    """
+
+    name: str
+    estimator: str
+    placements: tuple[str, ...]
+    estimate: Estimate
+    params: PyTree
+
+
+class _Way(NamedTuple):
+    """How to make a source: its estimator, and the sensors of a recording that it uses; none if it has too few."""
+
+    name: str
+    make: Callable[[], Estimator[PyTree, PyTree]]
+    uses: Callable[[Recording], tuple[str, ...]]
+
+
+def _ankle_stride(site: str) -> Estimator[PyTree, PyTree]:
+    """`ankle_stride` for one site; both sites share a compiled program."""
+    made = ankle_stride.estimator(AnkleOptions(site=site))
+    return made._replace(prepare=lambda recording: made.prepare(recording)._replace(options=ankle_stride.DEFAULT))
+
+
+def _pair(kind: str) -> Callable[[Recording], tuple[str, ...]]:
+    return lambda recording: tuple(f"{kind}_{side}" for side in SIDES if f"{kind}_{side}" in recording.sensors)
+
+
+def _legs(recording: Recording) -> tuple[str, ...]:
+    """Thigh and shank of each leg that has both."""
+    pairs = [(f"thigh_{side}", f"shank_{side}") for side in SIDES]
+    return tuple(name for pair in pairs if set(pair) <= set(recording.sensors) for name in pair)
+
+
+def _trunk(recording: Recording) -> tuple[str, ...]:
+    return tuple(name for name in TRUNK if name in recording.sensors)[:1]
+
+
+def _ranged(recording: Recording) -> tuple[str, ...]:
+    feet = _pair("foot")(recording)
+    return feet if len(feet) == 2 and recording.feet_range is not None else ()
+
+
+WAYS = (
+    _Way("feet", foot_ins.estimator, _pair("foot")),
+    _Way("ankles", lambda: _ankle_stride("ankle"), _pair("ankle")),
+    _Way("shanks", lambda: _ankle_stride("shank"), _pair("shank")),
+    _Way("waist", waist.estimator, _trunk),
+    _Way("legs", leg_ekf.estimator, _legs),
+    _Way("width", stride_width_ekf.estimator, _ranged),
+)
+"""All sources; of strides that several sources measure, times come from the first."""
+
+
+def sources(recording: Recording, person: Mapping[str, Any]) -> tuple[list[SourceEstimate], list[Note]]:
+    """Every source that the sensors allow, and notes about measures from the height and sources without an estimate.
+
+    Args:
+        recording: the signals.
+        person: name of a measure → value, as `jgait.analyse` takes it.
+
+    Raises:
+        ValueError: a measure that no estimator takes, or outside its range.
+        RecordingError: no sensors of any estimator, or none of them can be used; the message has each reason.
+    """
+    known = {name for names in MEASURES.values() for name in names}
+    unknown = [name for name in person if name not in known]
+    if unknown:
+        raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}")
+    found: list[SourceEstimate] = []
+    notes: list[Note] = []
+    reasons: list[str] = []
+    measures: set[str] = set()
+    for way in WAYS:
+        placements = way.uses(recording)
+        if not placements:
+            continue
+        estimator = way.make()
+        wanted = MEASURES[estimator.name]
+        takes = (*wanted, "height") if gives(wanted) else wanted
+        body = {name: value for name, value in person.items() if name in takes}
+        p = estimator.own(estimator.params, body)
+        measures |= set(wanted if way.name != "ankles" else ())
+        try:
+            result = estimator.estimate(p, recording)
+        except RecordingError as error:
+            reasons.append(f"{way.name}: {error}")
+            notes.append(NOT_USED(source=way.name, reason=str(error)))
+            continue
+        found.append(SourceEstimate(way.name, estimator.name, placements, result, p))
+    if not found:
+        raise RecordingError(
+            "; ".join(reasons)
+            or "no estimator has its sensors: expected both or one of foot, ankle, shank, thigh with shank, or waist, "
+            f"lower_back or pelvis; the recording has {sorted(recording.sensors)}"
+        )
+    return found, [*notes, *told(person, measures)]

@@ -1,0 +1,253 @@
+"""One table of strides from several sources: strides that are the same, and quantities combined by their variances."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.stride_flags import CLIPPED, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
+from jgait.types import SIDES, Flags, Strides, as_float
+
+SAME = 0.5
+"""[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
+
+ALONE = 0.3
+"""[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""
+
+CONSISTENT = 3.0
+"""[1] Values of a stride are combined if they differ by less than so many standard deviations of their difference."""
+
+SAME_END = 0.1
+"""[s] Largest difference between the ends of a stride of the feet and the same stride with a width."""
+
+DEVIATION = {"feet": 0.6}
+"""Source → error of its stride lengths on recordings with a reference, over the deviation that it states [1]; for the
+weights of a combination. Feet: 0.63 on `gaitmap_example`, 0.52 on `footprints` (medians)."""
+
+SHARED = {frozenset(("ankles", "shanks")): 0.5}
+"""Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
+
+COMBINED = ("length", "height", "turn")
+"""Quantities of a stride that are combined; others are those of the first source that has them."""
+
+FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
+"""Flag of strides → how a source's estimate states it, (strides,) bool, or None."""
+
+
+class JoinedStrides(NamedTuple):
+    """Strides of all sources, each once, (n,) in the order of their starts.
+
+    Attributes:
+        strides: the strides.
+        stddev: their standard deviations.
+        rows: source → (n,) row of the stride in the source's estimate; −1 where the source lacks the stride.
+        used: source → (n,) bool, the source's length is part of the combined length.
+        first: (n,) name of the source of times and flags.
+        flags: name of a flag → (n,) bool.
+        contradicts: (n,) bool, lengths of sources differ by more than `CONSISTENT`.
+    """
+
+    strides: Strides
+    stddev: Strides
+    rows: dict[str, np.ndarray]
+    used: dict[str, np.ndarray]
+    first: tuple[str, ...]
+    flags: dict[str, np.ndarray]
+    contradicts: np.ndarray
+
+
+def joined(sources: Sequence[SourceEstimate], doubtful: frozenset[str] = frozenset()) -> JoinedStrides | None:
+    """The strides of all sources as one table; None if no source has a table of strides.
+
+    Args:
+        sources: in the order in which times are preferred.
+        doubtful: placements whose strides are not combined with those of other sources, unless nothing else is left.
+    """
+    having = [source for source in sources if source.estimate.strides is not None and source.name != "width"]
+    if not having:
+        return None
+    trusted = {(s.name, side): _trusted(s, side, doubtful) for s in having for side in SIDES}
+    groups: list[dict[str, int]] = []
+    for number, side in enumerate(SIDES):
+        # doubtful sources come last, so that their times and strides count only where no other source has any
+        order = sorted(having, key=lambda source: not trusted[source.name, side])
+        alone = not any(trusted[source.name, side] for source in having)
+        of_side: list[tuple[float, float, dict[str, int]]] = []
+        for source in order:
+            if trusted[source.name, side] or alone or not of_side:
+                _add(of_side, source, number)
+        groups += [group for *_, group in of_side]
+    return _table(having, groups, trusted, next((s for s in sources if s.name == "width"), None))
+
+
+def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> bool:
+    own = [name for name in source.placements if name.endswith(side) or not name.endswith(SIDES)]
+    return not doubtful.intersection(own)
+
+
+def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstimate, side: int) -> None:
+    """Add the strides of a source and a side to the strides that they are the same as, or as new ones."""
+    strides, unknown = source.estimate.strides, source.estimate.diagnostics.get("side_unknown")
+    rows = np.flatnonzero((np.asarray(strides.side) == side) & np.asarray(strides.valid, bool))
+    before = list(groups)
+    for row in rows:
+        if unknown is not None and unknown[row] and before:
+            continue
+        start, end = float(strides.start[row]), float(strides.end[row])
+        shared = [max(0.0, min(end, b) - max(start, a)) for a, b, _ in before]
+        alike = [share / (max(end, b) - min(start, a)) for share, (a, b, _) in zip(shared, before, strict=True)]
+        best = int(np.argmax(alike)) if alike else -1
+        if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
+            before[best][2][source.name] = int(row)
+        elif not alike or max(shared) < ALONE * (end - start):
+            groups.append((start, end, {source.name: int(row)}))
+
+
+def _table(
+    sources: Sequence[SourceEstimate], groups: list[dict[str, int]], trusted: Mapping[tuple[str, str], bool],
+    width: SourceEstimate | None,
+) -> JoinedStrides:  # fmt: skip
+    by_name = {source.name: source for source in sources}
+    marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
+    told = [_told(by_name, group, trusted, marks) for group in groups]
+    told.sort(key=lambda one: one.values["start"])
+    n = len(told)
+    side = np.array([one.side for one in told], int)
+    names = [name for name in Strides._fields if name not in ("side", "valid")]
+    values = {name: np.array([one.values[name] for one in told], float) for name in names}
+    spread = {name: np.array([one.spread[name] for one in told], float) for name in names}
+    flags = {name: np.array([one.flags[name] for one in told], bool) for name in FLAGS}
+    stated = {flag for own in marks.values() for flag, column in own.items() if column is not None}
+    flags = {name: flag for name, flag in flags.items() if name in stated}
+    if width is not None:
+        flags["width_valid"] = _widths(values, spread, side, width)
+    return JoinedStrides(
+        _strides(side, values), _strides(side, spread),
+        {name: np.array([one.group.get(name, -1) for one in told], int).reshape(n) for name in by_name},
+        {name: np.array([name in one.used for one in told], bool) for name in by_name},
+        tuple(one.first for one in told), flags, np.array([one.contradicts for one in told], bool),
+    )  # fmt: skip
+
+
+class _Told(NamedTuple):
+    """One stride: what its sources say."""
+
+    first: str
+    side: int
+    group: dict[str, int]
+    values: dict[str, float]
+    spread: dict[str, float]
+    flags: dict[str, bool]
+    used: frozenset[str]
+    contradicts: bool
+
+
+def _told(
+    by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
+    marks: Mapping[str, Mapping[str, Flags]],
+) -> _Told:  # fmt: skip
+    """A stride from its row in each source."""
+    names = [name for name in by_name if name in group]
+    side = int(by_name[names[0]].estimate.strides.side[group[names[0]]])
+    sure = [name for name in names if trusted[name, SIDES[side]]]
+    names = sure or names
+    first = names[0]
+    values, spread = {}, {}
+    for field in Strides._fields:
+        if field not in ("side", "valid"):
+            source = next((n for n in names if np.isfinite(_of(by_name[n], field, group[n]))), first)
+            values[field] = _of(by_name[source], field, group[source])
+            spread[field] = _of(by_name[source], field, group[source], spread=True)
+    used, contradicts = frozenset([first]), False
+    for field in COMBINED:
+        stated = {name: (_of(by_name[name], field, group[name]), _of(by_name[name], field, group[name], spread=True))
+                  for name in names}  # fmt: skip
+        stated = {name: (value, sd) for name, (value, sd) in stated.items() if np.isfinite(value) and sd > 0.0}
+        if stated:
+            numbers = np.array(list(stated.values()))
+            scale = [DEVIATION.get(name, 1.0) if len(stated) > 1 else 1.0 for name in stated]
+            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1] * scale, correlation(stated))
+            if field == "length":
+                used = frozenset(name for name, keeps in zip(stated, kept, strict=True) if keeps)
+                contradicts = not kept.all()
+    own, row = by_name[first], group[first]
+    length, length_sd = _of(own, "length", row), _of(own, "length", row, spread=True)
+    if length > 0.0:
+        values["speed"] = _of(own, "speed", row) * values["length"] / length
+    if length_sd > 0.0:
+        spread["speed"] = _of(own, "speed", row, spread=True) * spread["length"] / length_sd
+    flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
+    return _Told(first, side, group, values, spread, flags, used, contradicts)
+
+
+def correlation(names: Iterable[str]) -> np.ndarray:
+    """(k, k) correlation of the errors of sources, see `SHARED`."""
+    known = list(names)
+    return np.array([[1.0 if a == b else SHARED.get(frozenset((a, b)), 0.0) for b in known] for a in known])
+
+
+def combined(
+    values: np.ndarray, deviations: np.ndarray, correlation: np.ndarray | None = None
+) -> tuple[float, float, np.ndarray]:
+    """Weighted mean of measurements (k,) with the least variance, its deviation, and (k,) bool: which it uses.
+
+    Measurements that differ from the most certain one by more than `CONSISTENT` standard deviations of the difference
+    are not used; then the deviation includes half of that difference. No majority decides, because sources that share a
+    method share its errors.
+
+    Args:
+        values: the measurements.
+        deviations: their standard deviations.
+        correlation: (k, k) of their errors; None: independent.
+    """
+    cov = np.outer(deviations, deviations) * (np.eye(len(values)) if correlation is None else correlation)
+    best = int(np.argmin(deviations))
+    apart = np.abs(values - values[best])
+    kept = apart <= CONSISTENT * np.sqrt(np.diag(cov) + cov[best, best] - 2.0 * cov[best])
+    kept[best] = True
+    mean, variance = _mean(values[kept], cov[np.ix_(kept, kept)])
+    extra = 0.0 if kept.all() else 0.5 * float(np.min(apart[~kept]))
+    return mean, float(np.sqrt(variance + extra**2)), kept
+
+
+def _mean(values: np.ndarray, cov: np.ndarray) -> tuple[float, float]:
+    """The mean of the least variance, with weights that are not negative, and its variance."""
+    weights = np.linalg.solve(cov, np.ones(len(values)))
+    weights = np.maximum(weights, 0.0)  # a strongly correlated, less certain measurement would get a negative weight
+    weights = weights / weights.sum()
+    return float(weights @ values), float(weights @ cov @ weights)
+
+
+def _widths(
+    values: dict[str, np.ndarray], spread: dict[str, np.ndarray], side: np.ndarray, width: SourceEstimate
+) -> np.ndarray:
+    """Widths and step lengths of the strides, from those that end at the same time; (n,) bool, reliable widths."""
+    theirs = width.estimate.strides
+    valid = np.zeros(len(side), bool)
+    trusted = width.estimate.diagnostics.get("width_valid")
+    for i in range(len(side)):
+        near = np.abs(as_float(theirs.end) - values["end"][i]) < SAME_END
+        same = np.flatnonzero(near & (np.asarray(theirs.side) == side[i]))
+        if same.size:
+            for field in ("width", "step_length"):
+                values[field][i] = _of(width, field, int(same[0]))
+                spread[field][i] = _of(width, field, int(same[0]), spread=True)
+            valid[i] = trusted is None or bool(trusted[same[0]])
+    return valid
+
+
+def _of(source: SourceEstimate, field: str, row: int, *, spread: bool = False) -> float:
+    """One number of a stride of a source, or its standard deviation; NaN if the source does not give it."""
+    strides = source.estimate.strides_stddev if spread else source.estimate.strides
+    column = None if strides is None else getattr(strides, field)
+    return float("nan") if column is None else float(column[row])
+
+
+def _strides(side: np.ndarray, columns: dict[str, np.ndarray]) -> Strides:
+    """A record of strides; optional columns without any number are None."""
+    needed = ("length", "width", "height")
+    kept: dict[str, Any] = {
+        name: values if name in needed or np.isfinite(values).any() else None for name, values in columns.items()
+    }
+    return Strides(side=side, valid=np.ones(len(side), bool), **kept)

@@ -1,0 +1,83 @@
+"""Measures of a person from the body height, by published proportions; for measures that nobody took with a tape.
+
+Source: R. Drillis, R. Contini, "Body segment parameters", 1966, as usual in biomechanics: thigh 0.245 and shank 0.246
+of the height. Chosen: segments of adults of one height differ by 1 % of the height (one standard deviation).
+"""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from jgait.notes import DEFAULT_MEASURE, Kind, Note
+
+SHARES = {"thigh_length": 0.245, "shank_length": 0.246, "lever_shank": 0.103}
+"""Measure → its share of the body height [1]. A sensor at mid shank is taken to sit 0.18 m over the ankle of a person
+of 1.75 m, the default of `ankle_stride`."""
+
+SHARE_SD = 0.01
+"""[1] Standard deviation of a segment's length among people of one height, over the height."""
+
+SENSOR_SHARE, SENSOR_SD = 0.6, 0.02
+"""[1] Height of a sensor at the waist over the person's height, two people of `mobgap_lab` have 0.606 and 0.617; and
+[m] its standard deviation. The waist's estimator takes the body height itself."""
+
+HEIGHTS = (0.8, 2.4)
+"""[m] Smallest and largest height of a person that is accepted."""
+
+FROM_HEIGHT = Kind(
+    "measures_from_height", "info", "from the height of {height:.2f} m, by usual proportions: {measures}",
+    f"{DEFAULT_MEASURE} Standard deviations include how much people of one height differ.",
+)  # fmt: skip
+
+HEIGHT_ABSENT = Kind(
+    "height_absent", "check", "neither the person's height nor {measures} are given: those of a usual adult are taken",
+    DEFAULT_MEASURE,
+)  # fmt: skip
+
+
+def gives(wanted: Collection[str]) -> bool:
+    """Whether the height gives any of the measures."""
+    return any(name in wanted for name in SHARES)
+
+
+def with_proportions(body: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    """The measures of a person, with those that follow from the height.
+
+    Args:
+        body: name → value, perhaps "height" [m].
+        wanted: names of the measures that an estimator takes. If "height" is not among them it is left out, unless it
+            gives none of them.
+
+    Raises:
+        ValueError: if the height is outside `HEIGHTS`.
+    """
+    known = dict(body)
+    height = known.get("height")
+    if height is None or not gives(wanted):
+        return known
+    low, high = HEIGHTS
+    if isinstance(height, int | float) and not low <= height <= high:
+        raise ValueError(f"height must be {low:g} to {high:g} m; got {height:g}")
+    if "height" not in wanted:
+        del known["height"]
+    return {**{name: share * height for name, share in SHARES.items() if name in wanted}, **known}
+
+
+def told(body: Mapping[str, Any], wanted: Collection[str]) -> tuple[Note, ...]:
+    """The note about measures that follow from the height, or about a height that is missing; empty if none is needed.
+
+    Args:
+        body: name → value, perhaps "height" [m].
+        wanted: names of the measures that estimators take.
+    """
+    made = [name for name in SHARES if name in wanted and name not in body]
+    sensor = "sensor_height" in wanted and "sensor_height" not in body
+    if not (made or sensor):
+        return ()
+    words = [name.replace("_", " ") for name in made] + ["height of the waist's sensor"] * sensor
+    height = body.get("height")
+    if height is None:
+        return (HEIGHT_ABSENT(measures=words),)
+    shares = [(SHARES[name], SHARE_SD * height) for name in made] + [(SENSOR_SHARE, SENSOR_SD)] * sensor
+    return (FROM_HEIGHT(height=height, measures=[
+        f"{word} {share * height:.2f} ± {sd:.2f} m" for word, (share, sd) in zip(words, shares, strict=True)
+    ]),)  # fmt: skip

@@ -1,0 +1,151 @@
+"""The tables of an analysis of all sensors: strides, contacts, walking bouts, sources, samples."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jgait.io.exports import BREAK
+from jgait.io.strides import DEGREES, strides_to_dataframe
+from jgait.io.write import to_dataframe
+from jgait.types import SIDES, Estimate, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jgait.estimators.combined import Analysis, JoinedStrides
+
+UNITS = {"stride_length": "m", "walking_speed": "mps", "distance": "m", "strides": "1"}
+"""Quantity of a `Comparison` → its unit, as at the end of names of columns."""
+
+
+def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
+    """The tables of an analysis; a table without rows is left out.
+
+    `strides`: columns of `strides_to_dataframe`, then `stance_duration_s swing_duration_s`, smallest and largest
+    `hip_flexion_…_deg knee_flexion_…_deg` in the stride where thigh and shank are measured, `wb_id` of the walking
+    bout, `source` of the times, `combined` sources of the length, and `special` flags in words.
+    `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
+    `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
+    ends with a break of more than 3 s; lengths, speeds and cadence are medians over whole strides.
+    `sources`: `quantity unit source value std n_strides used`, each quantity as each source measures it, and combined.
+    `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
+
+    Returns:
+        Name of the table → the table, in metres and degrees.
+    """
+    import pandas as pd
+
+    from jgait.estimators.combined.compare import regular
+
+    tables = {}
+    if analysis.strides is not None:
+        tables["strides"] = _strides(analysis, analysis.strides)
+        tables["bouts"] = _bouts(tables["strides"].assign(whole=regular(analysis.strides)))
+    tables["contacts"] = _contacts(analysis)
+    rows = [
+        {"quantity": c.quantity, "unit": UNITS[c.quantity], "source": c.source, "value": c.value, "std": c.stddev,
+         "n_strides": c.strides}
+        for c in analysis.comparisons
+    ]  # fmt: skip
+    tables["sources"] = pd.DataFrame(rows)
+    tables["samples"] = to_dataframe(analysis.estimate)
+    return {name: table for name, table in tables.items() if len(table) and len(table.columns)}
+
+
+def _strides(analysis: "Analysis", told: "JoinedStrides") -> "pd.DataFrame":
+    from jgait.estimators.stride_flags import STRIDE_FLAGS, marks
+
+    estimate = analysis.estimate
+    table = strides_to_dataframe(estimate)
+    table["stance_duration_s"], table["swing_duration_s"] = np.nan, np.nan
+    if "final_contact_s" in table:
+        stance = table["final_contact_s"] - table["start_s"]
+        table["stance_duration_s"] = stance.where(stance > 0.0)
+        table["swing_duration_s"] = table["end_s"] - table["final_contact_s"]
+    for name, values in _extremes(estimate, table).items():
+        table[name] = values
+    table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
+    table["source"] = list(told.first)
+    table["combined"] = ["+".join(name for name, used in told.used.items() if used[i]) for i in range(len(table))]
+    words = {flag.name: flag.word for flag in STRIDE_FLAGS}
+    flagged = {words[name]: values for name, values in marks(estimate, STRIDE_FLAGS).items()}
+    flagged["sources contradict"] = told.contradicts
+    table["special"] = ["; ".join(w for w, values in flagged.items() if values[i]) for i in range(len(table))]
+    return table.dropna(axis="columns", how="all")
+
+
+def _extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
+    """Smallest and largest flexion of hip and knee [°] in each stride, of the stride's own leg."""
+    found: dict[str, np.ndarray] = {}
+    time = as_float(estimate.time)
+    for side, leg in zip(SIDES, estimate.legs, strict=True):
+        if leg is None:
+            continue
+        for row in np.flatnonzero(table["side"] == side):
+            there = (time >= table["start_s"].iloc[row]) & (time <= table["end_s"].iloc[row])
+            there &= np.asarray(estimate.valid, bool)
+            for joint in ("hip", "knee"):
+                angle = DEGREES * as_float(getattr(leg, f"{joint}_angle"))[there]
+                for word, of in (("min", np.min), ("max", np.max)):
+                    column = found.setdefault(f"{joint}_flexion_{word}_deg", np.full(len(table), np.nan))
+                    column[row] = of(angle) if angle.size else np.nan
+    return found
+
+
+def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n,) number of the walking bout of each stride, from 0, for strides in the order of their starts [s]."""
+    if not len(start):
+        return np.zeros(0, int)
+    latest = np.maximum.accumulate(end)
+    return np.concatenate([[0], np.cumsum(start[1:] - latest[:-1] > BREAK)])
+
+
+def _bouts(strides: "pd.DataFrame") -> "pd.DataFrame":
+    """One row for each walking bout; the distance is the mean over the sides of the sum of the strides."""
+    import pandas as pd
+
+    rows = []
+    for number, of_bout in strides.groupby("wb_id"):
+        start, end = float(of_bout["start_s"].min()), float(of_bout["end_s"].max())
+        whole = of_bout[of_bout["whole"]] if of_bout["whole"].any() else of_bout
+        distance = float(of_bout.groupby("side")["stride_length_m"].sum().mean())
+        rows.append({
+            "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
+            "distance_m": distance, "stride_length_m": float(whole["stride_length_m"].median()),
+            "walking_speed_mps": float(whole["walking_speed_mps"].median()),
+            "cadence_spm": float(120.0 / whole["stride_duration_s"].median()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _contacts(analysis: "Analysis") -> "pd.DataFrame":
+    """Initial and final contacts of the strides; of the waist's contacts those of which no other source has strides."""
+    import pandas as pd
+
+    from jgait.estimators.waist import SIDE_KNOWN
+
+    rows: list[tuple[float, str, str, str]] = []
+    strides, told = analysis.estimate.strides, analysis.strides
+    diagnostics = analysis.estimate.diagnostics
+    alone = told is None or set(told.first) <= {"waist"}
+    if "initial_contact" in diagnostics and alone:
+        likely = as_float(diagnostics["initial_contact_side_probability"])
+        for time, side, p in zip(
+            diagnostics["initial_contact"], diagnostics["initial_contact_side"], likely, strict=True
+        ):
+            rows.append((float(time), SIDES[int(side)] if p >= SIDE_KNOWN else "unknown", "initial", "waist"))
+    elif told is not None:
+        final = (
+            as_float(strides.final_contact) if strides.final_contact is not None else np.full(len(told.first), np.nan)
+        )
+        for i, source in enumerate(told.first):
+            side, start, end = SIDES[int(strides.side[i])], float(strides.start[i]), float(strides.end[i])
+            rows.append((end, side, "initial", source))
+            if np.isfinite(final[i]):
+                rows.append((float(final[i]), side, "final", source))
+            if not np.isfinite(final[i]) or start < final[i]:
+                rows.append((start, side, "initial", source))
+    once: dict[tuple[int, str, str], tuple[float, str, str, str]] = {}
+    for row in sorted(rows):
+        once.setdefault((round(row[0] * 100.0), row[1], row[2]), row)
+    return pd.DataFrame(list(once.values()), columns=["time_s", "side", "event", "source"])

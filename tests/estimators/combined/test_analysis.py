@@ -1,0 +1,163 @@
+"""All sensors together: what is combined, what is left out, what the tables hold."""
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+
+import jgait
+from jgait import io, simulate
+from jgait.estimators.combined.strides import combined
+from jgait.simulate.sensors import OPAL
+from jgait.types import RecordingError
+
+PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
+PERSON = {"height": 1.75, "pendulum_constant": 1.05}  # the constant of simulated people
+CONTRADICTIONS = {
+    "lengths_differ",
+    "distances_differ",
+    "sides_differ",
+    "clock_off",
+    "trunk_clock_off",
+    "sides_exchanged",
+}
+
+
+@pytest.fixture(scope="module")
+def walked():
+    ((recording, truth),) = simulate.cohort(jax.random.key(4), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS)
+    return recording, truth
+
+
+@pytest.fixture(scope="module")
+def analysis(walked):
+    return jgait.analyse(walked[0], PERSON)
+
+
+def test_every_estimator_that_has_its_sensors_runs(analysis):
+    assert [source.name for source in analysis.sources] == ["feet", "ankles", "shanks", "waist", "legs"]
+    assert not CONTRADICTIONS.intersection(note.code for note in analysis.notes)
+    (note,) = (note for note in analysis.notes if note.code == "measures_from_height")
+    assert "thigh length 0.43 ± 0.02 m" in str(note)
+    assert "height of the waist's sensor 1.05 ± 0.02 m" in str(note)
+
+
+def errors(strides, truth, rows=slice(None)):
+    known = truth.strides
+    valid = np.asarray(known.valid)
+    found = []
+    for side, end, length in zip(strides.side[rows], strides.end[rows], strides.length[rows], strict=True):
+        near = np.flatnonzero(valid & (np.asarray(known.side) == side) & (np.abs(np.asarray(known.end) - end) < 0.2))
+        assert near.size == 1
+        found.append(length - known.length[near[0]])
+    return np.abs(found)
+
+
+def test_every_stride_is_there_once_and_no_source_is_better(walked, analysis):
+    truth = walked[1]
+    assert len(analysis.strides.first) == int(np.sum(truth.strides.valid))
+    together = errors(analysis.estimate.strides, truth)
+    for source in analysis.sources:
+        if source.name in ("feet", "ankles", "shanks"):
+            assert together.mean() < 1.1 * errors(source.estimate.strides, truth).mean(), source.name
+    assert np.mean(together < 3.0 * analysis.estimate.strides_stddev.length) > 0.95
+
+
+def test_the_distance_is_combined_too(walked, analysis):
+    told = {c.source: c for c in analysis.comparisons if c.quantity == "distance"}
+    alone = [c.stddev for name, c in told.items() if name != "combined"]
+    assert told["combined"].stddev < min(alone)
+    true = float(walked[1].estimate.distance[-1])
+    assert abs(told["combined"].value / true - 1.0) < 0.03
+    np.testing.assert_allclose(analysis.estimate.distance[-1], told["combined"].value)
+
+
+def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
+    tables = io.analysis_to_dataframes(analysis)
+    assert list(tables) == ["strides", "bouts", "contacts", "sources", "samples"]
+    strides = tables["strides"]
+    for name in ("stance_duration_s", "knee_flexion_max_deg", "stride_length_std_m", "source", "combined", "special"):
+        assert name in strides
+    assert strides["knee_flexion_max_deg"].between(40, 90).all()
+    whole = strides[strides["special"] == ""]
+    assert len(whole) > 10
+    np.testing.assert_allclose(whole["stance_duration_s"] + whole["swing_duration_s"], whole["stride_duration_s"])
+    assert len(tables["bouts"]) == 1
+    assert tables["bouts"]["n_strides"].item() == len(strides)
+    contacts = tables["contacts"]
+    assert (np.diff(contacts["time_s"]) >= 0.0).all()
+    initial = contacts[contacts["event"] == "initial"]
+    assert (initial["side"].to_numpy()[1:] != initial["side"].to_numpy()[:-1]).all()
+    assert {"feet", "ankles", "shanks", "waist", "legs", "combined"} == set(tables["sources"]["source"])
+    assert "knee_angle_right_deg" in tables["samples"]
+
+
+def test_exchanged_shanks_are_named_and_not_combined(walked):
+    recording, truth = walked
+    sensors = recording.sensors
+    exchanged = {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
+    found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}), PERSON)
+    assert "the right and left shank sensors seem exchanged" in str(found.notes[0])
+    assert not found.strides.used["shanks"].any()
+    assert errors(found.estimate.strides, truth).mean() < 0.02
+
+
+def test_sensors_in_a_wrong_unit_are_left_out(walked):
+    recording, _ = walked
+    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left", "ankle_right")}
+    feet["ankle_right"] = feet["ankle_right"]._replace(gyr=np.rad2deg(feet["ankle_right"].gyr))
+    found = jgait.analyse(recording._replace(sensors=feet))
+    assert [source.name for source in found.sources] == ["feet"]
+    assert found.notes[0].code == "sensor_gyr_unit"
+
+
+def test_a_missing_height_is_said_only_where_it_matters(walked):
+    recording, _ = walked
+    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
+    assert "height_absent" not in {note.code for note in jgait.analyse(recording._replace(sensors=feet)).notes}
+    waist = jgait.analyse(recording._replace(sensors={"pelvis": recording.sensors["pelvis"]}))
+    assert "height_absent" in {note.code for note in waist.notes}
+
+
+def test_what_cannot_be_done_is_said(walked):
+    recording, _ = walked
+    thigh = recording._replace(sensors={"thigh_right": recording.sensors["thigh_right"]})
+    with pytest.raises(RecordingError, match=r"no estimator has its sensors.*thigh_right"):
+        jgait.analyse(thigh)
+    with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
+        jgait.analyse(recording, {"size": 1.8})
+    with pytest.raises(ValueError, match="height must be"):
+        jgait.analyse(recording, {"height": 175.0})
+
+
+def test_measurements_are_combined_by_their_variances():
+    value, sd, kept = combined(np.array([1.0, 1.3]), np.array([0.1, 0.2]))
+    np.testing.assert_allclose([value, sd], [(1.0 * 4 + 1.3) / 5, np.sqrt(0.04 / 5)])
+    assert kept.all()
+
+
+def test_shared_errors_count_once():
+    values, deviations = np.array([1.0, 1.1]), np.array([0.1, 0.1])
+    value, sd, _ = combined(values, deviations, np.array([[1.0, 0.5], [0.5, 1.0]]))
+    np.testing.assert_allclose([value, sd], [1.05, 0.1 * np.sqrt(0.75)])
+
+
+def test_two_that_contradict_are_not_averaged():
+    value, sd, kept = combined(np.array([1.0, 2.0]), np.array([0.02, 0.1]))
+    assert value == 1.0
+    assert sd > 0.5
+    np.testing.assert_array_equal(kept, [True, False])
+
+
+def test_the_most_certain_and_those_that_agree_are_combined():
+    value, sd, kept = combined(np.array([1.0, 1.02, 2.0, 2.0]), np.array([0.02, 0.02, 0.05, 0.05]))
+    np.testing.assert_allclose([value, sd], [1.01, np.sqrt(0.0002 + 0.5**2)])
+    np.testing.assert_array_equal(kept, [True, True, False, False])
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "json"])
+def test_tables_are_written_in_every_format(analysis, tmp_path, ending):
+    table = io.analysis_to_dataframes(analysis)["strides"]
+    path = io.write_table(table, tmp_path / f"strides.{ending}")
+    read = {"csv": pd.read_csv, "parquet": pd.read_parquet, "json": pd.read_json}[ending](path)
+    np.testing.assert_allclose(read["stride_length_m"], table["stride_length_m"], rtol=1e-8)

@@ -1,0 +1,122 @@
+"""Mistakes in wearing, labels, units and clocks are found and named; correct walks raise nothing."""
+
+import jax
+import numpy as np
+import pytest
+
+from jgait import simulate
+from jgait.estimators.combined import crosscheck
+from jgait.simulate.sensors import OPAL
+
+LEGS = tuple(f"{kind}_{side}" for kind in ("thigh", "shank", "foot") for side in ("right", "left"))
+PLACEMENTS = ("pelvis", *LEGS)
+HALF_TURN = np.array([-1.0, 1.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def recording():
+    ((walked, _),) = simulate.cohort(jax.random.key(3), 1, simulate.straight(12.0), OPAL, 100.0, PLACEMENTS)
+    return walked
+
+
+def changed(recording, **sensors):
+    return recording._replace(sensors={**recording.sensors, **sensors})
+
+
+def codes(recording):
+    return [note.code for note in crosscheck(recording).notes]
+
+
+def late(imu, samples=50):
+    def moved(values):
+        return np.concatenate([np.repeat(values[:1], samples, axis=0), values[:-samples]])
+
+    return imu._replace(gyr=moved(np.asarray(imu.gyr)), acc=moved(np.asarray(imu.acc)))
+
+
+def test_a_correct_walk_raises_nothing(recording):
+    found = crosscheck(recording)
+    assert found.notes == ()
+    assert not found.unusable
+    assert not found.doubtful
+
+
+def test_one_sensor_alone_raises_nothing(recording):
+    for name in ("pelvis", "foot_left", "shank_right"):
+        assert codes(recording._replace(sensors={name: recording.sensors[name]})) == []
+
+
+@pytest.mark.parametrize("kind", ["thigh", "shank", "foot"])
+def test_exchanged_sides_are_named(recording, kind):
+    right, left = f"{kind}_right", f"{kind}_left"
+    sensors = recording.sensors
+    found = crosscheck(changed(recording, **{right: sensors[left], left: sensors[right]}))
+    (note,) = found.notes
+    assert note.code == "sides_exchanged"
+    assert f"the right and left {kind} sensors seem exchanged" in str(note)
+    assert found.doubtful == {right, left}
+
+
+def test_of_two_pairs_either_may_be_exchanged(recording):
+    sensors = {name: recording.sensors[name] for name in LEGS if not name.startswith("foot")}
+    sensors |= {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
+    (note,) = crosscheck(recording._replace(sensors=sensors)).notes
+    assert "right and left shank or thigh sensors" in str(note)
+
+
+def test_a_thigh_sensor_on_the_shank_is_named(recording):
+    sensors = recording.sensors
+    spoilt = changed(recording, thigh_left=sensors["shank_left"], shank_left=sensors["thigh_left"])
+    (note,) = crosscheck(spoilt).notes
+    assert "thigh_left and shank_left have changed places" in str(note)
+
+
+@pytest.mark.parametrize("name", ["foot_left", "thigh_right", "pelvis"])
+@pytest.mark.parametrize("factor", [np.pi / 180.0, 180.0 / np.pi])
+def test_a_gyroscope_in_another_unit_is_left_out(recording, name, factor):
+    imu = recording.sensors[name]
+    found = crosscheck(changed(recording, **{name: imu._replace(gyr=np.asarray(imu.gyr) * factor)}))
+    assert [(note.code, note.values["placement"]) for note in found.notes] == [("sensor_gyr_unit", name)]
+    assert found.unusable == {name}
+
+
+def test_an_accelerometer_in_g_is_left_out(recording):
+    imu = recording.sensors["shank_left"]
+    found = crosscheck(changed(recording, shank_left=imu._replace(acc=np.asarray(imu.acc) / 9.81)))
+    assert ["seems to be in g:" in str(note) for note in found.notes] == [True]
+    assert found.unusable == {"shank_left"}
+
+
+@pytest.mark.parametrize("name", ["thigh_left", "shank_right", "pelvis"])
+def test_a_sensor_upside_down_is_named_and_used(recording, name):
+    imu = recording.sensors[name]
+    turned = imu._replace(gyr=np.asarray(imu.gyr) * HALF_TURN, acc=np.asarray(imu.acc) * HALF_TURN)
+    found = crosscheck(changed(recording, **{name: turned}))
+    assert [(note.code, note.values["placement"]) for note in found.notes] == [("upside_down", name)]
+    assert not found.unusable
+    assert not found.doubtful
+
+
+@pytest.mark.parametrize("name", PLACEMENTS)
+def test_a_late_clock_is_named(recording, name):
+    found = crosscheck(changed(recording, **{name: late(recording.sensors[name])}))
+    (note,) = found.notes
+    assert str(note).startswith(f"the clock of {name} seems to be about 0.")
+    assert note.values["direction"] in ("late", "late or early")
+    assert abs(note.values["seconds"] - 0.5) < 0.15
+    assert found.doubtful == {name}
+
+
+def test_two_feet_that_swing_together_contradict_each_other(recording):
+    feet = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
+    feet["foot_left"] = late(feet["foot_left"])
+    (note,) = crosscheck(recording._replace(sensors=feet)).notes
+    assert note.code == "legs_together"
+
+
+def test_real_walks_with_two_exchanged_sensors(data):
+    walks = data("walking5m")
+    named = {walk.recording.name: codes(walk.recording) for walk in walks}
+    wrong = {name for name, found in named.items() if found}
+    assert {name.rpartition("/")[2] for name in wrong} == {"20180417_2", "20180417_4"}
+    assert all(found in ([], ["labels_exchanged"]) for found in named.values())
