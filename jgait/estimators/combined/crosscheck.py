@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import WRONG_PLACE, Kind, Note
