@@ -1,3 +1,3 @@
 """Damaged input and interrupted commands: readers on mutated files, and folders of results after a kill."""
 
-PARTS = ("fuzz", "killed")
+PARTS = ("signals", "fuzz", "killed")

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from jgait.io.checks import ACC_UNITS, RANGE_UNITS, check_alive, check_range, check_units, quality_notes
 from jgait.io.clock import SampleTimes, make_clock
-from jgait.notes import NO_RANGE, Kind
+from jgait.io.damage import damage_notes, without_damage
+from jgait.notes import NO_RANGE, Kind, Note
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0}
@@ -75,13 +76,18 @@ def recording_from_arrays(
     for placement, signals in sensors.items():
         samples = _check_arrays(placement, signals, samples, name)
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
-    imus = {placement: _imu(signals, scales, clock) for placement, signals in sensors.items()}
+    found: list[Note] = []
+    imus = {}
+    for placement, signals in sensors.items():
+        masked = without_damage(placement, _in_si(signals, scales), scales, clock.sampling_rate_hz)
+        imus[placement] = _imu(masked.signals, clock)
+        found += masked.notes
     for placement, imu in imus.items():
         check_alive(imu, placement, name)
     if check_sizes:
         check_units(imus, gyr_unit, acc_unit, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
-    notes = clock.notes + quality_notes(recording)
+    notes = (*clock.notes, *found, *quality_notes(recording), *damage_notes(recording))
     if feet_range is None:
         return recording._replace(notes=notes)
     read = _range(feet_range, metres, clock, int(samples or 0), name)
@@ -121,10 +127,15 @@ def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int
     return int(samples or 0)
 
 
-def _imu(signals: Mapping[str, ArrayLike], scales: Mapping[str, float], clock: SampleTimes) -> Imu:
-    """One sensor in SI on the clock, with missing samples masked."""
-    rate = as_float(signals["gyr"]) * scales["gyr"]
-    force = None if signals.get("acc") is None else as_float(signals["acc"]) * scales["acc"]
+def _in_si(signals: Mapping[str, ArrayLike], scales: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """The signals of one sensor that are there, gyroscope first, in SI; infinite values are missing."""
+    present = {kind: as_float(signals[kind]) * scales[kind] for kind in scales if signals.get(kind) is not None}
+    return {kind: np.where(np.isfinite(values), values, np.nan) for kind, values in present.items()}
+
+
+def _imu(signals: Mapping[str, np.ndarray], clock: SampleTimes) -> Imu:
+    """One sensor on the clock, with missing samples masked."""
+    rate, force = signals["gyr"], signals.get("acc")
     finite = np.isfinite(rate).all(axis=1) if force is None else np.isfinite(np.hstack([rate, force])).all(axis=1)
     mask = (clock.rows >= 0) & finite[clock.rows]
     gyr = np.where(mask[:, None], rate[clock.rows], 0.0)

@@ -11,7 +11,8 @@ FASTEST = 35.0  # [rad/s] largest rate of a walking person's limb: 2000 deg/s, t
 SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
-GRAVITY_RANGE = (0.8, 1.2)  # [g] median specific force of a worn accelerometer, walking or not
+GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
+CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
 CLIP_RUN = 3  # [samples] shortest run at the extreme value of a clipped channel; noise does not repeat exactly
 CLIP_FLOOR = {"gyr": 1.0, "acc": 1.5 * GRAVITY}  # smallest clipped value; quiet channels repeat smaller values
 LONG_GAP_S = 0.1
@@ -69,8 +70,20 @@ def _moves(sensors: dict[str, Imu]) -> bool:
     return not spread or max(spread) > MOVING_ACC
 
 
+def calm_force(acc: np.ndarray, rate_hz: float) -> float:
+    """Median size [m/s²] of the specific force (T, 3) in the calmest windows: gravity's, even at a runner's foot."""
+    size = np.linalg.norm(acc, axis=1)
+    samples = max(round(CALM_S * rate_hz), 2)
+    windows = len(size) // samples
+    if windows < 5:
+        return float(np.median(size))
+    cut = size[: windows * samples].reshape(windows, samples)
+    calm = np.argsort(cut.std(axis=1))[: max(round(CALM_SHARE * windows), 1)]
+    return float(np.median(cut[calm].mean(axis=1)))
+
+
 def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
-    force = float(np.median(np.linalg.norm(imu.acc[imu.mask], axis=1)))
+    force = calm_force(np.asarray(imu.acc)[np.asarray(imu.mask)], 1.0 / float(np.median(np.diff(imu.time))))
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
     if low <= force <= high:
         return
@@ -89,7 +102,7 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
     else:
         hint = "check the unit"
     raise RecordingError(
-        f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² in the median (given as {acc_unit}), "
+        f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² where it is calm (given as {acc_unit}), "
         f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}",
         argument="acc_unit" if unit else "",
         value=unit,

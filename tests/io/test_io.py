@@ -221,7 +221,7 @@ REFUSED = {
     ),
     "g as metres": (
         lambda t: io.recording_to_dataframe(read(t), acc_unit="g"), {},
-        r"accelerometer of thigh_right reads (0\.99|1\.0).* it seems to be in g; pass acc_unit='g'",
+        r"accelerometer of thigh_right reads (0\.99|1\.0|1) m.* it seems to be in g; pass acc_unit='g'",
     ),
     "metres as g": (lambda t: t, {"acc_unit": "g"}, r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'"),
     "without gravity": (

@@ -1,0 +1,205 @@
+"""Whether gyroscope and accelerometer of a sensor, and the sensors of a person, agree: scale, sign, axes, delay.
+
+Turned by the gyroscope to the axes at the start of a window of two strides, the accelerometer's mean is gravity: what
+the body accelerates has no mean over whole strides. If the gyroscope turns the wrong way, about the wrong axis, or by
+the wrong amount, the size of that mean is not that of gravity. It needs no calibration and no standing.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Imu
+
+GRAVITY = 9.80665
+RATE_HZ = 25.0
+"""[Hz] Least rate of the samples that are averaged before they are turned."""
+
+WINDOW_S = 2.24
+"""[s] Length of a window: two strides of usual walking."""
+
+LONGEST_S = 60.0
+"""[s] Part of a recording that is examined."""
+
+ACTIVE = 0.5
+"""[1] Share of the fastest window's mean square rate above which a window counts as walking."""
+
+FASTEST_WINDOW = 1.0
+"""[rad/s] Least root mean square rate of a window in which the direction of gravity turns enough."""
+
+AGREEING = {"foot": (0.88, 1.12), "ankle": (0.91, 1.10), "shank": (0.93, 1.09), "thigh": (0.90, 1.08)}
+"""[1] Size of the turned mean over gravity, by segment, outside of which gyroscope and accelerometer disagree. In
+undamaged recordings, public and simulated, it is 0.922 to 1.094 at the foot, 0.961 to 1.075 at the shank and 0.930 to
+1.060 at the thigh."""
+
+SLOWEST = 0.3
+"""[rad/s] Least 99th percentile of the rate of a leg's sensor that is accelerated as in walking; undamaged ones reach
+2.1."""
+
+SHAKEN = 1.0
+"""[m/s²] Standard deviation of the size of the specific force from which on a leg walks."""
+
+SIDES_APART = 1.6
+"""[1] Largest ratio of the root mean square rates of the same segment of both legs. Undamaged recordings reach 1.36."""
+
+GYROSCOPE_DISAGREES = Kind(
+    "gyroscope_disagrees",
+    "check",
+    "{placement}: gyroscope and accelerometer do not agree: turned by the gyroscope, the mean acceleration over two "
+    "strides is {ratio:.2f} of gravity; {causes}",
+    "Sign, order or handedness of the axes, the unit or the scale of the gyroscope, or the sampling rate is wrong for "
+    "this sensor. What is computed from it is wrong as well.",
+)
+GYROSCOPE_SLOW = Kind(
+    "gyroscope_slow",
+    "check",
+    "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile) while the accelerometer is shaken as "
+    "in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did not record",
+    "With a rate that is many times too small, angles and lengths of this sensor are worthless.",
+)
+SIDES_DIFFER = Kind(
+    "sides_differ",
+    "check",
+    "{placement} turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or unit of one of the "
+    "two gyroscopes is wrong, or one of the two sensors sat on another segment",
+    "Both legs of a person turn alike, also in most illnesses that affect one side.",
+)
+
+TRIALS = {
+    "the gyroscope may be 2 times too small": (2.0, 2.0, 2.0),
+    "the gyroscope may be 2 times too large": (0.5, 0.5, 0.5),
+    "its x axis may be turned round": (-1.0, 1.0, 1.0),
+    "its y axis may be turned round": (1.0, -1.0, 1.0),
+    "its z axis may be turned round": (1.0, 1.0, -1.0),
+    "its sign or the handedness of its axes may be wrong": (-1.0, -1.0, -1.0),
+}
+"""Likely causes, and what the gyroscope is multiplied by to undo them."""
+
+UNCLEAR = "its axes, unit or scale, or the sampling rate, may be wrong"
+NEAR = 0.06
+"""[1] Largest difference of the turned mean from gravity with a likely cause undone."""
+
+
+class Averaged(NamedTuple):
+    """Means of a sensor's samples, windows of which are turned.
+
+    Attributes:
+        gyr: (n, 3) [rad/s].
+        acc: (n, 3) [m/s²].
+        step: time between them [s].
+    """
+
+    gyr: np.ndarray
+    acc: np.ndarray
+    step: float
+
+
+def averaged(imu: Imu, rate_hz: float) -> Averaged | None:
+    """Means of a few samples each; None without an accelerometer, or in a recording shorter than two windows."""
+    if imu.acc is None:
+        return None
+    count = max(int(rate_hz / RATE_HZ), 1)
+    length = min(len(imu.time), int(LONGEST_S * rate_hz)) // count
+    if length < 2.0 * WINDOW_S * rate_hz / count:
+        return None
+    cut = slice(0, length * count)
+    gyr, acc = (np.asarray(part)[cut].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
+    return Averaged(gyr, acc, count / rate_hz)
+
+
+def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The product of quaternions (4, …), scalar first."""
+    a, b, c, d = first
+    e, f, g, h = second
+    return np.stack(
+        [a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g,
+         a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e]
+    )  # fmt: skip
+
+
+def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
+    """(trials, windows) size of the mean acceleration, turned by the gyroscope times factors (trials, 3) [m/s²].
+
+    The windows are half a window apart; a raised cosine over a window leaves out what repeats every stride.
+    """
+    samples = round(WINDOW_S / one.step)
+    rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+    half = 0.5 * one.step * one.gyr[rows] * factors[:, None, None, :]  # (trials, windows, samples, 3)
+    angle = np.sqrt(np.sum(half * half, axis=-1))
+    q = np.concatenate([np.cos(angle)[None], np.moveaxis(half, -1, 0) * np.sinc(angle / np.pi)])
+    q[..., 1:] = q[..., :-1].copy()
+    q[..., 0] = np.array([1.0, 0.0, 0.0, 0.0])[:, None, None]
+    width = 1
+    while width < samples:  # products of neighbours, of pairs, of fours …
+        q[..., width:] = _product(q[..., :-width], q[..., width:])
+        width *= 2
+    force = np.moveaxis(one.acc[rows], -1, 0)[:, None]
+    zero = np.zeros_like(q[0])
+    still = np.concatenate([zero[None], np.broadcast_to(force, (3, *zero.shape))])
+    back = q * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None, None]
+    weight = np.hanning(samples + 2)[1:-1]
+    mean = _product(_product(q, still), back)[1:] @ (weight / weight.sum())
+    return np.sqrt(np.sum(mean * mean, axis=0))
+
+
+def walking_windows(one: Averaged) -> np.ndarray:
+    """(windows,) bool, those in which the sensor turns fast enough."""
+    samples = round(WINDOW_S / one.step)
+    rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
+    square = np.sum(one.gyr[rows] ** 2, axis=2).mean(axis=1)
+    return (square > ACTIVE * square.max()) & (square > FASTEST_WINDOW**2)
+
+
+def _gravity_note(placement: str, one: Averaged) -> Note | None:
+    segment = placement.partition("_")[0]
+    walks = walking_windows(one)
+    if segment not in AGREEING or not walks.any():
+        return None
+    low, high = AGREEING[segment]
+    ratio = float(np.median(turned_mean(one, np.ones((1, 3)))[0, walks])) / GRAVITY
+    if low <= ratio <= high:
+        return None
+    trials = np.median(turned_mean(one, np.array(list(TRIALS.values())))[:, walks], axis=1) / GRAVITY
+    fits = [cause for cause, value in zip(TRIALS, trials, strict=True) if abs(value - 1.0) < NEAR]
+    return GYROSCOPE_DISAGREES(placement=placement, ratio=ratio, causes=", or ".join(fits[:3]) or UNCLEAR)
+
+
+def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
+    """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors.
+
+    Args:
+        sensors: placement → sensor; samples of the gyroscope that are missing are 0.
+        rate_hz: sampling rate [Hz].
+    """
+    notes: list[Note] = []
+    rates: dict[str, float] = {}
+    for placement, imu in sensors.items():
+        segment = placement.partition("_")[0]
+        if segment not in AGREEING:
+            continue
+        gyr = np.asarray(imu.gyr)[np.asarray(imu.mask)]
+        size = np.sqrt(np.sum(gyr * gyr, axis=1))
+        if len(imu.time) < 2.0 * WINDOW_S * rate_hz:
+            continue
+        rates[placement] = float(np.sqrt(np.mean(size * size)))
+        one = averaged(imu, rate_hz)
+        if one is None:
+            continue
+        fast = float(np.percentile(size, 99.0))
+        shaken = float(np.sqrt(np.sum(np.asarray(imu.acc)[np.asarray(imu.mask)] ** 2, axis=1)).std())
+        if fast < SLOWEST and shaken > SHAKEN:
+            notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast))
+            continue
+        note = _gravity_note(placement, one)
+        if note is not None:
+            notes.append(note)
+    for segment in AGREEING:
+        right, left = (f"{segment}_{side}" for side in SIDES)
+        if right in rates and left in rates and min(rates[right], rates[left]) > 0.0:
+            faster, slower = (right, left) if rates[right] > rates[left] else (left, right)
+            ratio = rates[faster] / rates[slower]
+            if ratio > SIDES_APART:
+                notes.append(SIDES_DIFFER(placement=faster, ratio=ratio, other=slower))
+    return tuple(notes)

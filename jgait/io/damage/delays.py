@@ -1,0 +1,151 @@
+"""Delays between gyroscope and accelerometer of a sensor, and between the sensors of a leg, by what shakes them all."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Imu
+
+STEP_S = 0.02
+"""[s] Time over which the change of a signal is taken: landings and swings show in it, gravity does not."""
+
+CALM_S = 0.12
+"""[s] Length of the moving mean that is taken off a specific force to compare two sensors."""
+
+FARTHEST_S = 0.35
+"""[s] Largest delay that is looked for; half a stride is longer."""
+
+SHORTEST_S = 5.0
+"""[s] Shortest recording in which delays are looked for."""
+
+LONGEST_S = 60.0
+"""[s] Part of a recording that is examined."""
+
+LEAST_ALIKE = 0.3
+"""[1] Least correlation at the delay that is found."""
+
+IN_SENSOR = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05, 0.027), "thigh": (-0.06, 0.05)}
+"""[s] Range of the delay of the accelerometer behind the gyroscope, by segment. In undamaged public and simulated
+recordings it is −0.025 to 0.02 at the foot, −0.039 to 0.02 at the shank, −0.04 to 0.03 at the thigh."""
+
+BETWEEN = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}
+"""[s] Largest delay between two sensors of a leg. Impacts pass a leg within 0.05 s in undamaged recordings."""
+
+DRIFT_S = 0.085
+"""[s] Largest change of that delay from the first to the last third of a walk; undamaged ones reach 0.06."""
+
+DRIFTED_S = 12.0
+"""[s] Shortest walk in which the delay is compared with itself."""
+
+WALKING = 0.5
+"""[1] Share of the mean shaking that its mean over a second exceeds while walking."""
+
+ACCELEROMETER_LATE = Kind(
+    "accelerometer_late",
+    "check",
+    "{placement}: the accelerometer is {milliseconds:+.0f} ms behind the gyroscope",
+    "Gyroscope and accelerometer of one sensor have to be measured at the same time; speeds and lengths computed from "
+    "both are wrong by many per cent.",
+)
+SENSOR_LATE = Kind(
+    "sensor_late",
+    "check",
+    "{placement} is {milliseconds:+.0f} ms behind {other}; one of the two clocks is wrong",
+    "Angles between two segments, and what is computed from them, need sensors on one clock.",
+)
+CLOCKS_DRIFT = Kind(
+    "clocks_drift",
+    "check",
+    "{placement} falls behind {other} by {milliseconds:+.0f} ms from the first to the last third of the walk; "
+    "one of the two clocks is fast or loses samples",
+    "Angles between two segments, and what is computed from them, need sensors on one clock.",
+)
+
+
+def _changes(values: np.ndarray, step: int) -> np.ndarray:
+    change = values[step:] - values[:-step]
+    return np.sqrt(np.sum(change * change, axis=1))
+
+
+def _mean(values: np.ndarray, samples: int) -> np.ndarray:
+    """Centred moving mean of values (T, n); the ends are repeated."""
+    before = samples // 2
+    held = np.concatenate(
+        [np.repeat(values[:1], before + 1, 0), values, np.repeat(values[-1:], samples - before - 1, 0)]
+    )
+    total = np.cumsum(held, axis=0)
+    return (total[samples:] - total[:-samples]) / samples
+
+
+def _shaking(values: np.ndarray, samples: int) -> np.ndarray:
+    rest = values - _mean(values, samples)
+    return np.sqrt(np.sum(rest * rest, axis=1))
+
+
+def _late(first: np.ndarray, second: np.ndarray, rate_hz: float) -> tuple[float, float]:
+    """Delay [s] of the second signal behind the first, both (n,), where they are most alike; and their correlation."""
+    farthest = int(FARTHEST_S * rate_hz)
+    a, b = first - first.mean(), second - second.mean()
+    size = np.sqrt((a @ a) * (b @ b))
+    if not size > 0.0:
+        return 0.0, 0.0
+    samples = 1 << int(len(a) + farthest).bit_length()
+    both = np.fft.irfft(np.conj(np.fft.rfft(a, samples)) * np.fft.rfft(b, samples), samples)
+    alike = np.concatenate([both[-farthest:], both[: farthest + 1]]) / size
+    best = int(np.argmax(alike))
+    return (best - farthest) / rate_hz, float(alike[best])
+
+
+def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
+    """Notes about delays within and between the sensors of each leg.
+
+    Args:
+        sensors: placement → sensor.
+        rate_hz: sampling rate [Hz].
+    """
+    notes: list[Note] = []
+    long = {name: imu for name, imu in sensors.items() if imu.acc is not None and len(imu.time) > SHORTEST_S * rate_hz}
+    step, longest = max(round(STEP_S * rate_hz), 1), int(LONGEST_S * rate_hz)
+    for placement, imu in long.items():
+        segment = placement.partition("_")[0]
+        if segment not in IN_SENSOR:
+            continue
+        gyr, acc = (np.asarray(part)[:longest] for part in (imu.gyr, imu.acc))
+        delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz)
+        low, high = IN_SENSOR[segment]
+        if not low <= delay <= high and alike > LEAST_ALIKE:
+            notes.append(ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * delay))
+    samples = max(round(CALM_S * rate_hz), 3)
+    shaken: dict[str, np.ndarray] = {}
+    for (upper, lower), farthest in BETWEEN.items():
+        for side in SIDES:
+            names = f"{upper}_{side}", f"{lower}_{side}"
+            if any(name not in long for name in names):
+                continue
+            for name in names:
+                if name not in shaken:
+                    shaken[name] = _shaking(np.asarray(long[name].acc)[:longest], samples)
+            notes += _between(*names, shaken[names[0]], shaken[names[1]], farthest, rate_hz)
+    return tuple(notes)
+
+
+def _between(
+    upper: str, lower: str, first: np.ndarray, second: np.ndarray, farthest: float, rate_hz: float
+) -> list[Note]:
+    """Notes about two sensors of a leg."""
+    if len(first) != len(second):
+        return []
+    notes = []
+    delay, alike = _late(first, second, rate_hz)
+    if abs(delay) > farthest and alike > LEAST_ALIKE:
+        notes.append(SENSOR_LATE(placement=lower, milliseconds=1e3 * delay, other=upper))
+    walks = np.flatnonzero(_mean(first[:, None], round(rate_hz))[:, 0] > WALKING * first.mean())
+    first, second = (signal[walks[0] : walks[-1] + 1] for signal in (first, second))
+    third = len(first) // 3
+    if 3 * third > DRIFTED_S * rate_hz:
+        begin, end = (_late(first[cut], second[cut], rate_hz) for cut in (slice(third), slice(-third, None)))
+        drift = end[0] - begin[0]
+        if abs(drift) > DRIFT_S and min(begin[1], end[1]) > LEAST_ALIKE:
+            notes.append(CLOCKS_DRIFT(placement=lower, milliseconds=1e3 * drift, other=upper))
+    return notes

@@ -1,0 +1,283 @@
+"""Samples that no sensor can have measured: they are found in the rows of a file and masked, each with a note."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.notes import LOSSES, Kind, Note
+from jgait.signal.windows import true_runs
+
+FASTEST_GYR = 100.0
+"""[rad/s] Largest rate of a sample. No wearable gyroscope reads above 4000 deg/s, which is 70 rad/s."""
+
+LARGEST_ACC = 4000.0
+"""[m/s²] Largest specific force of a sample; accelerometers with the widest range read 400 g."""
+
+MOST_IMPOSSIBLE = 0.01
+"""[1] Largest share of impossible samples that is masked; with more, the unit is wrong, which `check_units` reports."""
+
+SENTINELS = (-999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
+"""Numbers that programs write for a missing value, in the unit of the file."""
+
+MOST_ZEROS = 0.5
+"""[1] Share of samples that are zero in all axes from which on they are left: the file then writes zeros on purpose."""
+
+SPIKE_GYR = {"foot": 24.0, "": 10.0}
+"""[rad/s] Least distance of a spike from the median of five samples, by segment. In undamaged public recordings, single
+samples are up to 14.4 away from their neighbours at the foot (one glitch is 26.4 away) and up to 4.7 elsewhere."""
+
+SPIKE_ACC = {"foot": 60.0, "": 90.0}
+"""[m/s²] As `SPIKE_GYR`. Undamaged recordings reach 162 at the foot, where `IMPACT` separates, and 49 elsewhere."""
+
+CALM_AROUND = 2.5
+"""[1] Least ratio of a spike to the largest change between other samples up to `AROUND` away."""
+
+IMPACT = 0.01
+"""[rad/s per m/s²] Largest change of the angular rate around a spike of an accelerometer, over the spike: impacts
+turn the sensor as well, by 0.02 rad/s per m/s² at least in undamaged recordings."""
+
+AROUND = 6
+"""[samples] Distance up to which the changes around a spike are compared."""
+
+WRAP_STEP = 1.6
+"""[1] Least change between two samples of a wrap, over the range. Between samples, a wrapped signal jumps by twice its
+range less its own change."""
+
+WRAP_EDGE = 0.97
+"""[1] Share of the range that a wrapped signal reaches on either side."""
+
+WRAPS = 4
+"""[1] Least number of jumps of a channel that wraps: out and back, twice."""
+
+RANGES = {
+    "gyr": np.deg2rad([125.0, 245.0, 250.0, 300.0, 400.0, 450.0, 500.0, 900.0, 1000.0, 1200.0, 2000.0]),
+    "acc": 9.80665 * np.array([2.0, 4.0, 6.0, 8.0, 16.0]),
+}
+"""Ranges of common gyroscopes [rad/s] and accelerometers [m/s²]."""
+
+FROZEN_RUN, FROZEN_S = 8, 0.05
+"""[samples], [s] Shortest time in which a sensor repeats its reading in all axes; undamaged gyroscopes repeat theirs at
+most 4 times, coarse accelerometers 22 times, but without turning."""
+
+FROZEN_STEPS = 10.0
+"""[1] Least change at the end of a frozen stretch, in steps of the sensor's resolution: at rest a sensor moves by
+one."""
+
+FROZEN_CHANGE = {"gyr": 0.1, "acc": 1.0}
+"""[rad/s], [m/s²] Least change at the end of a frozen stretch."""
+
+TURNING = 0.3
+"""[rad/s] Mean rate above which an accelerometer cannot repeat its reading."""
+
+REPEATS = 0.4
+"""[1] Share of samples equal to the one before in all axes from which on the sensor is slower than its file. Undamaged
+gyroscopes repeat 4 % of their readings."""
+
+IMPOSSIBLE = Kind(
+    "samples_impossible",
+    "check",
+    "{placement}: {samples} samples hold values that no sensor reads, {value:.4g} {unit} at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+PLACEHOLDERS = Kind(
+    "samples_placeholder",
+    "check",
+    "{placement}: {samples} samples hold {value:g} in place of a reading, first at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+SPIKES = Kind(
+    "samples_spike",
+    "check",
+    "{placement}: {samples} samples of the {signal} jump away from their neighbours by up to {size:.4g} {unit}, "
+    "first at {begin_s:.2f} s; masked",
+    LOSSES,
+)
+FROZEN = Kind(
+    "samples_frozen",
+    "check",
+    "{placement}: the {signal} repeats one reading for {seconds:.2f} s from {begin_s:.2f} s while the person moves; "
+    "masked",
+    LOSSES,
+)
+WRAPPED = Kind(
+    "channel_wrapped",
+    "check",
+    "{channel} jumps {times} times from one end of its range ({value:.4g} {unit}) to the other",
+    "The movement was faster than the sensor's range, and its peaks come out with the wrong sign. The results of this "
+    "sensor are wrong; a sensor with a larger range avoids this.",
+)
+SLOWER = Kind(
+    "samples_repeated",
+    "check",
+    "{placement}: {percent:.0f} % of the readings of the {signal} repeat the one before; the sensor is slower than the "
+    "file states",
+    "Readings that are written twice add no information; impacts and fast movements come out smoother than they were.",
+)
+SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
+
+
+class Masked(NamedTuple):
+    """Signals of one sensor, NaN where they are masked, and the notes about it."""
+
+    signals: dict[str, np.ndarray]
+    notes: tuple[Note, ...]
+
+
+def without_damage(placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float) -> Masked:
+    """One sensor's signals with samples masked that cannot have been measured.
+
+    Args:
+        placement: placement of the sensor.
+        signals: "gyr" (T, 3) [rad/s], perhaps "acc" (T, 3) [m/s²]; NaN where samples are missing.
+        scales: "gyr", "acc" → SI units per unit of the file.
+        rate_hz: rate of the rows [Hz].
+    """
+    signals = {kind: values.copy() for kind, values in signals.items()}
+    notes: list[Note] = []
+    with np.errstate(invalid="ignore"):
+        _impossible(placement, signals, rate_hz, notes)
+        _placeholders(placement, signals, scales, rate_hz, notes)
+        for kind, values in signals.items():
+            change = np.diff(values, axis=0)
+            notes += _wraps(placement, kind, values, change)
+            spikes = _spikes(placement, kind, values, change, signals["gyr"], rate_hz, notes)
+            frozen = _frozen(placement, kind, values, change, signals["gyr"], rate_hz, notes)
+            values[spikes | frozen] = np.nan
+    return Masked(signals, tuple(notes))
+
+
+def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, notes: list[Note]) -> None:
+    """Mask samples beyond the range of any sensor."""
+    for (kind, values), limit in zip(signals.items(), (FASTEST_GYR, LARGEST_ACC), strict=False):
+        wrong = (np.abs(values) > limit).any(axis=1)
+        count = int(wrong.sum())
+        if not count or count > max(MOST_IMPOSSIBLE * len(values), 1):
+            continue
+        first = int(np.argmax(wrong))
+        value = values[first][np.argmax(np.abs(values[first]))]
+        notes.append(
+            IMPOSSIBLE(placement=placement, samples=count, value=value, unit=SIGNALS[kind][1], begin_s=first / rate)
+        )
+        values[wrong] = np.nan
+
+
+def _placeholders(
+    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
+) -> None:
+    """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
+    found: dict[float, np.ndarray] = {}
+    zero = np.ones(len(signals["gyr"]), bool)
+    for kind, values in signals.items():
+        zero &= ~values.any(axis=1)  # NaN counts as not zero
+        if not (np.abs(values) >= 0.999 * abs(SENTINELS[0]) * scales[kind]).any():
+            continue
+        for number in SENTINELS:
+            same = np.abs(values / scales[kind] - number) < 1e-6
+            # One axis may read such a number while it passes by; then its neighbours are near.
+            jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]
+            wrong = same.all(axis=1) | (same & jump).any(axis=1)
+            if wrong.any():
+                found[number] = found.get(number, False) | wrong
+    if "acc" in signals and zero.any() and zero.mean() < MOST_ZEROS:
+        found[0.0] = zero
+    for number, wrong in found.items():
+        notes.append(
+            PLACEHOLDERS(placement=placement, samples=wrong.sum(), value=number, begin_s=np.argmax(wrong) / rate)
+        )
+        for values in signals.values():
+            values[wrong] = np.nan
+
+
+def _segment(placement: str) -> str:
+    return "foot" if placement.startswith("foot") else ""
+
+
+def _spikes(
+    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
+) -> np.ndarray:
+    """(T,) bool, one or two samples far away from the median around them, where the signal is calm otherwise."""
+    part = _segment(placement)
+    spikes = np.zeros(len(values), bool)
+    least = (SPIKE_GYR if kind == "gyr" else SPIKE_ACC)[part]
+    if not np.nanmax(np.abs(change), initial=0.0) > least:
+        return spikes
+    held = np.concatenate(
+        [values[:1], values[:1], np.where(np.isfinite(values), values, 0.0), values[-1:], values[-1:]]
+    )
+    away = np.abs(values - np.median([held[k : k + len(values)] for k in range(5)], axis=0))
+    odd = away > least
+    # steps to and from odd samples do not count
+    steps = np.where(odd[1:] | odd[:-1] | ~np.isfinite(change), 0.0, np.abs(change))
+    size = 0.0
+    for row, axis in np.argwhere(odd):
+        around = steps[max(row - AROUND, 0) : row + AROUND, axis]
+        turns = np.abs(np.diff(gyr[max(row - AROUND // 2, 0) : row + AROUND // 2 + 1], axis=0))
+        struck = kind == "acc" and not np.nanmax(turns) < IMPACT * away[row, axis]
+        if not struck and away[row, axis] > CALM_AROUND * around.max(initial=1e-9):
+            spikes[row] = True
+            size = max(size, float(away[row, axis]))
+    if spikes.any():
+        signal, unit = SIGNALS[kind]
+        notes.append(
+            SPIKES(
+                placement=placement, samples=spikes.sum(), signal=signal, size=size, unit=unit,
+                begin_s=np.argmax(spikes) / rate,
+            )
+        )  # fmt: skip
+    return spikes
+
+
+def _wraps(placement: str, kind: str, values: np.ndarray, change: np.ndarray) -> list[Note]:
+    """Notes about the channels of a sensor that jump from one end of a common range to the other."""
+    notes = []
+    largest = np.nanmax(np.abs(change), axis=0, initial=0.0)
+    extent = np.nanmax(np.abs(values), axis=0, initial=0.0)
+    for axis in np.flatnonzero(largest > WRAP_STEP * extent):
+        column = values[:, axis]
+        edges = [limit for limit in RANGES[kind] if extent[axis] <= 1.001 * limit]
+        if not edges:
+            continue
+        limit = float(edges[0])
+        low, high = np.nanmin(column), np.nanmax(column)
+        jumps = int(np.sum(np.abs(change[:, axis]) > WRAP_STEP * limit))
+        if jumps < WRAPS or high < WRAP_EDGE * limit or low > -WRAP_EDGE * limit:
+            continue
+        notes.append(
+            WRAPPED(channel=f"{placement} {kind}_{'xyz'[axis]}", times=jumps, value=limit, unit=SIGNALS[kind][1])
+        )
+    return notes
+
+
+def _frozen(
+    placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
+) -> np.ndarray:
+    """(T,) bool, stretches in which the sensor repeats one reading and then jumps."""
+    frozen = np.zeros(len(values), bool)
+    same = ~change.any(axis=1)
+    share = float(same.mean()) if len(same) else 0.0
+    runs = [(start, end) for start, end in true_runs(same) if end - start >= max(FROZEN_RUN, FROZEN_S * rate)]
+    long = sum(end - start for start, end in runs)
+    signal = SIGNALS[kind][0]
+    if kind == "gyr" and share - long / max(len(same), 1) > REPEATS:
+        notes.append(SLOWER(placement=placement, signal=signal, percent=100.0 * share))
+    if not runs:
+        return frozen
+    steps = np.abs(change)
+    steps[~(steps > 0.0)] = np.inf
+    resolution = steps.min(axis=0)
+    low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+    for start, end in runs:
+        at_limit = (values[start] == low) | (values[start] == high)
+        if (at_limit & (np.abs(values[start]) > FROZEN_CHANGE[kind])).any():
+            continue  # a clipped axis, which has a note of its own
+        # the change into the stretch, or out of it
+        ends = [np.abs(change[k]) for k in (start - 1, end) if 0 <= k < len(change)]
+        moved = [(step > FROZEN_STEPS * resolution) & (step > FROZEN_CHANGE[kind]) for step in ends]
+        # a coarse accelerometer repeats its reading whenever it does not turn
+        turning = kind == "gyr" or not np.nanmean(np.abs(gyr[start : end + 1])) < TURNING
+        if turning and any(jump.any() for jump in moved):
+            frozen[start + 1 : end + 1] = True
+            notes.append(
+                FROZEN(placement=placement, signal=signal, seconds=(end - start + 1) / rate, begin_s=start / rate)
+            )
+    return frozen

@@ -1,0 +1,134 @@
+"""Damaged signals are masked, corrected or flagged when they are read; undamaged ones are left as they are."""
+
+import jax
+import numpy as np
+import pytest
+
+from experiments.damage import harm
+from jgait import io, simulate
+from jgait.io.damage import agreement, damage_notes, delays, samples, splices
+from jgait.simulate.sensors import OPAL
+from jgait.types import RecordingError
+
+NEW = {kind.code for module in (agreement, delays, samples, splices) for kind in vars(module).values()
+       if type(kind).__name__ == "Kind"}  # fmt: skip
+"""Codes of the notes about damage."""
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return simulate.cohort(jax.random.key(5), 1, simulate.straight(20.0), OPAL)[0][0]
+
+
+@pytest.fixture(scope="module")
+def rows(walk):
+    return harm.rows_of(walk, tuple(walk.sensors))
+
+
+def damaged(rows, name, placement):
+    return harm.read(harm.DAMAGES[name].change(rows, placement, np.random.default_rng(1)), "walk")
+
+
+def found(recording, code=None):
+    """Texts of the notes about damage, all or those of one kind."""
+    return [note.text for note in recording.notes if note.code in (NEW if code is None else {code})]
+
+
+def test_an_undamaged_walk_is_read_as_it_was_written(walk, rows):
+    recording = harm.read(rows, "walk")
+    assert not found(recording)
+    for placement, imu in walk.sensors.items():
+        np.testing.assert_array_equal(recording.sensors[placement].mask, imu.mask)
+        np.testing.assert_allclose(recording.sensors[placement].gyr[imu.mask], imu.gyr[imu.mask], atol=1e-12)
+        np.testing.assert_array_equal(recording.sensors[placement].acc[imu.mask], imu.acc[imu.mask])
+
+
+@pytest.mark.parametrize(
+    ("name", "placement", "code"),
+    [
+        ("one cell of 1e6, gyr", "shank_right", "samples_impossible"),
+        ("one cell of 1e6, acc", "thigh_left", "samples_impossible"),
+        ("one cell of -999, gyr", "foot_left", "samples_placeholder"),
+        ("ten rows of -999", "pelvis", "samples_placeholder"),
+        ("30 rows of zeros", "foot_right", "samples_placeholder"),
+        ("20 spikes of 1900 deg/s", "shank_left", "samples_spike"),
+        ("frozen for 0.5 s", "shank_right", "samples_frozen"),
+        ("gyroscope frozen for 1 s", "thigh_left", "samples_frozen"),
+    ],
+)
+def test_what_no_sensor_measures_is_masked(walk, rows, name, placement, code):
+    recording = damaged(rows, name, placement)
+    assert placement in "; ".join(found(recording, code))
+    left = recording.sensors[placement].mask
+    assert not (left & ~walk.sensors[placement].mask).any()
+    assert 1 <= (walk.sensors[placement].mask & ~left).sum() <= 110
+    for kind in ("gyr", "acc"):  # what is left was measured
+        now, before = (getattr(one.sensors[placement], kind)[left] for one in (recording, walk))
+        np.testing.assert_allclose(now, before, atol=1e-9)
+
+
+def test_most_spikes_of_an_accelerometer_are_told_from_impacts(walk, rows):
+    recording = damaged(rows, "20 spikes of 150 m/s²", "thigh_right")
+    assert "thigh_right" in found(recording, "samples_spike")[0]
+    sensor, imu = recording.sensors["thigh_right"], walk.sensors["thigh_right"]
+    assert (~sensor.mask).sum() >= 14
+    left = np.abs(sensor.acc - imu.acc).max(axis=1) > 50.0
+    assert left.sum() <= 6
+
+
+def test_a_wrapped_gyroscope_is_named(rows):
+    (text,) = found(damaged(rows, "gyroscope wraps at 250 deg/s", "shank_right"), "channel_wrapped")
+    assert "shank_right gyr_y" in text
+    assert "4.363 rad/s" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "placement", "code"),
+    [
+        ("gyroscope's sign", "foot_right", "gyroscope_disagrees"),
+        ("gyroscope's y turned round", "shank_left", "gyroscope_disagrees"),
+        ("left-handed axes", "shank_right", "gyroscope_disagrees"),
+        ("gyroscope by 2", "foot_left", "gyroscope_disagrees"),
+        ("gyroscope by 0.5", "thigh_right", "sides_differ"),
+        ("gyroscope in rad/s", "shank_right", "gyroscope_slow"),
+        ("rate of 50 Hz stated for 100", "foot_right", "gyroscope_disagrees"),
+        ("accelerometer 50 ms late", "foot_right", "accelerometer_late"),
+        ("gyroscope 100 ms late", "shank_right", "accelerometer_late"),
+        ("sensor 0.1 s late", "shank_right", "sensor_late"),
+        ("sensor's clock 1 % fast", "thigh_left", "clocks_drift"),
+        ("20 % of rows missing, without stamps", "", "rows_lost"),
+        ("every second row repeated", "shank_right", "samples_repeated"),
+    ],
+)
+def test_sensors_that_contradict_themselves_or_others_are_named(rows, name, placement, code):
+    texts = found(damaged(rows, name, placement), code)
+    assert any(placement in text for text in texts)
+
+
+def test_the_cause_of_a_disagreement_is_guessed(rows):
+    (text,) = found(damaged(rows, "gyroscope by 2", "foot_right"), "gyroscope_disagrees")
+    assert "2 times too large" in text
+    (text,) = found(damaged(rows, "gyroscope's y turned round", "foot_right"), "gyroscope_disagrees")
+    assert "its y axis may be turned round" in text
+
+
+def test_a_stated_wrong_unit_is_still_refused(rows):
+    """A hundred impossible samples are a wrong unit, not a hundred damaged samples."""
+    with pytest.raises(RecordingError, match="it seems to be in deg/s"):
+        io.recording_from_arrays(rows.sensors, time=rows.time, gyr_unit="rad/s")
+
+
+def test_a_runner_is_not_refused_for_the_mean_of_the_force(rows):
+    """Where a foot is calm it measures gravity, whatever the median."""
+    hard = {p: {**s, "acc": s["acc"] + 12.0 * (np.abs(s["gyr"]).max(axis=1, keepdims=True) > 40.0)} for p, s in
+            rows.sensors.items() if p.startswith("foot")}  # fmt: skip
+    size = np.linalg.norm(hard["foot_right"]["acc"], axis=1)
+    assert np.nanmedian(size[np.abs(hard["foot_right"]["gyr"]).max(axis=1) > 40.0]) > 15.0
+    io.recording_from_arrays(hard, time=rows.time)
+
+
+def test_recordings_without_accelerometer_or_of_a_second_are_not_judged(walk):
+    short = {p: imu._replace(**{n: getattr(imu, n)[:90] for n in ("time", "gyr", "acc", "mask")}) for p, imu in
+             walk.sensors.items()}  # fmt: skip
+    assert damage_notes(walk._replace(sensors=short)) == ()
+    assert damage_notes(walk._replace(sensors={p: imu._replace(acc=None) for p, imu in walk.sensors.items()})) == ()
