@@ -1,10 +1,12 @@
 """What each filler computes, against the definition or a loop in NumPy."""
 
+import jax
 import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, schedule, walk
 
-from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.fillers import neighbours as one_by_one
+from jgait.duty_cycle.fillers.base import FILLED, Thigh, check_signals
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
 from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend, ridge
 
@@ -30,6 +32,23 @@ def test_neighbours_are_those_of_the_definition():
         kernel = np.exp(-(alike - nearest) / (2.0 * p.bandwidth**2 * (nearest + p.floor)))
         if not on[t]:
             np.testing.assert_allclose(found.rate[t], (kernel * values).sum() / kernel.sum(), rtol=1e-9)
+
+
+def test_neighbours_sample_by_sample_are_those_over_the_recording():
+    rate, acc = walk(200, 54.3, seed=5)
+    on = schedule(200)
+    s = check_signals(rate, on, acc, RATE_HZ, None)
+    compared = one_by_one.scaled(s, NEIGHBOURS)
+
+    def step(state, sample):
+        return one_by_one.step(NEIGHBOURS, 1.0 / RATE_HZ, state, *sample)
+
+    start = one_by_one.begin(200, compared.shape[1], compared.dtype)
+    told = np.asarray(jax.lax.scan(step, start, (compared, s.rate, s.usable))[1])
+    found = neighbours(rate, on, acc, RATE_HZ)
+    filled = np.asarray(found.how) == FILLED
+    np.testing.assert_allclose(found.rate[filled], told[filled], rtol=1e-10)
+    assert filled.sum() > 50
 
 
 def test_neighbours_follow_a_walk_whose_stride_changes_in_the_gap():

@@ -151,6 +151,26 @@ def finished(s: Signals, filled: Rate, enough: On, latency: int = 0) -> Filled:
     return Filled(rate, how, jnp.asarray(latency, jnp.int32))
 
 
+def reversed_behind(values: Shaped[AnyArray, "time *rest"], size: int) -> Shaped[Array, "longer *rest"]:
+    """The samples in reverse, with `size` zeros behind: `past` takes its slices from them."""
+    return jnp.concatenate([jnp.asarray(values)[::-1], jnp.zeros((size, *values.shape[1:]), values.dtype)])
+
+
+def past(
+    behind: Shaped[Array, "longer *rest"], count: int, number: Int[Array, ""], lag: int, size: int
+) -> Shaped[Array, "memory *rest"]:
+    """The samples from `lag` before a sample on, newest first; 0 before the first sample.
+
+    Args:
+        behind: (count + …, …) from `reversed_behind`.
+        count: number of samples.
+        number: number of the sample.
+        lag: least lag [samples].
+        size: number of lags.
+    """
+    return lax.dynamic_slice_in_dim(behind, count - 1 - number + lag, size)
+
+
 def pushed(register: Shaped[Array, "n *rest"], now: Shaped[Array, "*rest"]) -> Shaped[Array, "n *rest"]:
     """The register of the latest n samples, newest first, after one more sample; the oldest sample is dropped."""
     return jnp.concatenate([now[None], register[:-1]])

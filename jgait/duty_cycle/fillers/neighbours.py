@@ -21,9 +21,21 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Shaped
 
-from jgait.duty_cycle.fillers.base import Filled, Filler, Force, On, Rate, Signals, Thigh, pushed, started
+from jgait.duty_cycle.fillers.base import (
+    Filled,
+    Filler,
+    Force,
+    On,
+    Rate,
+    Signals,
+    Thigh,
+    past,
+    pushed,
+    reversed_behind,
+    started,
+)
 from jgait.duty_cycle.fillers.pace import filled_once_enough
 from jgait.params import Param, Parameter, documented, fixed, positive, ranges
 from jgait.types import Scalar
@@ -93,11 +105,7 @@ def step(
     there = s.there.astype(s.rate.dtype)
     distance = there * ((signals[None] - s.signals) ** 2).sum(axis=1) + keep * s.distance
     weight = there + keep * s.weight
-    alike, nearest = distances(p, keep, s, distance, weight)
-    further = jnp.where(s.usable, alike - nearest, 0.0)
-    kernel = jnp.where(s.usable, jnp.exp(-0.5 * further / (p.bandwidth**2 * (nearest + p.floor))), 0.0)
-    total = kernel.sum()
-    predicted = (kernel * s.rate).sum() / jnp.where(total > 0.0, total, 1.0)
+    predicted = _mean_rate(p, *distances(p, keep, s, distance, weight), s.rate, s.usable)
     after = NeighboursState(
         pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
         pushed(s.there, jnp.ones_like(usable)), distance, weight,
@@ -114,8 +122,22 @@ def distances(
     sums of weighted square differences and of the weights, with the present sample.
     """
     alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
-    nearest = jnp.min(jnp.where(s.usable, alike, jnp.inf))
-    return alike, jnp.where(s.usable.any(), nearest, 1.0)
+    return alike, _nearest(alike, s.usable)
+
+
+def _nearest(alike: Float[Array, "memory"], usable: Bool[Array, "memory"]) -> Float[Array, ""]:
+    return jnp.where(usable.any(), jnp.min(jnp.where(usable, alike, jnp.inf)), 1.0)
+
+
+def _mean_rate(
+    p: Neighbours, alike: Float[Array, "memory"], nearest: Scalar, rate: Float[Array, "memory"],
+    usable: Bool[Array, "memory"],
+) -> Float[Array, ""]:  # fmt: skip
+    """The weighted mean of the measured rates, from their distances and the least of these; 0 without any."""
+    further = jnp.where(usable, alike - nearest, 0.0)
+    kernel = jnp.where(usable, jnp.exp(-0.5 * further / (p.bandwidth**2 * (nearest + p.floor))), 0.0)
+    total = kernel.sum()
+    return (kernel * rate).sum() / jnp.where(total > 0.0, total, 1.0)
 
 
 def scaled(s: Signals, p: Neighbours) -> Float[Array, "time channel"]:
@@ -140,12 +162,46 @@ def neighbours(
 
 @partial(jax.jit, static_argnames="sampling_rate_hz")
 def _filled(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Filled:
+    return filled_once_enough(s, _predicted(s, p, sampling_rate_hz), sampling_rate_hz, p.least_strides)
+
+
+def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Float[Array, "time"]:
+    """As `step` from the first sample on, where the gyroscope is off; elsewhere 0.
+
+    The memory is not moved by each sample: it is a slice of the recording in reverse. Without a gap in what follows,
+    distances are not computed.
+    """
     compared = scaled(s, p)
-    size = min(len(s.rate), round(MEMORY_S * sampling_rate_hz))
-    start = begin(size, compared.shape[1], s.rate.dtype)
-    dt = jnp.asarray(1.0 / sampling_rate_hz, s.rate.dtype)
-    predicted = lax.scan(lambda c, x: step(p, dt, c, *x), start, (compared, s.rate, s.usable))[1]
-    return filled_once_enough(s, predicted, sampling_rate_hz, p.least_strides)
+    count, size = len(s.rate), min(len(s.rate), round(MEMORY_S * sampling_rate_hz))
+    keep = jnp.exp(-1.0 / (p.history_s * sampling_rate_hz)).astype(s.rate.dtype)
+    weights = lax.scan(lambda w, _: (1.0 + keep * w,) * 2, jnp.zeros_like(keep), length=count)[1]
+    short = p.short * (1.0 - (1.0 - keep) * weights)
+
+    known = [reversed_behind(values, size) for values in (s.rate, s.usable, weights, short)]
+    signals = [reversed_behind(values, size) for values in compared.T]
+    lags = jnp.arange(size, dtype=jnp.int32)
+    later = lax.cummax((~s.usable).astype(jnp.int32), reverse=True) > 0
+
+    def one(distance: Array, sample: tuple[Array, ...]) -> tuple[Array, Array]:
+        number, now, off, any_later = sample
+
+        def before(values: Shaped[Array, "longer"]) -> Shaped[Array, "memory"]:
+            return past(values, count, number, 1, size)
+
+        def further(distance: Array) -> Array:
+            apart = sum((value - before(signal)) ** 2 for value, signal in zip(now, signals, strict=True))
+            return jnp.where(lags < number, apart, 0.0) + keep * distance
+
+        def filled(distance: Array) -> Array:
+            rate, usable, weight, added = map(before, known)
+            alike = distance / jnp.where(lags < number, weight, 1.0) + added
+            return _mean_rate(p, alike, _nearest(alike, usable), rate, usable)
+
+        distance = lax.cond(any_later, further, lambda d: d, distance)
+        return distance, lax.cond(off, filled, lambda d: jnp.zeros_like(d[0]), distance)
+
+    samples = (jnp.arange(count, dtype=jnp.int32), compared, ~s.usable, later)
+    return lax.scan(one, jnp.zeros(size, s.rate.dtype), samples)[1]
 
 
 FILLERS = {"neighbours": Filler(neighbours, NEIGHBOURS, TRANSFORMS, needs_acc=True)}

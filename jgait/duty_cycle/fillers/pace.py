@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, pushed
+from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, past, reversed_behind
 from jgait.params import Param
 from jgait.signal.windows import vertex
 
@@ -41,8 +41,8 @@ class Pace(NamedTuple):
     known: Bool[Array, "time"]
 
 
-type _Carry = tuple[_Differences, tuple[Array, Array, Array, Array], Array, Array]
-"""Differences, registers of past samples, smoothed square rate, seconds of walking."""
+type _Carry = tuple[_Differences, Array, Array]
+"""Differences, smoothed square rate, seconds of walking."""
 
 
 class _Differences(NamedTuple):
@@ -92,10 +92,13 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
     some = 0.1 * sampling_rate_hz
     longer = jnp.asarray(1.0 + 0.1 * lags * dt, dtype)  # of a period and its double, the period
 
-    def step(carry: _Carry, sample: tuple[Array, Array, Array]) -> tuple[_Carry, Pace]:
-        d, past, power, walked = carry
-        rate, on, acc = sample
-        before = jax.tree.map(lambda register: register[lags - 1], past)
+    count, longest = len(s.rate), int(lags[-1])
+    behind = [reversed_behind(v, longest) for v in (s.rate, s.usable, force, jnp.ones_like(s.usable))]
+
+    def step(carry: _Carry, sample: tuple[Array, Array, Array, Array]) -> tuple[_Carry, Pace]:
+        d, power, walked = carry
+        number, rate, on, acc = sample
+        before = [past(values, count, number, int(lags[0]), len(lags)) for values in behind]
         pairs = (before[1] & on).astype(dtype)
         forget = keep if s.acc is not None else jnp.where(on, keep, 1.0).astype(dtype)
         there = before[3].astype(dtype) if s.acc is not None else jnp.zeros_like(pairs)
@@ -111,15 +114,11 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
         period = ((lags[0] + at).astype(dtype) + shift) * dt
         walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
         seen = jnp.maximum(d.rate_weight[at], d.acc_weight[at])
-        now = (rate, on, acc, jnp.ones_like(on))
-        past = jax.tree.map(pushed, past, now)
-        return (d, past, power, walked), Pace(period, walked / period, seen > 0.2 * sampling_rate_hz)
+        return (d, power, walked), Pace(period, walked / period, seen > 0.2 * sampling_rate_hz)
 
-    longest = int(lags[-1])
-    no = jnp.zeros(longest, bool)
-    past = (jnp.zeros(longest, dtype), no, jnp.zeros((longest, 3), dtype), no)
-    start = (_Differences(blank, blank, blank, blank), past, jnp.zeros((), dtype), jnp.zeros((), dtype))
-    found = lax.scan(step, start, (s.rate, s.usable, force))[1]
+    start = (_Differences(blank, blank, blank, blank), jnp.zeros((), dtype), jnp.zeros((), dtype))
+    samples = (jnp.arange(count, dtype=jnp.int32), s.rate, s.usable, force)
+    found = lax.scan(step, start, samples)[1]
     return jax.tree.map(lax.stop_gradient, found)
 
 

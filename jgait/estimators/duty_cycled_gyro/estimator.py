@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
@@ -52,15 +53,17 @@ class _DutyLegResult(NamedTuple):
     deviation: LegTrajectory | None
 
 
-def _fill(p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, options: DutyCycledOptions) -> Filled:
-    """The rate of one segment without its bias and without gaps."""
-    rate = jnp.asarray(one.gyr) - one.bias
+def _fill(
+    p: DutyCycledParams, one: GapSegment, thigh: Thigh | None, valid: Values, options: DutyCycledOptions
+) -> Filled:
+    """The rate of one segment without its bias and without gaps; padding is no gap."""
+    rate = jnp.where(valid, jnp.asarray(one.gyr), 0.0) - one.bias
     if not options.gaps:
         none = jnp.zeros(rate.shape, jnp.int32)
         return Filled(rate, none + MEASURED, none[0])
     acc = jnp.asarray(one.acc) if options.felt else None
     return fillers()[options.filler].fill(
-        rate, jnp.asarray(one.on), acc, options.sampling_rate_hz, p.filler, thigh=thigh
+        rate, jnp.asarray(one.on) | ~jnp.asarray(valid), acc, options.sampling_rate_hz, p.filler, thigh=thigh
     )  # fmt: skip
 
 
@@ -80,7 +83,7 @@ def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: Du
     above = None
     for segment, one in zip(SEGMENTS, leg, strict=True):
         if one is not None:
-            rates[segment] = _fill(p, one, above, options)
+            rates[segment] = _fill(p, one, above, inputs.valid, options)
             if segment == "thigh" and options.above and options.felt:
                 above = Thigh(rates[segment].rate, jnp.asarray(one.acc))
     planar = {
@@ -114,13 +117,14 @@ def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate)
 
 
 def _legs(p: DutyCycledParams, inputs: DutyCycledInputs, options: DutyCycledOptions) -> list[_DutyLegResult | None]:
-    """Results of both legs; computed with vmap if both legs have the same sensors."""
+    """Results of both legs; one program if both legs have the same sensors."""
     both = [None if leg is None else (one_side(p, side), leg) for side, leg in enumerate((inputs.right, inputs.left))]
     worn = [None if leg is None else [one is None for one in leg] for leg in (inputs.right, inputs.left)]
     if None in worn or worn[0] != worn[1]:
         return [None if one is None else _leg(one[0], one[1], inputs, options) for one in both]
     stacked = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *both)
-    result = jax.vmap(lambda one: _leg(one[0], one[1], inputs, options))(stacked)
+    # one after the other: a leg without gaps at a sample does not compute what would fill them
+    result = lax.map(lambda one: _leg(one[0], one[1], inputs, options), stacked)
     return [jax.tree.map(lambda v, side=side: v[side], result) for side in range(2)]
 
 

@@ -178,7 +178,7 @@ def test_filled_rates_and_their_variance_have_the_same_derivative_forward_and_in
 
     def told(values):
         p = with_values(values)
-        filled = _fill(p, inputs.right.shank, None, made.options)
+        filled = _fill(p, inputs.right.shank, None, inputs.valid, made.options)
         seen = _planar(p, inputs.right.shank, filled, inputs.dt)
         return jnp.mean((seen.gyr - 0.3) ** 2 + seen.excess)
 
