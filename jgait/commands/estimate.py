@@ -55,22 +55,23 @@ def estimate(
     placement, placements = recordings.places_of(place)
     read = partial(
         recordings.recording_of, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit, format=format,
-        placement=placement, placements=placements, trial=trial,
+        placement=placement, placements=placements,
     )  # fmt: skip
     names = _names(files)
-    planned = {output: str(file.resolve()) for file, name in names.items() for output in job.planned(name)}
-    if len(planned) < len(names) * len(job.planned("")):
+    items = [item for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)]
+    planned = {output: str(item.file.resolve()) for item in items for output in job.planned(item.name)}
+    if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")
     inputs = [*files, params, person]
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
-        numbers, failures = _each(names, read, job, folder)
+        numbers, failures = _each(items, read, job, folder)
     if job.table.rows:
         console.print(job.table)
         console.print(job.caption, style="dim")
     write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
-        errors.print(f"{len(failures)} of {len(files)} recordings could not be used", highlight=False)
-        raise typer.Exit(1 if len(failures) < len(files) else 2)
+        errors.print(f"{len(failures)} of {len(items)} recordings could not be used", highlight=False)
+        raise typer.Exit(1 if len(failures) < len(items) else 2)
 
 
 def _job(
@@ -103,31 +104,31 @@ def _names(files: list[Path]) -> dict[Path, str]:
 
 
 def _each(
-    names: dict[Path, str], read: Callable[[Path], Recording], job: EstimateJob, folder: ResultsFolder
+    items: list[recordings.Item], read: Callable[..., Recording], job: EstimateJob, folder: ResultsFolder
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Estimate, write and print every file: file → numbers, and file → the reason why it could not be used."""
+    """Estimate, write and print every recording: its file → numbers, or the reason why it could not be used."""
     numbers: dict[str, Any] = {}
     failures: dict[str, str] = {}
-    for file, name in names.items():
+    for item in items:
         try:
             with progress() as bars:
                 bar = Bar(bars)
-                bar(f"{file.name}: reading and computing", 0, None)
-                programs.before_compiling(partial(bar, f"{file.name}: compiling (first time only)", 0, None))
-                made = job.compute(read(file))
+                bar(f"{item.label}: reading and computing", 0, None)
+                programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
+                made = job.compute(read(item.file, trial=item.trial))
         except Exception as error:  # whatever a damaged file leads to must not stop the others
             reason = reason_of(error)
-            errors.print(f"[bold red]{visible(file)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-            failures[str(file)] = reason
+            errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
+            failures[item.key] = reason
             continue
         try:
-            written = folder.publish(job.write(made, folder.stage, name))
+            written = folder.publish(job.write(made, folder.stage, item.name))
         except OSError as error:
             stop(f"nothing more could be written to {folder.path}: {error}")
         for line in job.notes(made):
-            note(f"{file.name}: {line}")
-        for row in job.rows(made, name):
+            note(f"{item.label}: {line}")
+        for row in job.rows(made, item.name):
             job.table.add_row(*row)
-        numbers[str(file)] = job.numbers(made, written)
+        numbers[item.key] = job.numbers(made, written)
         wrote(written)
     return numbers, failures

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 from jaxtyping import PyTree
@@ -80,6 +80,44 @@ def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     if alone is not None and places:
         stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
     return alone, places
+
+
+class Item(NamedTuple):
+    """One recording of a file.
+
+    Attributes:
+        file: the file or folder.
+        name: first part of the names of its results.
+        trial: name of the trial in a file with several; None: the file is one recording, or the reader decides.
+    """
+
+    file: Path
+    name: str
+    trial: str | None = None
+
+    @property
+    def key(self) -> str:
+        """The file, with its trial if it has several."""
+        return f"{self.file}: {self.trial}" if self.trial else str(self.file)
+
+    @property
+    def label(self) -> str:
+        """As `key`, without folders."""
+        return f"{self.file.name}: {self.trial}" if self.trial else self.file.name
+
+
+def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:
+    """The recordings of a file: every trial of a Mobilise-D file, or the one that is asked for; else the file."""
+    from jgait import io
+
+    try:
+        several = trial is None and file.is_file() and (format or io.format_of(file)) == "mobilised"
+        trials = io.mobilised_trials(file) if several else ()
+    except (OSError, ValueError):  # the reader will say what is wrong
+        trials = ()
+    if len(trials) < 2:
+        return [Item(file, name, trial)]
+    return [Item(file, f"{name}_{one.replace('/', '_')}", one) for one in trials]
 
 
 def recording_of(

@@ -43,6 +43,13 @@ WORDS = {
 """Words of measuring systems for placements; the longest matching word is used."""
 
 
+CODES = {
+    **{side[0] + kind[0]: f"{kind}_{side}" for kind in ("foot", "shank", "thigh") for side in ("right", "left")},
+    "sa": "pelvis", "lb": "lower_back",
+}  # fmt: skip
+"""Codes of two letters at the end of a name ("LF" for the left foot, "walk_lb" for the lower back) → placement."""
+
+
 def placement_of(label: str) -> str | None:
     """The placement of a sensor from its name, such as "LowerBack" or "tibia_r_imu"; None where the name has none."""
     plain = label.strip().lower().replace("-", "_").replace(" ", "_")
@@ -56,6 +63,8 @@ def placement_of(label: str) -> str | None:
     if not sides:
         sides = {side for side in ("right", "left") if joined.startswith(side) or joined.endswith(side)}
     words = sorted((word for word in WORDS if word in joined), key=len, reverse=True)
+    if not words and tokens and tokens[-1] in CODES:
+        return CODES[tokens[-1]]
     if not words or len(sides) > 1:
         return None
     place = WORDS[words[0]]

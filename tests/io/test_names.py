@@ -6,7 +6,7 @@ import pytest
 from made.notes import texts
 
 from jgait import io
-from jgait.io.names import column_of
+from jgait.io.names import column_of, placement_of
 from jgait.types import RecordingError
 
 
@@ -28,6 +28,15 @@ from jgait.types import RecordingError
 )
 def test_words_of_a_column_give_its_placement(name, known):
     assert column_of(name) == known
+
+
+@pytest.mark.parametrize(
+    ("name", "placement"),
+    [("LF", "foot_left"), ("RS", "shank_right"), ("SA", "pelvis"), ("1-1_lb", "lower_back"), ("12_rf", "foot_right"),
+     ("00B40C48", None), ("data", None), ("elf", None)],
+)  # fmt: skip
+def test_codes_of_two_letters_give_a_placement(name, placement):
+    assert placement_of(name) == placement
 
 
 @pytest.mark.parametrize(

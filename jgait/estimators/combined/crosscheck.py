@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
+from jgait.mounting.leg import SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
 from jgait.notes import WRONG_PLACE, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
@@ -223,7 +224,7 @@ def _segments(sensors: Mapping[str, Imu]) -> list[Note]:
         pair = {kind: sensors.get(f"{kind}_{side}") for kind in ("thigh", "shank")}
         if all(imu is not None for imu in pair.values()):
             thigh, shank = (fast_rate(imu) for imu in pair.values() if imu is not None)
-            if thigh > shank:
+            if thigh > SWAPPED * shank:
                 notes.append(LABELS_EXCHANGED(thigh=f"thigh_{side}", shank=f"shank_{side}"))
     return notes
 
