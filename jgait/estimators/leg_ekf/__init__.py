@@ -9,7 +9,7 @@ distance", ACC 2013. The model is in `leg_ekf.model`; `mounting.leg` finds the a
 
 Sensors:
     `thigh_right` and `shank_right`, or the left ones, or all four; gyroscopes, and accelerometers if available;
-    on one clock, 25 Hz or more, with half a second of quiet standing.
+    on one clock, 40 Hz or more, with half a second of quiet standing.
 
 Outputs:
     Hip and knee flexion [rad], ankle relative to hip [m], standard deviations, walked distance [m].

@@ -19,6 +19,9 @@ from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
+SHORT_GAP = 0.1
+"""[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
+
 
 def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
     """The model's parameters for one leg, R from its gyroscopes at rest."""
@@ -41,10 +44,11 @@ def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOpti
         vector(jnp.where(segment.measured[:, None], segment.gyr, 0.0)),
         vector(segment.acc),
         inputs.still,
-        segment.measured & inputs.valid,
+        segment.measured,
         inputs.dt,
         vector(segment.bias),
         inputs.start_variance,
+        segment.lost,
         smooth=options.smooth,
         standing=options.standing,
     )
@@ -61,26 +65,30 @@ def observe(
 
     Observations that the options turn off have a constant False mask, so that the filter does not compute them.
     """
+    there = inputs.valid | (leg.thigh.lost > 0.0) | (leg.shank.lost > 0.0)
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
     zero = jnp.zeros_like(inputs.dt)
     if inclinations is not None:
         thigh, shank = inclinations
         # Errors of the inclination persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
         spread = 1.0 / jnp.maximum(inputs.dt, 1e-3)
+        # At the end of a gap the leg starts again from its inclination; its own prediction is worth nothing.
+        lost = jnp.maximum(leg.thigh.lost, leg.shank.lost)
+        spread = jnp.where(lost > SHORT_GAP, 1.0, spread)
         control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
         angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
         rates = (gain * thigh.rate, shank.rate)
-        tilted: Values = inputs.valid
+        # In gaps both inclinations are known too: badly in their middle, well at their ends.
+        tilted: Values = there
     else:
         # In each quiet standing the pose is assumed to be the calibration pose, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
         angles = (zero + STANDING + hip, zero + STANDING + hip - knee)
         rates = (-leg.thigh.gyr[..., 1], -leg.shank.gyr[..., 1])
         tilted = inputs.still & inputs.valid if options.standing else False
-    measured = leg.thigh.measured & leg.shank.measured & inputs.valid
-    closed = inputs.valid if options.closure else False
+    closed = there if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
-    return observation, control, LegObservation(measured, measured, closed, closed, tilted, tilted)
+    return observation, control, LegObservation(leg.thigh.measured, leg.shank.measured, closed, closed, tilted, tilted)
 
 
 def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> Belief:

@@ -23,7 +23,7 @@ from jgait import filtering
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY, Vector, cross, dot, scale
 from jgait.params import Param, Parameter, documented, positive
-from jgait.types import Flags, Values
+from jgait.types import Flags, Maybe, Values
 
 
 class InclinationState(NamedTuple):
@@ -41,11 +41,15 @@ class InclinationObservation(NamedTuple):
 
 
 class InclinationControl(NamedTuple):
-    """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured."""
+    """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured.
+
+    `lost` is the time since the last measured sample [s], where the sample was not measured; None: one interval.
+    """
 
     rate: Vector
     still: Flags
     measured: Flags
+    lost: Maybe[Values] = None
 
 
 @documented
@@ -90,8 +94,9 @@ def _transition_noise(
     params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del state
-    # A lost sample leaves the rate unknown by about 2 rad/s over its interval.
-    angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, 4.0) * dt * dt
+    # While samples are lost the rate is unknown by 2 rad/s, and the angle by 2 rad/s times the time since they were.
+    since = dt if control.lost is None else jnp.maximum(control.lost, dt)
+    angle = params.gyro_noise**2 * dt + jnp.where(control.measured, 0.0, 4.0 * dt * (2.0 * since - dt))
     walk = params.bias_walk**2 * dt
     return InclinationState(Vector(angle, angle, angle), Vector(walk, walk, walk))
 
@@ -156,6 +161,7 @@ def run(
     dt: Values,
     bias: Vector,
     start_variance: Values,
+    lost: Maybe[Values] = None,
     *,
     smooth: bool = True,
     standing: bool = True,
@@ -171,6 +177,7 @@ def run(
         dt: (T,) time since the previous sample [s]; 0 at the first.
         bias: gyroscope bias at the start [rad/s].
         start_variance: variance of the direction at the first sample [rad²].
+        lost: (T,) time since the last measured sample where a sample is lost [s]; None: single samples.
         smooth: Rauch–Tung–Striebel smoothing after the filter.
         standing: correct direction and bias at the still samples.
     """
@@ -182,7 +189,7 @@ def run(
         params,
         observations,
         smooth=smooth,
-        controls=InclinationControl(mean, known, measured),
+        controls=InclinationControl(mean, known, measured, lost),
         dt=dt,
         mask=mask,
         initial=prior(bias, start_variance),

@@ -17,6 +17,7 @@ class Segment(NamedTuple):
         measured: (T,) bool.
         bias: (3,) gyroscope bias at rest [rad/s].
         variance: sagittal gyroscope variance at rest [rad²/s²].
+        lost: (T,) time since the last measured sample [s]; 0 where a sample is measured.
     """
 
     gyr: Sampled
@@ -24,6 +25,7 @@ class Segment(NamedTuple):
     measured: Sampled
     bias: np.ndarray
     variance: np.ndarray
+    lost: Sampled
 
 
 class LegSignals(NamedTuple):

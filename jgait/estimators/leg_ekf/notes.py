@@ -12,8 +12,8 @@ SEGMENTS_SWAPPED = Kind(
 NOT_ESTIMATED = Kind(
     "not_estimated",
     "check",
-    "nothing is stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles and distance after "
-    "it are less certain than stated",
+    "nothing is stated for {seconds:.2f} s from {begin_s:.2f} s, where samples are missing; angles after it start "
+    "again from gravity and are less certain than stated, and the distance lacks the steps in it",
     LOSSES,
 )
 

@@ -63,13 +63,13 @@ def _incline(
     p: LegParams, belief: Belief, before: Vector, segment: Segment, inputs: LegInputs, options: LegOptions
 ) -> tuple[Belief, inclination.Inclination]:
     rate = vector(segment.gyr)
-    measured = segment.measured & inputs.valid
+    measured = segment.measured
     still = inputs.still if options.standing else jnp.zeros_like(inputs.still)
     mean = Vector(*(0.5 * (a + b) for a, b in zip(rate, before, strict=True)))
     observation, mask = inclination.observe(rate, vector(segment.acc), still if options.standing else None, measured)
     result = filtering.step(
         inclination.MODEL, p.inclination, belief, observation,
-        control=inclination.InclinationControl(mean, still, measured), dt=inputs.dt, mask=mask,
+        control=inclination.InclinationControl(mean, still, measured, segment.lost), dt=inputs.dt, mask=mask,
     )  # fmt: skip
     return result.belief, inclination.read_out(result.belief.mean, result.belief.cov, rate)
 

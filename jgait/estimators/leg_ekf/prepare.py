@@ -24,6 +24,10 @@ from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_floa
 SMALLEST_VARIANCE = 1e-8  # rad²/s²; lower limit of the measured variance of a gyroscope at rest
 
 
+LOWEST_RATE_HZ = 40.0
+"""[Hz] Lowest sampling rate. On a simulated walk knee angles differ from those at 100 Hz by 1.9° at 50 Hz (rms), by
+8.9° at 25 Hz."""
+
 LONG_GAP = 0.3
 """[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
 
@@ -50,6 +54,12 @@ def _common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[st
     if time.size < 3:
         raise RecordingError(f"leg_ekf needs a walk; '{first}' has {time.size} samples")
     common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    if rate < LOWEST_RATE_HZ:
+        raise RecordingError(
+            f"leg_ekf needs {LOWEST_RATE_HZ:g} Hz or more; the recording has {rate:.4g} Hz: between such samples a "
+            "shank turns by up to 20°, and knee angles come out wrong by 9° (rms)"
+        )
     return sensors, time
 
 
@@ -119,11 +129,19 @@ def orient(
         # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
         variance = np.maximum(np.var(gyr[standing, 1]), SMALLEST_VARIANCE)
         measured = np.asarray(imu.mask, bool)
-        segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance)
+        lost = lost_time(np.asarray(imu.time), measured)
+        segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance, lost)
     notes: list[Note] = []
     if worn.swapped:
         notes.append(SEGMENTS_SWAPPED(side=side))
     return LegSignals(segments["thigh"], segments["shank"]), notes
+
+
+def lost_time(time: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """(T,) [s] time since the last measured sample, at least one interval; 0 where a sample is measured."""
+    last = np.maximum.accumulate(np.where(measured, np.arange(time.size), -1))
+    since = time - np.where(last >= 0, time[np.maximum(last, 0)], time[0])
+    return np.where(measured, 0.0, np.maximum(since, np.median(np.diff(time))))
 
 
 def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, list[Note]]:

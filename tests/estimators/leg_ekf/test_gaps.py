@@ -1,0 +1,63 @@
+"""After a gap in a sensor's samples the leg finds its angles again; too few samples a second are refused."""
+
+import jax
+import numpy as np
+import pytest
+
+from jgait import simulate
+from jgait.estimators import leg_ekf
+from jgait.estimators.leg_ekf.prepare import lost_time
+from jgait.simulate.sensors import OPAL
+from jgait.types import Imu, RecordingError
+
+BEGIN = 700
+
+
+@pytest.fixture(scope="module")
+def walk():
+    recording, _ = simulate.cohort(
+        jax.random.key(2), 1, simulate.straight(12.0), OPAL, 100.0, ("thigh_right", "shank_right")
+    )[0]
+    return recording
+
+
+def without(recording, placement, samples):
+    imu = recording.sensors[placement]
+    mask = np.array(imu.mask)
+    mask[BEGIN : BEGIN + samples] = False
+    gone = Imu(imu.time, np.where(mask[:, None], imu.gyr, 0.0), imu.acc, mask)
+    return recording._replace(sensors={**recording.sensors, placement: gone})
+
+
+def estimate(recording):
+    return leg_ekf.estimate(leg_ekf.LegParams(), recording)
+
+
+@pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
+@pytest.mark.parametrize("samples", [50, 100, 300])
+def test_angles_after_a_gap_are_those_without_it(walk, placement, samples):
+    whole, gap = estimate(walk), estimate(without(walk, placement, samples))
+    np.testing.assert_array_equal(np.flatnonzero(~gap.valid), np.arange(BEGIN, BEGIN + samples))
+    for angle in ("hip_angle", "knee_angle"):
+        before, after = (np.rad2deg(getattr(one.legs.right, angle)) for one in (whole, gap))
+        apart = np.abs(after - before)[gap.valid]
+        assert np.sqrt(np.mean(apart**2)) < 10.0  # 20 to 90 if the leg goes on with its last rate
+        assert apart.max() < 30.0
+    # the foot stays on the leg
+    assert np.abs(gap.legs.right.x[gap.valid]).max() < 1.0
+
+
+def test_deviations_are_larger_within_a_gap(walk):
+    gap = estimate(without(walk, "shank_right", 100)).stddev.right.knee_angle
+    assert gap[BEGIN + 50] > 1.2 * gap[BEGIN - 50]
+
+
+def test_time_since_the_last_measured_sample():
+    measured = np.array([False, True, False, False, True, False])
+    np.testing.assert_allclose(lost_time(0.1 * np.arange(6), measured), [0.1, 0.0, 0.1, 0.2, 0.0, 0.1])
+
+
+def test_a_rate_that_is_too_low_is_refused(walk):
+    slow = {p: Imu(*(part[::4] for part in imu)) for p, imu in walk.sensors.items()}
+    with pytest.raises(RecordingError, match="needs 40 Hz or more; the recording has 25 Hz"):
+        estimate(walk._replace(sensors=slow, sampling_rate_hz=25.0))
