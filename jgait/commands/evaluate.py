@@ -123,7 +123,9 @@ def _judged(
     from jgait import evaluate as evaluation
     from jgait.tune import LOSSES as KNOWN
 
-    lessons = lessons_of(pipeline, source, start, [], [], any(KNOWN[name].needs for name in names))
+    failures: list[tuple[str, str]] = []
+    lessons = lessons_of(pipeline, source, start, [], failures, any(KNOWN[name].needs for name in names))
+    say_failures([one for one in failures if one not in source.failures])
     try:
         return evaluation.judged(pipeline, start, lessons, names)
     except ValueError as error:

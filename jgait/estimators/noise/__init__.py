@@ -10,7 +10,7 @@ keep them near 0 where walks are few. The type of the parameters selects the mod
 | `log_linear` | one for each feature | `log_linear.py` |
 | `network` | 208 weights | `network.py` |
 
-`features.py` has the features. All are causal: they use no sample after the one that they describe.
+`features.py` has the features, and says which of them use samples after the one that they describe.
 """
 
 from jgait.estimators.noise.constant import CONSTANT, Constant

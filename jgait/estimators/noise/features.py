@@ -1,7 +1,8 @@
 """Features of a sensor's signals from which noise models compute variances; NumPy, on the host.
 
 Logarithms of magnitudes, so that a linear function of them is a product of powers. Windows end at the sample that they
-describe. Only magnitudes are used, so the sensor may be mounted in any orientation.
+describe, but `jolt`, `jerk` and `since_contact` use up to 8 ms after it, and `stance` is that of a detector which sees
+the whole recording. Only magnitudes are used, so the sensor may be mounted in any orientation.
 
 | feature | logarithm of | over |
 |---|---|---|
