@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.lanes import applied, outer, product, product_transposed, summed, symmetrised, transposed, where
+from jgait.filtering.padding import scanned
 
 OUTPUTS = ("move", "cov", "vector", "matrix")
 """The outputs: −P λ (T, n), P − P Λ P (T, n, n), λ (T, n) and Λ (T, n, n) of the samples after each."""
@@ -49,8 +49,8 @@ class Backward:
         own = {"move": (n,), "vector": (n,), "cov": (len(self.chosen),) * 2, "matrix": (n, n)}
         return [jax.ShapeDtypeStruct((length, *own[name]), arguments[0].dtype) for name in self.names]
 
-    def value(self, *arguments: PyTree) -> list[PyTree]:
-        """The outputs, time axis in front and batch behind."""
+    def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
+        """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
         names = self.names
 
         def body(carry: PyTree, sample: PyTree) -> tuple[PyTree, list[PyTree]]:
@@ -73,12 +73,17 @@ class Backward:
         lanes = max(v.shape[-1] for v in arguments)
         n, dtype = arguments[0].shape[1], arguments[0].dtype
         none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if self.chosen else 0.0)
-        return lax.scan(body, none, arguments, reverse=True)[1]
+        return scanned(body, none, arguments, count, reverse=True)[1]
 
     def closed(
-        self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
+        self,
+        moving: tuple[int, ...],
+        arguments: list[PyTree],
+        outputs: list[PyTree],
+        cotangents: list[PyTree],
+        count: PyTree = None,
     ) -> list[PyTree]:
-        """The closed form: cotangents of the arguments `moving`, by a scan forward over the samples."""
+        """The closed form: cotangents of the arguments `moving`, by a scan forward over the first `count` samples."""
         names = self.names
         told = dict(zip(names, outputs, strict=True))
         given = {name: value for name, value in zip(names, cotangents, strict=True) if value is not None}
@@ -119,7 +124,7 @@ class Backward:
         n, dtype = arguments[0].shape[1], arguments[0].dtype
         none = jnp.zeros((n, lanes), dtype), (jnp.zeros((n, n, lanes), dtype) if second else 0.0)
         needed = {name: value for name, value in told.items() if name == "vector" or (name == "matrix" and second)}
-        return lax.scan(body, none, (arguments, needed, given))[1]
+        return scanned(body, none, (arguments, needed, given), count)[1]
 
 
 def _taken(matrix: PyTree, rows: tuple[int, ...]) -> PyTree:

@@ -10,7 +10,7 @@ order differentiate the computation itself.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import jax
@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jax.interpreters import partial_eval as pe
 from jaxtyping import PyTree
 
 
@@ -36,6 +37,13 @@ class Batched(Protocol):
 
     def part(self, outputs: list[Any]) -> list[Any]:
         """The outputs of this function among those of `whole`."""
+
+    def lesser(self, used: Sequence[bool]) -> "tuple[Batched, list[bool]]":
+        """The same function without some of its outputs that are not used, and whether it has each of them still."""
+
+    @property
+    def constant(self) -> "Batched":
+        """The same function with loops of constant length, which JAX can differentiate in reverse mode."""
 
     @property
     def reverse(self) -> "Reverse | None":
@@ -128,8 +136,32 @@ def _mapped(
     return outputs, [o.ndim - 1 for o in outputs]
 
 
+class Plain:
+    """The members of a `Batched` function that has no rule `reverse`: all its outputs are always returned."""
+
+    reverse = None
+
+    @property
+    def whole(self) -> Any:
+        """The function itself."""
+        return self
+
+    @property
+    def constant(self) -> Any:
+        """The function itself, if all its loops have a constant length."""
+        return self
+
+    def part(self, outputs: list[Any]) -> list[Any]:
+        """All outputs."""
+        return outputs
+
+    def lesser(self, used: Sequence[bool]) -> tuple[Any, list[bool]]:
+        """The function itself, with all outputs."""
+        return self, [True] * len(used)
+
+
 @dataclass(frozen=True)
-class _Tangent:
+class _Tangent(Plain):
     """The derivative of a function: (arguments, outputs of `whole`, tangents of `moving`) → tangents of the outputs."""
 
     function: Any
@@ -154,25 +186,20 @@ class _Tangent:
         moved = jax.jvp(of, tuple(p for p, _ in pairs), tuple(t for _, t in pairs))[1]
         return list(moved)
 
+    @property
+    def constant(self) -> "_Tangent":
+        return replace(self, function=self.function.constant)
+
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [o for o in self.function.shapes(*arguments[: self.count]) if _real(o)]
-
-    reverse = None
 
     @property
     def block(self) -> int:
         return int(self.function.block)
 
-    @property
-    def whole(self) -> "_Tangent":
-        return self
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        return outputs
-
 
 @dataclass(frozen=True)
-class _Reverse:
+class _Reverse(Plain):
     """The transpose of a derivative: (arguments, outputs, cotangents of the outputs `given`) → cotangents."""
 
     function: Any
@@ -192,21 +219,16 @@ class _Reverse:
         found = own(self.moving, primals, outputs, cotangents)
         return [jnp.broadcast_to(f, (*f.shape[:-1], lanes)) for f in found]
 
+    @property
+    def constant(self) -> "_Reverse":
+        return replace(self, function=self.function.constant)
+
     def shapes(self, *arguments: jax.ShapeDtypeStruct) -> list[jax.ShapeDtypeStruct]:
         return [arguments[i] for i in self.moving]
-
-    reverse = None
 
     @property
     def block(self) -> int:
         return int(self.function.block)
-
-    @property
-    def whole(self) -> "_Reverse":
-        return self
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        return outputs
 
 
 def _plain(function: Batched) -> Reverse:
@@ -221,7 +243,7 @@ def _plain(function: Batched) -> Reverse:
             every = list(arguments)
             for i, value in zip(moving, values, strict=True):
                 every[i] = value
-            return [o for o, c in zip(function.value(*every), cotangents, strict=True) if c is not None]
+            return [o for o, c in zip(function.constant.value(*every), cotangents, strict=True) if c is not None]
 
         wide = [jnp.broadcast_to(arguments[i], (*arguments[i].shape[:-1], lanes)) for i in moving]
         shown, pull = jax.vjp(of, *wide)
@@ -271,6 +293,34 @@ def _transposed(
     ]
 
 
+def _pruned(used: Sequence[bool], *rest: Any) -> tuple[list[bool], Any]:
+    """The call without the outputs that are not used, and which of its arguments that needs."""
+    equation = rest[-1]  # some versions of JAX pass another argument before it
+    inputs, params = equation.invars, equation.params
+    if not any(used):
+        return [False] * len(inputs), None
+    function, ranks = params["function"], params["ranks"]
+    needed, outputs = [True] * len(inputs), [True] * len(equation.outvars)
+    if isinstance(function, _Reverse):
+        given = [i in function.given for i in range(len(inputs) - function.count - len(function.given))]
+        lesser, kept = function.function.lesser(given)
+        needed[function.count : function.count + len(kept)] = kept
+        place = [sum(kept[:i]) for i in function.given]
+        function = replace(function, function=lesser, given=tuple(place))
+    else:
+        function, outputs = function.lesser(used)
+    new = equation.replace(
+        invars=[v for v, needs in zip(inputs, needed, strict=True) if needs],
+        outvars=[v for v, has in zip(equation.outvars, outputs, strict=True) if has],
+        params={
+            **params,
+            "function": function,
+            "ranks": tuple(r for r, needs in zip(ranks, needed, strict=True) if needs),
+        },
+    )
+    return needed, new
+
+
 def _summed(value: PyTree, shape: tuple[int, ...]) -> PyTree:
     """The sum over batch axes in which the argument was the same for all."""
     axes = tuple(i for i, (a, b) in enumerate(zip(value.shape, shape, strict=True)) if a != b)
@@ -283,3 +333,4 @@ mlir.register_lowering(_call, mlir.lower_fun(_evaluated, multiple_results=True))
 batching.primitive_batchers[_call] = _mapped
 ad.primitive_jvps[_call] = _jvp
 ad.primitive_transposes[_call] = _transposed
+pe.dce_rules[_call] = _pruned

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
@@ -37,7 +36,8 @@ from jgait.filtering.lanes import (
 )
 from jgait.filtering.local_model import Linearised, LocalModel, Shape
 from jgait.filtering.methods import EKF, KF, IteratedSmoother, Method
-from jgait.filtering.sharing import shared
+from jgait.filtering.padding import scanned
+from jgait.filtering.sharing import OFTEN, shared
 from jgait.filtering.update import joseph, updated
 
 OUTPUTS = (
@@ -116,8 +116,8 @@ class Filter:
         lanes = max(v.shape[-1] for v in arguments)
         return params, (mean, cov), (measured, controls, dt, seen), lanes
 
-    def value(self, *arguments: PyTree) -> list[PyTree]:
-        """The outputs, time axis in front and batch behind."""
+    def value(self, *arguments: PyTree, count: PyTree = None) -> list[PyTree]:
+        """The outputs of the first `count` samples, or of all, time axis in front and batch behind."""
         params, (mean, cov), samples, lanes = self._split(arguments)
         local = LocalModel(self.shape, params, lanes)
         n = self.shape.sizes[1]
@@ -133,7 +133,7 @@ class Filter:
 
         # Methods without a closed form are differentiated through the scan, which then stores the beliefs alone.
         body = body if linearises_once(self.method) else jax.checkpoint(body, prevent_cse=False)
-        return lax.scan(body, start, samples)[1]
+        return scanned(body, start, samples, count)[1]
 
     def _priors(self, local: LocalModel, before: PyTree, delta: PyTree, cov: PyTree, sample: PyTree) -> PyTree:
         """The linearised model, P⁻ and the update, and the innovation and the update of the first iteration."""
@@ -169,9 +169,14 @@ class Filter:
         return told
 
     def closed(
-        self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
+        self,
+        moving: tuple[int, ...],
+        arguments: list[PyTree],
+        outputs: list[PyTree],
+        cotangents: list[PyTree],
+        count: PyTree = None,
     ) -> list[PyTree]:
-        """The closed form: cotangents of the arguments `moving`, by a scan back over the samples."""
+        """The closed form: cotangents of the arguments `moving`, by a scan back over the first `count` samples."""
         params, (mean, cov), samples, lanes = self._split(tuple(arguments))
         told = dict(zip(self.keep, outputs, strict=True))
         given = {name: value for name, value in zip(self.keep, cotangents, strict=True) if value is not None}
@@ -180,20 +185,21 @@ class Filter:
             jnp.concatenate([a[None], b[:-1]])
             for a, b in zip(first, (told["predicted"], told["delta"], told["cov"]), strict=True)
         ]
-        count, controls = len(params), len(samples[1])
-        slots = _Slots(frozenset(moving), count, controls)
+        behind, controls = len(params), len(samples[1])
+        slots = _Slots(frozenset(moving), behind, controls)
 
         def body(carry: PyTree, item: PyTree) -> tuple[PyTree, PyTree]:
-            back, summed = carry
+            back, total = carry
             at, sample, known, ct = item
             found, own, each = self._adjoint(params, slots, lanes, at, sample, known, back, ct)
-            return (found, [a + b for a, b in zip(summed, own, strict=True)]), each
+            return (found, [a + b for a, b in zip(total, own, strict=True)]), each
 
         zero = tuple(jnp.zeros_like(v) for v in first)
         none = [jnp.zeros((*params[i].shape[:-1], lanes), params[i].dtype) for i in slots.params]
         known = {name: told[name] for name in ("predicted_cov", "information", "weighted")}
-        (start, sums), each = lax.scan(body, (zero, none), (befores, samples, known, given), reverse=True)
-        found = dict(zip(slots.params, sums, strict=True)) | {count: start[0], count + 1: start[2]}
+        items = (befores, samples, known, given)
+        (start, sums), each = scanned(body, (zero, none), items, count, reverse=True)
+        found = dict(zip(slots.params, sums, strict=True)) | {behind: start[0], behind + 1: start[2]}
         found |= dict(zip(slots.samples, each, strict=True))
         return [found[i] for i in moving]
 
@@ -224,8 +230,8 @@ class Filter:
 
         # Two parts, so that an observation that is not finite does not spoil the derivatives of its prediction.
         wide = [jnp.broadcast_to(params[i], (*params[i].shape[:-1], lanes)) for i in slots.params]
-        moved_model, pull = jax.vjp(shared(transition, 3), list(before), list(delta), wide, flat)
-        seen_model, pull_seen = jax.vjp(shared(observation, 3), moved_model[2], wide, flat)
+        moved_model, pull = jax.vjp(shared(transition, OFTEN), list(before), list(delta), wide, flat)
+        seen_model, pull_seen = jax.vjp(shared(observation, OFTEN), moved_model[2], wide, flat)
         lin = Linearised(*held(*moved_model, *seen_model))
         a, h, e = lin.matrix, lin.observation, lin.innovation
         moved, prior = held(product(a, cov)), known["predicted_cov"]
@@ -274,9 +280,9 @@ class Filter:
             prior_ct = prior_ct + symmetrised(ct["predicted_cov"])
         prior_ct = held(prior_ct)
         a_ct = a_ct + 2.0 * product(prior_ct, moved)
-        on_x, *seen_ct = shared(pull_seen, 3)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
+        on_x, *seen_ct = shared(pull_seen, OFTEN)(held(*(where(valid, v, 0.0) for v in (h_ct, e_ct, total_ct))))
         pulled_x = x_ct + where(valid, on_x, 0.0)
-        x_back, delta_back, *moved_ct = shared(pull, 3)(held(a_ct, prior_ct, pulled_x))
+        x_back, delta_back, *moved_ct = shared(pull, OFTEN)(held(a_ct, prior_ct, pulled_x))
         state = jnp.stack(x_back), jnp.stack(delta_back), product(product(transposed(a), prior_ct), a)
         # What was not finite did not change the belief, and says nothing of the parameters.
         back = tuple(where(finite, f, p) for f, p in zip(state, (x_ct, delta_ct, cov_ct), strict=True))

@@ -66,7 +66,7 @@ def smoothed(
 ) -> tuple[PyTree, PyTree, dict[str, PyTree]]:
     """Smoothed mean, covariance of the selected error components (None without any), the filter's fields by name."""
     if isinstance(method, IteratedSmoother):
-        chosen(given, method, execution)
+        chosen(given, method, execution)  # "fast" is refused
         mean, cov, first = iterated(given, method.passes, keep, components)
         return list(mean.T), cov, _named(keep, first)
     fast.check_linear(given, method)

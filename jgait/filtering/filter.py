@@ -171,7 +171,8 @@ def kalman_filter(
         observations: observation tuple of (T,) arrays; a masked component may be any finite number.
         controls: control tuple of (T,) arrays, or None; entry k acts over the interval that ends at sample k.
         dt: interval [s], scalar or (T,); dt[k] is the time from sample k−1 to k, so dt[0] = 0 puts the initial
-            belief at the first sample.
+            belief at the first sample. At the end, samples with an interval of 0 and no measurement are padding:
+            they cost nothing, and their results are those of the last sample before them.
         mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None. A leaf that is Python's False
             removes its component from the model, which is faster; the component is None in innovations.
         method: `KF()`, `EKF()`, `IteratedEKF(k)`, `UKF()` or `CKF()`.

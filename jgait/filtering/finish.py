@@ -37,6 +37,12 @@ def covariances(
     return _apart(product_transposed(product(turn, about), turn), x)
 
 
+def selected(cov: PyTree, inner: tuple[int, ...], components: tuple[int, ...]) -> PyTree:
+    """The covariances (T, s, s, B) of components among those of their `closure`."""
+    place = jnp.asarray([inner.index(i) for i in components])
+    return cov if inner == components else cov[:, place[:, None], place[None]]
+
+
 def _together(*arguments: PyTree) -> list[PyTree]:
     """Arrays (T, ..., B) with all samples of all recordings as last axis."""
     lanes = max(v.shape[-1] for v in arguments)

@@ -14,14 +14,15 @@ Source: B. M. Bell, "The iterated Kalman smoother as a Gauss–Newton method", S
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import PyTree
 
 from jgait.filtering.backward import Backward
-from jgait.filtering.batched_call import call
+from jgait.filtering.batched_call import Plain, call
 from jgait.filtering.core import block_of
-from jgait.filtering.finish import closure, covariances, states
+from jgait.filtering.finish import closure, covariances, selected, states
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.lanes import applied, held, product, product_transposed, summed, where
 from jgait.filtering.local_model import LocalModel, Shape
@@ -31,34 +32,25 @@ from jgait.filtering.update import joseph, updated
 
 
 @dataclass(frozen=True)
-class LinearSmoother:
-    """Smoothed means (T, n) and covariances (T, n, n) of a linear model whose A, c, Q, H, e and R are known.
+class LinearSmoother(Plain):
+    """Smoothed means (T, n) of a linear model whose A, c, Q, H, e and R are known, and covariances of some components.
 
     A `Batched` function. The belief before the first sample is zero, without variance.
     """
 
     size: int
+    chosen: tuple[int, ...]
     dtype: Any
-
-    reverse = None
 
     @property
     def block(self) -> int:
         """Recordings computed at once."""
         return block_of(self.size, self.dtype)
 
-    @property
-    def whole(self) -> "LinearSmoother":
-        """The function itself."""
-        return self
-
-    def part(self, outputs: list[PyTree]) -> list[PyTree]:
-        """All outputs."""
-        return outputs
-
     def shapes(self, *arguments: Any) -> list[Any]:
-        """The shapes of the outputs, which are those of c and Q."""
-        return [arguments[1], arguments[2]]
+        """The shapes of the outputs: that of c, and (T, s, s)."""
+        cov = (arguments[0].shape[0], *(len(self.chosen),) * 2)
+        return [arguments[1], *[jax.ShapeDtypeStruct(cov, self.dtype)] * bool(self.chosen)]
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
@@ -81,8 +73,8 @@ class LinearSmoother:
         none = [jnp.zeros((*v.shape[1:-1], lanes), self.dtype) for v in arguments[1:3]]
         wide = [jnp.broadcast_to(v, (*v.shape[:-1], lanes)) for v in arguments]
         mean, *told = lax.scan(body, tuple(none), wide)[1]
-        move, cov = Backward(tuple(range(self.size))).value(*told)
-        return [mean + move, cov]
+        move, *cov = Backward(self.chosen).value(*told)
+        return [mean + move, *cov]
 
 
 def iterated(
@@ -98,25 +90,24 @@ def iterated(
     lengthened = [jnp.concatenate([v[:1], v]) for v in (measured, dt, *controls)]
     samples = [list(jnp.moveaxis(v, 0, -1)) if v.ndim > 1 else v for v in lengthened]
     flags = jnp.concatenate([jnp.zeros_like(seen[:1]), seen]).T
-    smoother = LinearSmoother(shape.sizes[1], shape.dtype)
+    size, length, inner = shape.sizes[1], given.length + 1, closure(shape, components)
+    smoother = LinearSmoother(size, inner, shape.dtype)
 
     def one(carry: PyTree, _: None) -> tuple[PyTree, None]:
-        at, delta, _ = carry
-        at = _moved(shape, at, delta)
+        at = _moved(shape, *carry[:2])
         elements = _linear(local, at, (start, cov), (samples[0], samples[2:], samples[1], flags))
         return (at, *call(smoother, *elements)), None
 
-    size = shape.sizes[1]
+    zeros = [
+        jnp.zeros((length, size), shape.dtype),
+        *[jnp.zeros((length, *(len(inner),) * 2), shape.dtype)] * bool(inner),
+    ]
     at = jnp.concatenate([start[None], points])
-    none = at, jnp.zeros((given.length + 1, size), shape.dtype), jnp.zeros((given.length + 1, size, size), shape.dtype)
-    at, delta, cov = (v[1:] for v in lax.scan(one, none, length=count - 1)[0])
-    inner = closure(shape, components)
+    at, delta, *found = (v[1:] for v in lax.scan(one, (at, *zeros), length=count - 1)[0])
     taken: PyTree = None
     if components:
-        taken = cov[:, jnp.asarray(inner)[:, None], jnp.asarray(inner)[None]]
-        taken = covariances(shape, inner, at[..., None], delta[..., None], taken[..., None])[..., 0]
-        place = jnp.asarray([inner.index(i) for i in components])
-        taken = taken[:, place[:, None], place[None]]
+        turned = covariances(shape, inner, *(v[..., None] for v in (at, delta, *found)))
+        taken = selected(turned, inner, components)[..., 0]
     return _moved(shape, at, delta), taken, told
 
 

@@ -1,5 +1,6 @@
 """A filter or smoother over whole recordings as one function of a batch, so that a block stays in the cache."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -9,10 +10,11 @@ from jaxtyping import PyTree
 from jgait.filtering.backward import Backward
 from jgait.filtering.batched_call import Reverse
 from jgait.filtering.core import FOR_GRADIENT, FOR_SMOOTHER, OUTPUTS, Filter, block_of, linearises_once
-from jgait.filtering.finish import covariances, states
+from jgait.filtering.finish import covariances, selected, states
 from jgait.filtering.local_model import Shape
 from jgait.filtering.methods import Method
-from jgait.filtering.sharing import shared
+from jgait.filtering.padding import added_up, held_on, samples_of
+from jgait.filtering.sharing import OFTEN, shared
 from jgait.filtering.structured import LOG_2PI
 
 NEEDS = {
@@ -23,6 +25,9 @@ NEEDS = {
     "count": ("valid",), "valid": ("valid",),
 }  # fmt: skip
 """Field of `Posterior` → outputs of the core that it is computed from."""
+
+LASTING = ("predicted", "cov", "predicted_cov", "variance", "valid")
+"""The outputs that are not zero where nothing is measured."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class Recorded:
         components: components of the error whose smoothed covariances are returned.
         inner: their `closure`.
         all: whether the outputs of the scans are returned too.
+        even: whether the scans run over padding too: their length is then constant.
     """
 
     shape: Shape
@@ -46,10 +52,11 @@ class Recorded:
     components: tuple[int, ...] = ()
     inner: tuple[int, ...] = ()
     all: bool = False
+    even: bool = False
 
     @property
     def block(self) -> int:
-        """Recordings computed at once; one for most gradients, whose program is then half as long and no slower."""
+        """Recordings computed at once; one for most gradients: half the program, and some a fifth slower."""
         block = block_of(self.shape.sizes[1], self.shape.dtype)
         return 1 if self.all and (self.smooth or block < 16) else block
 
@@ -57,6 +64,22 @@ class Recorded:
     def whole(self) -> "Recorded":
         """The same with the outputs of the scans."""
         return replace(self, all=True)
+
+    @property
+    def constant(self) -> "Recorded":
+        """The same with scans of constant length."""
+        return replace(self, even=True)
+
+    def lesser(self, used: Sequence[bool]) -> "tuple[Recorded, list[bool]]":
+        """The same without the covariances of the smoother, which are half of its work, if these are not used."""
+        kept = [True] * len(used)
+        own = {self._told() - 1} if self.components else set()
+        if self.all and own:
+            first = len(used) - len(self.backward.names)
+            own |= {first + i for i, name in enumerate(self.backward.names) if name in ("cov", "matrix")}
+        if not own or any(used[i] for i in own):
+            return self, kept
+        return replace(self, components=(), inner=()), [i not in own for i in range(len(used))]
 
     @property
     def filter(self) -> Filter:
@@ -100,14 +123,27 @@ class Recorded:
 
     def value(self, *arguments: PyTree) -> list[PyTree]:
         """The outputs, time axis in front and batch behind."""
-        found = self.filter.value(*arguments)
+        count = self._count(arguments)
+        found = self.filter.value(*arguments, count=count)
         told = dict(zip(self.filter.keep, found, strict=True))
         back: dict[str, PyTree] = {}
         if self.smooth:
-            outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER))
+            outputs = self.backward.value(*(told[name] for name in FOR_SMOOTHER), count=count)
             back = dict(zip(self.backward.names, outputs, strict=True))
+        told, back = self._lasting(told, back, lambda v: held_on(v, count))
         fields = self._fields(told, back, arguments[-1])
-        return [*fields, *found, *back.values()] if self.all else fields
+        return [*fields, *told.values(), *back.values()] if self.all else fields
+
+    def _count(self, arguments: Sequence[PyTree]) -> PyTree:
+        """The number of samples that the scans compute; None for all."""
+        ragged = linearises_once(self.method) and not self.even
+        return samples_of(*arguments[-2:]) if ragged else None
+
+    def _lasting(self, told: dict[str, PyTree], back: dict[str, PyTree], change: Callable[[PyTree], PyTree]) -> PyTree:
+        """The outputs of the scans, those that are returned and not zero in padding changed."""
+        changed = {*LASTING} if self.all else {*LASTING} & self._used()
+        told = {name: change(value) if name in changed else value for name, value in told.items()}
+        return told, {name: change(value) if name == "cov" else value for name, value in back.items()}
 
     def _fields(self, told: dict[str, PyTree], back: dict[str, PyTree], flags: PyTree) -> list[PyTree]:
         """The outputs from those of the scans; `flags` (T, m, B): what is measured."""
@@ -140,8 +176,7 @@ class Recorded:
             found.append(states(self.shape, x, delta, back["move"]))
         if self.components:
             value = covariances(self.shape, self.inner, x, delta, back["cov"], back["move"])
-            place = jnp.asarray([self.inner.index(i) for i in self.components])
-            found.append(value[:, place[:, None], place[None]] if self.inner != self.components else value)
+            found.append(selected(value, self.inner, self.components))
         return found
 
     @property
@@ -153,7 +188,7 @@ class Recorded:
         self, moving: tuple[int, ...], arguments: list[PyTree], outputs: list[PyTree], cotangents: list[PyTree]
     ) -> list[PyTree]:
         """Cotangents of the arguments `moving`: back through the fields, the smoother's scan, and the filter's."""
-        first, names = self._told(), self.filter.keep
+        first, names, count = self._told(), self.filter.keep, self._count(arguments)
         middle = first + len(names)
         told = dict(zip(names, outputs[first:middle], strict=True))
         back = dict(zip(self.backward.names, outputs[middle:], strict=True)) if self.smooth else {}
@@ -165,18 +200,21 @@ class Recorded:
             found = self._fields(real | fixed, back, arguments[-1])
             return [found[i] for i in given]
 
-        shown, pull = jax.vjp(shared(fields, 3), real, {name: back[name] for name in ("move", "cov") if name in back})
-        told_ct, back_ct = shared(pull, 3)(
+        shown, pull = jax.vjp(
+            shared(fields, OFTEN), real, {name: back[name] for name in ("move", "cov") if name in back}
+        )
+        told_ct, back_ct = shared(pull, OFTEN)(
             [jnp.broadcast_to(cotangents[i], v.shape) for i, v in zip(given, shown, strict=True)]
         )
+        told_ct, back_ct = self._lasting(told_ct, back_ct, lambda v: added_up(v, count))
         _add(told_ct, names, cotangents[first:middle])
         if self.smooth:
             _add(back_ct, self.backward.names, cotangents[middle:])
             parts = [told[name] for name in FOR_SMOOTHER]
             every = [back_ct.get(name) for name in self.backward.names]
             into = tuple(range(len(parts)))
-            _add(told_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every))
-        return self.filter.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names])
+            _add(told_ct, FOR_SMOOTHER, self.backward.closed(into, parts, list(back.values()), every, count))
+        return self.filter.closed(moving, arguments, list(told.values()), [told_ct.get(name) for name in names], count)
 
     def _used(self) -> set[str]:
         """The outputs of the filter's scan that the fields are computed from."""

@@ -20,6 +20,9 @@ from jgait.filtering.tracing import EXPENSIVE, INLINED
 WORTH = 3
 """Least number of operations at which a value that is used again is stored [1]."""
 
+OFTEN = 3
+"""Number of uses from which a value of a derivative is stored: its arrays of columns take longer to load."""
+
 _FREE = frozenset({"convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "copy", "stop_gradient"})
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from jgait.estimators.axes import Axis, Held, Sampled, Times
+from jgait.estimators.axes import Axis, Sampled, Times
 from jgait.types import Values
 
 
@@ -42,7 +42,7 @@ class LegInputs(NamedTuple):
         right: right leg, or None.
         left: left leg, or None.
         time: (T,) [s].
-        dt: (T,) time since the previous sample [s]; 0 at the first.
+        dt: (T,) time since the previous sample [s]; 0 at the first and in padding.
         still: (T,) bool, the person stands.
         valid: (T,) bool, False for padding and for long gaps in the signals of a leg.
         start_variance: variance of the pose at the first sample [rad²]; small if the recording starts standing.
@@ -51,7 +51,7 @@ class LegInputs(NamedTuple):
     right: LegSignals | None
     left: LegSignals | None
     time: Times
-    dt: Held
+    dt: Sampled
     still: Annotated[Values, Axis("one")]
     valid: Sampled
     start_variance: np.ndarray

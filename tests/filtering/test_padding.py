@@ -1,0 +1,104 @@
+"""Padding costs nothing and changes nothing, and outputs that nobody uses are not computed."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from filtering.problems import SAMPLES, Case, case, filtered, same, smoothed
+
+from jgait.filtering.padding import samples_of
+
+MORE = 7
+
+
+def padded(c: Case) -> Case:
+    """The recording with samples in which no time passes and nothing is measured."""
+
+    def longer(leaf: Any, value: float) -> Any:
+        return jnp.concatenate([leaf, jnp.full(MORE, value, leaf.dtype)])
+
+    return c._replace(
+        observations=jax.tree.map(lambda v: longer(v, 1.0), c.observations),
+        controls=jax.tree.map(lambda v: longer(v, 0.5), c.controls), dt=longer(c.dt, 0.0),
+        mask=jax.tree.map(lambda v: longer(v, 0.0), c.mask),
+    )  # fmt: skip
+
+
+def result(c: Case) -> Any:
+    """All fields of the filter, and the smoother's states and covariances."""
+    found = smoothed(c)
+    return filtered(c), found.mean, found.cov.matrix() if hasattr(found.cov, "matrix") else found.cov.variances()
+
+
+def loss(c: Case, p: Any, samples: int) -> Any:
+    """A number that depends on states, covariances and the likelihood at the first samples."""
+    found = smoothed(c._replace(params=p))
+    parts = (*jax.tree.leaves(found.mean), *jax.tree.leaves(found.cov.variances()), found.filtered.log_likelihood)
+    wave = jnp.cos(jnp.arange(samples))
+    return sum(jnp.sum(wave * part[:samples] ** 2) for part in parts)
+
+
+@pytest.mark.parametrize("name", ["bent", "heading"])
+def test_samples_before_the_padding_are_as_without_it_and_the_last_one_lasts(name):
+    c = case(name)
+    short, long = result(c), result(padded(c))
+    same(jax.tree.map(lambda v: v[:SAMPLES] if v.ndim else v, long), short, 1e-14)
+    for leaf in jax.tree.leaves(long[1:]):
+        tail = np.asarray(leaf[SAMPLES:])
+        np.testing.assert_allclose(tail, np.broadcast_to(leaf[SAMPLES - 1], tail.shape), rtol=1e-12, atol=1e-14)
+    assert np.all(long[0].valid) and not np.any(long[0].count[SAMPLES:]) and not np.any(long[0].nis[SAMPLES:])
+
+
+@pytest.mark.parametrize("name", ["bent", "heading"])
+def test_gradients_of_padded_recordings_agree_in_both_modes_and_of_second_order(name):
+    c = case(name)
+    long = padded(c)
+    short = jax.grad(lambda p: loss(c, p, SAMPLES))(c.params)
+    same(jax.grad(lambda p: loss(long, p, SAMPLES))(c.params), short, 1e-12)
+    # A loss on the padding, too: what happens there depends on the last sample.
+    whole = SAMPLES + MORE
+    slope = jax.grad(lambda p: loss(long, p, whole))
+    same(slope(c.params), jax.jacfwd(lambda p: loss(long, p, whole))(c.params), 1e-10)
+    direction = jnp.arange(1.0, 5.0)
+    forward = jax.jvp(slope, (c.params,), (direction,))[1]
+    same(jax.grad(lambda p: slope(p) @ direction)(c.params), forward, 1e-9)
+
+
+def test_recordings_of_a_batch_have_paddings_of_their_own():
+    c = case("heading")
+    lengths = (SAMPLES, 5, 1)
+
+    def until(count: int) -> Case:
+        here = jnp.arange(SAMPLES) < count
+        mask = jax.tree.map(lambda v: v & here, c.mask)
+        return c._replace(dt=jnp.where(here, c.dt, 0.0), mask=mask)
+
+    every = [until(count) for count in lengths]
+    stacked = jax.tree.map(lambda *v: jnp.stack(v), *[(e.dt, e.mask) for e in every])
+    found = jax.vmap(lambda dt, mask: result(c._replace(dt=dt, mask=mask)))(*stacked)
+    for i, one in enumerate(every):
+        same(jax.tree.map(lambda v, i=i: v[i], found), result(one), 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("dt", "seen", "count"),
+    [([1, 1, 1], [0, 0, 0], 3), ([1, 0, 0], [0, 0, 0], 2), ([0, 0, 0, 0], [0, 1, 0, 0], 3), ([0, 0], [0, 0], 1)],
+)
+def test_padding_begins_after_the_last_sample_with_an_interval_or_a_measurement(dt, seen, count):
+    assert int(samples_of(jnp.asarray(dt, float)[:, None], jnp.asarray(seen, bool)[:, None, None])) == count
+
+
+@pytest.mark.parametrize("differentiated", [False, True])
+def test_covariances_that_are_not_used_are_not_computed(differentiated):
+    c = case("heading")
+
+    def operations(covariance: bool) -> int:
+        def value(p: Any) -> Any:
+            return jnp.sum(smoothed(c._replace(params=p), covariance=covariance).mean.rate)
+
+        function = jax.grad(value) if differentiated else value
+        return jax.jit(function).lower(c.params).as_text().count("\n")
+
+    assert operations(True) == operations(False)
