@@ -1,7 +1,8 @@
-"""A fit of the foot estimator to groups of lessons of different lengths, by Adam on the sum of the groups."""
+"""A fit of the foot estimator to groups of lessons, each computed by a thread of its own, by Adam on their sum."""
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jgait import params, tune
+from jgait import filtering, params, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.tune import Lessons
@@ -39,12 +40,17 @@ def _programs(options: FootOptions, loss: str) -> tuple[Any, Any, Any]:
     free = params.freed(estimator.transforms, *(FREE if options.noise != "constant" else FREE[:-1]))
     objective = tune.objective(estimator, options, loss)
 
-    def total(moved: Any, data: Any, weights: Any) -> Any:
-        p = params.constrain(moved, free, estimator.params)
-        each = jax.vmap(lambda lesson: objective(p, lesson))(data)
-        return jnp.sum(jnp.where(jnp.isfinite(each) & (weights > 0.0), weights * each, 0.0))
+    def one(moved: Any, lesson: Any, weight: Any) -> Any:
+        value = objective(params.constrain(moved, free, estimator.params), lesson)
+        return jnp.where(jnp.isfinite(value) & (weight > 0.0), weight * value, 0.0)
 
-    return estimator.params, free, jax.jit(tune.value_and_grad(total, "reverse"))
+    def total(moved: Any, data: Any, weights: Any) -> Any:
+        """One lesson after another, so that only one lesson's trajectories are in memory."""
+        each = tune.value_and_grad(one, "reverse")
+        found = jax.lax.map(lambda item: each(moved, *item), (data, weights))
+        return jax.tree.map(lambda v: jnp.sum(v, axis=0), found)
+
+    return estimator.params, free, filtering.compiled(total)
 
 
 def fit(
@@ -66,12 +72,13 @@ def fit(
 
     optimizer = optax.adam(optax.cosine_decay_schedule(RATE, steps), b1=0.8, b2=0.95)
     state = optimizer.init(moved)
-    losses, seconds = [], []
+    losses, seconds, pool = [], [], ThreadPoolExecutor(len(groups))
+    weighted = [(made.data, jnp.asarray(weights[rows] / count, jnp.float32)) for rows, made in groups]
     for _ in range(steps):
         began = time.perf_counter()
         value, slope = jax.value_and_grad(penalty)(moved)
-        for rows, made in groups:
-            part, more = program(moved, made.data, jnp.asarray(weights[rows] / count, jnp.float32))
+        apply = pool.map if losses else map  # the first step compiles
+        for part, more in apply(lambda group, at=moved: jax.block_until_ready(program(at, *group)), weighted):
             value, slope = value + part, jax.tree.map(jnp.add, slope, more)
         losses.append(float(value))
         step, state = optimizer.update(slope, state)
@@ -80,7 +87,7 @@ def fit(
     return Learned(params.constrain(moved, transforms, start), losses, seconds)
 
 
-@partial(jax.jit, static_argnames=("options", "loss"))
+@partial(filtering.compiled, static_argnames=("options", "loss"))
 def _errors(p: FootParams, data: Any, options: FootOptions, loss: str) -> Any:
     estimator = foot_ins.estimator(options)
     return jax.vmap(lambda lesson: tune.LOSSES[loss].error(estimator.run(p, lesson.inputs, options), lesson))(data)

@@ -1,4 +1,4 @@
-"""The trials of `pyshoe_vicon`: by speed and day, and as lessons in groups of similar length."""
+"""The trials of `pyshoe_vicon`: by speed and day, and as lessons in two halves, one for each core."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -16,9 +16,6 @@ from jgait.types import Walk
 
 SET = "pyshoe_vicon"
 
-LENGTHS = (5632, 7552, 16384)
-"""[samples] A trial is padded to the shortest of these lengths that holds it: one program each."""
-
 KINDS = ("walking", "fast", "creeping")
 
 
@@ -32,7 +29,7 @@ def kind(speed: float | None) -> str:
 class Trials(NamedTuple):
     """The trials in the order of their names: walks, kind and day of each, and lessons in groups.
 
-    `groups` are (rows of the trials, lessons), single precision.
+    `groups` are (rows of the trials, lessons) of each half, single precision.
     """
 
     walks: list[Walk]
@@ -59,18 +56,19 @@ def options_of(noise: str) -> FootOptions:
 
 
 def groups(found: Sequence[Walk], options: FootOptions) -> list[tuple[np.ndarray, Lessons]]:
-    """Rows of the walks and their lessons, by length; raises if a walk cannot be used."""
+    """Rows of the walks and their lessons, in halves of equal work; raises if a walk cannot be used.
+
+    The lessons have one length and the halves one number of walks, so that they share a program.
+    """
     estimator = foot_ins.estimator(options)
     samples = np.array([len(next(iter(walk.recording.sensors.values())).time) for walk in found])
-    of = np.searchsorted(LENGTHS, samples)
-    result = []
-    for number in sorted(set(of.tolist())):
-        rows = np.flatnonzero(of == number)
-        made = tune.lessons(estimator, [found[row] for row in rows], samples=LENGTHS[number])
-        if made.failures:
-            raise RuntimeError(f"trials that cannot be used: {made.failures}")
-        result.append((rows, made._replace(data=jax.tree.map(_single, made.data))))
-    return result
+    order = np.argsort(samples, kind="stable")
+    made = tune.lessons(estimator, found)
+    if made.failures:
+        raise RuntimeError(f"trials that cannot be used: {made.failures}")
+    data = jax.tree.map(_single, made.data)
+    halves = (order[0::2], order[1::2]) if len(order) % 2 == 0 else (order,)
+    return [(rows, made._replace(data=jax.tree.map(lambda leaf, rows=rows: leaf[rows], data))) for rows in halves]
 
 
 def _single(values: Any) -> np.ndarray:

@@ -228,6 +228,10 @@ def measured(name: str, make: Callable[..., Problem], quick: bool) -> list[Row]:
     }
     rows.append(Row(f"{name}_gradient_compile_s", gradient.compile_seconds, "s", None, free, f"{free} parameters"))
     rows.append(Row(f"{name}_gradient_memory_mb", gradient.temporary / 1e6, "MB", None, 16, "16 recordings"))
+    if not quick:
+        many = make(28, 6000, jnp.float32)
+        large, _ = program(jax.value_and_grad(value, argnums=1), many.batch, weights, steps=1)
+        rows.append(Row(f"{name}_gradient_memory_28_walks_mb", large.temporary / 1e6, "MB", None, 28, "30 s at 200 Hz"))
     rows += [Row(metric, ratio, "ratio", None, 16, "16 recordings") for metric, ratio in ratios.items()]
     return rows
 
