@@ -64,6 +64,9 @@ def tune(
     start = start_of(pipeline, params, paper)
     names = [name.strip() for name in free.split(",") if name.strip()]
     freed = _freed(pipeline, names)
+    for name in names:
+        if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
+            stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline))
     for line in source.notes:
         note(line)

@@ -177,7 +177,8 @@ def fit[P](
     Every step adds the optimizer's update to the free coordinates (see `jgait.params`). A step that leads to a loss or
     gradient that is not finite is undone, the optimizer's state with it, and the next step has half the length; each
     accepted step doubles the length again, up to the full update. An item whose loss or gradient is not finite at the
-    start is left out, with a warning, and its number is in the result.
+    start is left out, with a warning, and its number is in the result. A free parameter whose gradient is always 0 is
+    named in a warning.
 
     Args:
         loss: (params, item) → scalar; pure JAX.
@@ -236,13 +237,14 @@ def fit[P](
         starts=(starts, spread), key=key, gradient=gradient, loss=name_of(loss),
         optimizer=optimizer_mark(optimizer, free),
     )  # fmt: skip
+    begin = scattered(key, free, starts, spread)
     lanes = descend(
         problem, optimizer, settings,
         Context(params, place(problem, learn), None if judge is None else place(problem, judge), key),
-        scattered(key, free, starts, spread), np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
+        begin, np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
         file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
-    return _result(problem, params, lanes, labels, numbers)
+    return _result(problem, params, lanes, begin, labels, numbers)
 
 
 def name_of(loss: object) -> str:
@@ -269,7 +271,15 @@ def lane(tree: PyTree, number: int) -> PyTree:
     return jax.tree.map(lambda leaf: leaf[number], tree)
 
 
-def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Hashable, ...], numbers: np.ndarray) -> Fit[P]:
+def _unmoved(begin: PyTree, end: PyTree) -> list[str]:
+    """The free parameters of which no number has changed; fixed ones are None."""
+    pairs = zip(jax.tree_util.tree_leaves_with_path(begin), jax.tree.leaves(end), strict=True)
+    return [jax.tree_util.keystr(path).lstrip(".") for (path, a), b in pairs if np.array_equal(a, b)]
+
+
+def _result[P](
+    problem: Problem, params: P, lanes: Lanes, begin: PyTree, labels: tuple[Hashable, ...], numbers: np.ndarray
+) -> Fit[P]:
     carry, trace = lanes
     counted = np.count_nonzero(carry.weights[:, : numbers.size], axis=1)
     # Losses over different numbers of items cannot be compared: only the starts with the most items are eligible.
@@ -290,6 +300,12 @@ def _result[P](problem: Problem, params: P, lanes: Lanes, labels: tuple[Hashable
     own = lane(carry, best)
     losses, norms, accepted, scores = (column[best, : int(own.taken)] for column in trace)
     transforms = problem.transforms
+    if accepted.any() and (unmoved := _unmoved(lane(begin, best), own.free)):
+        warnings.warn(
+            f"not learned: {', '.join(unmoved)}; the gradient is 0 at every step, for the loss of these items does not "
+            "depend on it",
+            stacklevel=3,
+        )
     return Fit(
         constrain(own.best, transforms, params), constrain(own.free, transforms, params), own.best, losses, norms,
         accepted, int(accepted.size - accepted.sum()), float(own.best_score), float(own.loss), scores, left_out, labels,

@@ -56,5 +56,7 @@ def test_files_that_do_not_fit(tmp_path):
         assert code == 2 and expected in said, said
     code, said = run("tune", "--simulated", 2, "--free", "distance_scale", "--noise", "log_linear")
     assert code == 2 and "leg_ekf has no noise models" in said
+    code, said = run("tune", "--simulated", 2, "--estimator", "foot_ins", "--free", "pivot_height,softness")
+    assert code == 2 and "no number of foot_ins depends on softness with these options" in said
     tuned = pipeline_of("foot_ins", False, None, "log_linear")
     assert "noise.rate" in str(io.units(tuned.params)) and FootOptions().soft is False

@@ -220,3 +220,12 @@ def test_forward_and_reverse_gradients_find_the_same():
     for other in fits[1:]:
         for a, b in zip(jax.tree.leaves(fits[0].params), jax.tree.leaves(other.params), strict=True):
             assert np.allclose(np.asarray(a), np.asarray(b), rtol=1e-12, atol=0)
+
+
+def test_a_parameter_on_which_the_loss_does_not_depend_is_named():
+    def flat(params, target):
+        return (params.slope - target[0]) ** 2 + 0.0 * params.share
+
+    with pytest.warns(UserWarning, match="not learned: share; the gradient is 0"):
+        fit = tune.fit(flat, START, FREE._replace(scale=fixed), TARGETS, optax.adam(0.1), steps=3)
+    assert float(fit.params.slope) != START.slope and float(fit.params.share) == START.share
