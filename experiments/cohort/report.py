@@ -66,7 +66,7 @@ def quality(tables: Cohort, split: str) -> list[Row]:
         show("Failures", ["reason", "recordings"], [[reason, int(n)] for reason, n in counts.head(10).items()])
     people, count = len(distance), len(compared)
     apart, lengths = 100.0 * distance["rel_error"], 100.0 * compared["rel_error"]
-    line = "default, own leg lengths, walks of a minute: distance error"
+    line = "kinematics, own leg lengths, walks of a minute: distance error"
     tried = len(tables.recordings) + len(tables.failures)
     return [
         Row("distance_error_median_pct", float(apart.abs().median()), "%", None, people, split).on(

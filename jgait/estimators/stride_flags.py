@@ -112,11 +112,17 @@ SIDE_UNKNOWN = StrideFlag(
     "It is not known which foot took these strides: the signs of left and right are weak or contradict each other.",
     lambda estimate: stated(estimate, "side_unknown"),
 )  # fmt: skip
+DOUBTFUL = StrideFlag(
+    "doubtful", "doubtful", "in doubt",
+    "The signals contradict the filter: a foot that slid, knelt or ran, or a loose sensor. The length can be off by "
+    "far more than its stated deviation; not in the means below.",
+    lambda estimate: stated(estimate, "doubtful"), regular=False,
+)  # fmt: skip
 WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
     "The distance between the feet is not known well enough there; these widths are not in the means below.",
     _width, leaves_out=("stride_width_m", "step_length_m"),
 )  # fmt: skip
 
-STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, SIDE_UNKNOWN, WIDTH)
+STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNSURE, SIDE_UNKNOWN, DOUBTFUL, WIDTH)
 """All flags, for estimates of an unknown estimator."""

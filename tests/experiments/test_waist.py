@@ -214,10 +214,13 @@ def test_a_delay_grows_with_the_step_time(load_experiment):
 def test_a_scale_of_the_legs_is_that_of_the_other_people(load_experiment):
     legs = load_experiment("unseen.legs")
     true = np.array([4.0, 5.0, 6.0])
-    found = [legs.Distances(name, t, 1.25 * t, 9.0 - t) for name, t in zip("abc", true, strict=True)]
+    rows = zip("abc", true, strict=True)
+    found = [legs.Distances(name, t, (1.25 * t, 0.1 * t), (9.0 - t, 2.0)) for name, t in rows]
     told = {row.metric: row.value for row in legs.of_distances(found)}
-    assert told["leg_distance_pct"] == pytest.approx(0.0) and told["leg_raw_bias_pct"] == pytest.approx(25.0)
-    assert told["leg_distance_correlation"] == pytest.approx(1.0)
+    assert told["leg_distance_pct_scaled"] == pytest.approx(0.0) and told["leg_distance_pct"] == pytest.approx(25.0)
+    assert told["leg_raw_bias_pct"] == pytest.approx(25.0) and told["leg_distance_correlation"] == pytest.approx(1.0)
+    assert told["leg_within_two_sigma_pct"] == 0.0
     # the guess is the median of the others: 5.5 for 4, 5 for 5, 4.5 for 6
     assert told["leg_distance_pct_guess"] == pytest.approx(100.0 * (1.5 / 4.0 + 0.0 + 1.5 / 6.0) / 3.0)
-    assert told["shank_distance_correlation"] == pytest.approx(-1.0)
+    assert told["kinematic_distance_correlation"] == pytest.approx(-1.0)
+    assert told["kinematic_within_two_sigma_pct"] == pytest.approx(100.0)

@@ -12,7 +12,7 @@ from made.shank import shank
 
 from jgait import estimators, simulate
 from jgait.duty_cycle.power import Schedule
-from jgait.estimators import duty_cycled_gyro, stride_width_ekf
+from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
 from jgait.estimators.axes import pad
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300
@@ -81,7 +81,9 @@ def only(recording: Recording, *placements: str) -> Recording:
 
 
 def _leg_ekf() -> Case:
-    return _case("leg_ekf", leg_walks(), 640)
+    """By kinematics: the strapdown of the shanks is `ankle_stride`, which keeps these laws itself."""
+    options = leg_ekf.DEFAULT._replace(distance="stance")
+    return _case("leg_ekf", leg_walks(), 640, idle=("lever_shank", "distance_noise"), options=options)
 
 
 def _duty_cycled_gyro() -> Case:

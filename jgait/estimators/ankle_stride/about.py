@@ -6,14 +6,14 @@ from jaxtyping import PyTree
 from jgait.estimators.about import About, BodyMeasure, CommandOption, EstimateTable, MissingMeasure, TotalColumn
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
 from jgait.estimators.ankle_stride.sensor_axes import axes_of, worn_otherwise
-from jgait.estimators.stride_flags import CLIPPED, HALF, STAIRS, TURNING
+from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNING
 from jgait.estimators.totals import DISTANCE, HEIGHT, LEG_STRIDES, MEDIANS, WAY, has_strides, median
 from jgait.types import SIDES, Estimate, as_float
 
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height over the ankle, measured with a tape."""
 
-FLAGS = (TURNING, STAIRS, CLIPPED, HALF)
+FLAGS = (TURNING, STAIRS, CLIPPED, HALF, DOUBTFUL)
 
 
 def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
@@ -26,7 +26,7 @@ def totals(estimate: Estimate) -> list[dict[str, PyTree]]:
             continue
         of_leg = side == number
         whole = of_leg & ~half if np.any(of_leg & ~half) else of_leg
-        flags = {f.name: int(np.sum(np.asarray(estimate.diagnostics[f.name], bool) & of_leg)) for f in FLAGS}
+        flags = {f.name: int(np.sum(np.asarray(estimate.diagnostics.get(f.name, False), bool) & of_leg)) for f in FLAGS}
         rows.append({
             "side": name,
             "strides": int(of_leg.sum()),

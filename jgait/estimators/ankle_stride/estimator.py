@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
+from jgait.estimators import trust
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
@@ -28,21 +29,28 @@ from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.filtering import Belief
 from jgait.geometry.rotation import Quaternion, rotated
-from jgait.geometry.vectors import Vector, cross, dot, subtract, vector
+from jgait.geometry.vectors import Vector, cross, dot, root, subtract, vector
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Legs, Recording, Strides, Values
+
+LARGEST_MEAN_NIS = 0.5
+"""[1] NIS of a leg from which on all of its results are in doubt; of good walks it is below 0.2."""
 
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
 
+PER_STRIDE = (*FLAGS, "stride_nis")
+"""Diagnostics with an entry for each stride."""
+
 _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
 _PENDULUM = ("leg_length", "angle_gain", "time_gain")
-_FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, "cutoff_hz", "stride_noise"))
+_STATED = ("stride_noise", "distance_noise")
+_FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, *_STATED, "cutoff_hz"))
 UNUSED = {
     "filter": (*_PENDULUM, "height_noise"),
-    "3d": (*_FILTER, *_PENDULUM, "stride_noise"),
-    "sl1": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise", "angle_gain", "time_gain"),
-    "sl2": (*_FILTER, *_LEVER, "cutoff_hz", "stride_noise"),
+    "3d": (*_FILTER, *_PENDULUM, *_STATED),
+    "sl1": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz", "angle_gain", "time_gain"),
+    "sl2": (*_FILTER, *_LEVER, *_STATED, "cutoff_hz"),
 }
 """Method → parameters on which no number of the estimate depends, so that their gradient is zero."""
 
@@ -134,6 +142,7 @@ def _of_leg(
         return strides, None, flags, {}, leg.valid
     found = _filtered(p, leg, gyr, acc, options)
     strides, deviations, flags = ankle_strides.from_filter(p, leg, found.mean, found.cov, side)
+    flags["stride_nis"] = trust.nis_between(found.filtered.nis, found.filtered.count, leg.begin, leg.end)
     last, spread = leg.last, found.cov.stddev()
     told = {
         "log_likelihood": found.log_likelihood,
@@ -150,8 +159,8 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
 
     Returns:
         `strides`, with the filter `strides_stddev`; `distance` is the mean over the legs with a sensor; `diagnostics`
-        holds `FLAGS` for each stride, and for each leg log-likelihood, mean normalised innovation squared, and the
-        estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up).
+        holds `FLAGS` for each stride, with the filter `distance_stddev` (T,) [m], and for each leg log-likelihood, mean
+        normalised innovation squared, and the estimated lever [m] and gyroscope's bias [rad/s] (forward, left, up).
 
     Raises:
         ValueError: options that are none.
@@ -161,17 +170,23 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT) ->
     together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *worn.values())
     sides = jnp.asarray(list(worn), jnp.int32)
     every = jax.vmap(lambda leg, side: _of_leg(p, leg, side, options))(together, sides)
-    rows, ways, valid = [], [], []
+    rows, ways, variances, valid = [], [], [], []
     diagnostics: dict[str, Any] = {}
     for number, side in enumerate(worn):
         strides, deviations, flags, told, there = jax.tree.map(lambda leaf, number=number: leaf[number], every)
         rows.append((strides, deviations, flags))
         ways.append(_walked(strides, inputs.time))
+        if deviations is not None:
+            variances.append(_walked(strides._replace(length=deviations.length**2), inputs.time))
         valid.append(there)
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
     strides, deviations, flags = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
+    distance = sum(ways[1:], ways[0]) / len(ways)
+    if variances:
+        each = sum(variances[1:], variances[0]) / len(variances) ** 2
+        diagnostics["distance_stddev"] = root(each + (p.distance_noise * distance) ** 2)
     return Estimate(
-        inputs.time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), reduce(jnp.logical_or, valid),
+        inputs.time, Legs(None, None), None, distance, reduce(jnp.logical_or, valid),
         {**diagnostics, **flags}, strides, strides_stddev=deviations,
     )  # fmt: skip
 
@@ -193,7 +208,7 @@ def _walked(strides: Strides, time: Values) -> Values:
 def estimator(options: AnkleOptions = DEFAULT) -> Estimator[AnkleParams, AnkleInputs]:
     """This estimator as a record of functions."""
     return Estimator(
-        "ankle_stride", AnkleParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, FLAGS,
+        "ankle_stride", AnkleParams(), TRANSFORMS, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE,
         _finished, unused=UNUSED.get(options.length, ()),
     )  # fmt: skip
 
@@ -218,9 +233,15 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
 
 
 def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
-    """The estimate with the instants at which strides begin and end."""
+    """The estimate with the instants at which strides begin and end, and with doubts about strides and legs."""
     legs = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
     instants = {
         f"instants_{side}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)] for side, leg in legs if leg
     }
-    return result._replace(diagnostics={**result.diagnostics, **instants})
+    result = result._replace(diagnostics={**result.diagnostics, **instants})
+    if result.strides_stddev is None:
+        return result
+    worn = {side: leg for side, leg in enumerate((made.inputs.right, made.inputs.left)) if leg is not None}
+    places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
+    nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
+    return trust.judged(result, places, LARGEST_MEAN_NIS, nis)

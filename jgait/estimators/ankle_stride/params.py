@@ -63,6 +63,10 @@ class AnkleParams(NamedTuple):
     stride_noise: Annotated[Param, Parameter(
         positive, "m", "error of a stride that the model knows nothing of; enters the stated deviations only",
     )] = 0.012  # fmt: skip
+    distance_noise: Annotated[Param, Parameter(
+        positive, "1", "error that all strides of a walk share, of lever and scale, over the distance; enters the "
+        "distance's stated deviation only",
+    )] = 0.025  # fmt: skip
     leg_length: Annotated[Param, Parameter(positive, "m", "of the pendulum; sl1 and sl2 only")] = 0.85
     angle_gain: Annotated[Param, Parameter(positive, "1", "of the swing's angle; sl2 only")] = 1.0
     time_gain: Annotated[Param, Parameter(real, "s", "of the angle over the swing's time; sl2 only")] = 0.0

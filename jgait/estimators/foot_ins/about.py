@@ -5,7 +5,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import About, EstimateFigure, EstimateTable, TotalColumn
 from jgait.estimators.foot_ins.params import DEFAULT
-from jgait.estimators.stride_flags import HALF, TURNING
+from jgait.estimators.stride_flags import DOUBTFUL, HALF, TURNING
 from jgait.estimators.totals import DISTANCE, DURATION, LEVEL, MEDIANS, PIVOT, distance, duration, has_strides, median
 from jgait.types import Estimate
 
@@ -40,7 +40,7 @@ ABOUT = About(
         EstimateFigure("foot_height", "height"),
         EstimateFigure("stride_series", "strides", has_strides),
     ),
-    flags=(TURNING, HALF),
+    flags=(TURNING, HALF, DOUBTFUL),
     losses=(
         "distance", "position", "position_log", "stride_length", "stride_height", "stride_time",
         "contact_times", "likelihood", "calibration",

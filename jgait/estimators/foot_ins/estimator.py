@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators import noise
+from jgait.estimators import noise, trust
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
@@ -25,6 +25,12 @@ from jgait.geometry.rotation import Quaternion, level
 from jgait.geometry.vectors import Vector, vector
 from jgait.params import ranges
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
+
+PER_STRIDE = ("stride_nis",)
+"""Diagnostics with an entry for each stride."""
+
+LARGEST_MEAN_NIS = 0.15
+"""[1] NIS of a foot from which on all of its results are in doubt; of good walks and runs it is below 0.14."""
 
 LEAST, MOST = -12.0, 25.0
 """[1] Limits of the logarithm of the factor on the variance of the zero velocity."""
@@ -131,7 +137,7 @@ def _one_foot(
 ) -> tuple[Path, dict[str, Values], Values]:
     """Path of one foot, diagnostics of the filter, and (T,) bool of valid samples."""
     found = _foot(p, foot, options)
-    path = foot_strides.path_of(p, foot, time, found.mean, found.cov, flatten=options.level == "auto")
+    path = foot_strides.path_of(p, foot, time, found, flatten=options.level == "auto")
     valid = foot.valid & foot.known & found.filtered.valid
     return path, {"log_likelihood": found.log_likelihood, "nis": found.nis}, valid
 
@@ -150,7 +156,7 @@ def _assembled(time: Values, found: list[_Found]) -> Estimate:
     """The estimate of one or two feet."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
-    strides, deviations, ways = [], [], []
+    strides, deviations, ways, consistency = [], [], [], []
     diagnostics: dict[str, Any] = {}
     for side, path, told, _, rows in found:
         feet[side], spread[side] = path.trajectory, path.stddev
@@ -160,6 +166,8 @@ def _assembled(time: Values, found: list[_Found]) -> Estimate:
         ways.append(foot_strides.walked(path.strides, rows, time))
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in told.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
+        consistency.append(path.nis)
+    diagnostics["stride_nis"] = jnp.concatenate(consistency)
     together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
     certain = jax.tree.map(lambda *rows: jnp.concatenate(rows), *deviations)
     valid = found[0].valid if len(found) == 1 else found[0].valid | found[1].valid
@@ -179,7 +187,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     start = FootParams(noise=noise.model_of(options.noise).start)
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
-        "foot_ins", start, ranges(start), ready, run, with_body, ABOUT, finish=_finished, in_parts=_in_windows,
+        "foot_ins", start, ranges(start), ready, run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
         unused=tuple(name for name, of_use in used.items() if not of_use),
     )  # fmt: skip
 
@@ -204,10 +212,15 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 
 
 def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
-    """The estimate with the footholds of each foot."""
+    """The estimate with the footholds of each foot, and with doubts about strides and feet."""
     feet = zip(SIDES, (made.inputs.right, made.inputs.left), strict=True)
     footholds = {f"footholds_{side}": foot.foothold[: int(foot.count)] for side, foot in feet if foot is not None}
-    return result._replace(diagnostics={**result.diagnostics, **footholds})
+    result = result._replace(diagnostics={**result.diagnostics, **footholds})
+    if made.options.soft:  # its noise is tuned, and limits for it are not known
+        return result
+    worn = {side: f"foot_{name}" for side, name in enumerate(SIDES) if made.inputs[side + 1] is not None}
+    nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
+    return trust.judged(result, worn, LARGEST_MEAN_NIS, nis)
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:

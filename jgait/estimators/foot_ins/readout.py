@@ -8,7 +8,8 @@ from jaxtyping import PyTree
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootState
 from jgait.estimators.foot_ins.params import FootParams
-from jgait.filtering import Covariance
+from jgait.estimators.trust import nis_between
+from jgait.filtering import Covariance, Inferred
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
 from jgait.geometry.vectors import Vector, root, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
@@ -19,6 +20,9 @@ SHORTEST = 0.1
 STRAIGHT_FROM = 0.4
 """[m] Strides of this length and more are used to estimate the forward direction of the foot."""
 
+
+TURN_NOISE = 0.04
+"""[m/rad] Error of a stride's length over its turn: the place about which a foot turns on the ground is not known."""
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, from 15 ms for each of its two contacts."""
@@ -33,6 +37,7 @@ class Path(NamedTuple):
         strides: one row for each pair of consecutive footholds.
         strides_stddev: standard deviations of the strides.
         pitch: (T,) pitch of the foot relative to stance, toes up positive [rad].
+        nis: mean normalised innovation squared of each stride [1], see `trust.nis_between`.
     """
 
     trajectory: FootTrajectory
@@ -40,20 +45,20 @@ class Path(NamedTuple):
     strides: Strides
     strides_stddev: Strides
     pitch: Values
+    nis: Values
 
 
 FLAT_RISE, FLAT_STEP = 0.015, 0.08
 """[m] Ground counts as level if strides rise by less than `FLAT_RISE` on average and `FLAT_STEP` each."""
 
 
-def path_of(
-    p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int = 0, *, flatten: bool
-) -> Path:
+def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, side: int = 0, *, flatten: bool) -> Path:
     """Trajectory and strides of one foot (0 right, 1 left) from states whose positions are those since the last
     foothold.
 
     `flatten` gives all footholds of the trajectory one height where the ground counts as level.
     """
+    state, cov = found.mean, found.cov
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = jnp.arange(here.shape[0], dtype=jnp.int32) < foot.count - 1
     way = _at(state.position, there)
@@ -61,7 +66,8 @@ def path_of(
     valid = real & (length > SHORTEST) & foot.whole[:-1]
     forward = _forward(state.attitude, way, length, here, valid & (length > STRAIGHT_FROM))
     heading = jnp.arctan2(_first(way.y, valid), _first(way.x, valid))
-    strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid)
+    nis = nis_between(found.filtered.nis, found.filtered.count, here, there)
+    strides, deviations = _strides(p, foot, time, state, cov, side, forward, valid, nis)
     tilted = rotated(state.attitude, _spread(forward, state.attitude.w))
     way_since = _accumulated(state.position, foot)
     if flatten:
@@ -78,7 +84,8 @@ def path_of(
         *(jnp.stack(_rotated_stddev(cov, part, heading, getattr(spread, part)), axis=1)
           for part in ("position", "velocity", "attitude"))
     )  # fmt: skip
-    return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)))
+    return Path(trajectory, deviation, strides, deviations, jnp.arcsin(jnp.clip(tilted.z, -1.0, 1.0)),
+                nis)  # fmt: skip
 
 
 def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
@@ -101,7 +108,7 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
 
 def _strides(
     p: FootParams, foot: FootSignals, time: Values, state: FootState, cov: Covariance, side: int, forward: Vector,
-    valid: Flags,
+    valid: Flags, nis: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
     """Strides of one foot and their standard deviations."""
     here, there = foot.foothold[:-1], foot.foothold[1:]
@@ -133,7 +140,7 @@ def _strides(
         lift=_lift(state.position.z, foot, way.z), contact_angle=standing_pitch[initial] - standing_pitch[there],
         push_off_angle=standing_pitch[final] - standing_pitch[here], step_length=nothing,
     )  # fmt: skip
-    length_stddev = root(along + unknown)
+    length_stddev = root((along + unknown) * jnp.maximum(nis, 1.0) + (TURN_NOISE * turn) ** 2)
     speed_stddev = root((length_stddev / duration) ** 2 + (length / duration**2 * TIMING) ** 2)
     deviations = Strides(
         side=numbers, start=None, final_contact=None, end=None, length=length_stddev, width=nothing,

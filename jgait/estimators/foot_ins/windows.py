@@ -130,7 +130,7 @@ class _Pose(NamedTuple):
 
 def _together(results: list[PyTree], parts: list[Window]) -> Joined:
     pieces: list[list[np.ndarray]] = []
-    tables, spreads, pitches, flags = [], [], [], []
+    tables, spreads, pitches, flags, doubts = [], [], [], [], []
     join: _Pose | None = None
     for number, ((path, _, valid), window) in enumerate(zip(results, parts, strict=True)):
         position, velocity, orientation = path.trajectory
@@ -156,10 +156,14 @@ def _together(results: list[PyTree], parts: list[Window]) -> Joined:
         tables.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides))
         spreads.append(jax.tree.map(lambda v, a=low, b=high: v[a:b], path.strides_stddev))
         pitches.append(path.pitch[own])
+        doubts.append(path.nis[low:high])
         flags.append(valid[own])
     whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
     strides, deviations = (jax.tree.map(lambda *v: np.concatenate(v), *many) for many in (tables, spreads))
-    path = Path(FootTrajectory(*whole[:3]), FootTrajectory(*whole[3:]), strides, deviations, np.concatenate(pitches))
+    path = Path(
+        FootTrajectory(*whole[:3]), FootTrajectory(*whole[3:]), strides, deviations, np.concatenate(pitches),
+        np.concatenate(doubts),
+    )  # fmt: skip
     return Joined(path, float(np.mean([nis for _, nis, _ in results])), np.concatenate(flags))
 
 

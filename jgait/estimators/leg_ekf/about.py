@@ -2,7 +2,7 @@
 
 from jaxtyping import PyTree
 
-from jgait.estimators.about import About, CommandOption, EstimateTable
+from jgait.estimators.about import About, CommandOption, EstimateTable, TotalColumn
 from jgait.estimators.leg_ekf.params import DEFAULT, PAPER
 from jgait.estimators.totals import (
     DISTANCE,
@@ -23,7 +23,9 @@ from jgait.types import Estimate
 
 
 def _totals(estimate: Estimate) -> list[dict[str, PyTree]]:
-    return [{"duration_s": duration(estimate), "distance_m": distance(estimate), **joint_ranges(estimate)}]
+    spread = float(estimate.diagnostics["distance_stddev"][-1])
+    way = {"distance_m": distance(estimate), "distance_std_m": spread}
+    return [{"duration_s": duration(estimate), **way, **joint_ranges(estimate)}]
 
 
 ABOUT = About(
@@ -44,7 +46,7 @@ ABOUT = About(
         ),
     ),
     totals=_totals,
-    columns=(DURATION, DISTANCE, *JOINT_COLUMNS),
+    columns=(DURATION, DISTANCE, TotalColumn("distance_std_m", "±", "m"), *JOINT_COLUMNS),
     caption="angles: smallest … largest flexion",
     tables=(EstimateTable("legs", "samples"),),
     figures=(JOINT_ANGLES, FOOT_PATH, WAY),

@@ -1,11 +1,13 @@
 """Joint angles, foot positions and distance from prepared inputs."""
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jgait import filtering
+from jgait.estimators import ankle_stride
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
@@ -14,13 +16,16 @@ from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.params import DEFAULT, TRANSFORMS, LegOptions, LegParams, one_side, with_body
-from jgait.estimators.leg_ekf.prepare import prepare
+from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import vector
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values
 
 SHORT_GAP = 0.1
 """[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
+
+DISTANCES = ("strapdown", "stance", "accumulate", "forward")
+"""Values of `LegOptions.distance`."""
 
 
 def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
@@ -150,14 +155,25 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covar
     )
 
 
-def walked(p: LegParams, legs: Legs, still: Flags, options: LegOptions) -> Values:
-    """Distance walked [m] at every sample; see `leg_ekf.readout`."""
-    if options.distance == "stance":
-        return p.distance_scale * leg_distance.stance_carried(legs, p.rollover_radius, still)
-    if options.distance not in ("accumulate", "forward"):
-        raise ValueError(f"distance must be 'stance', 'accumulate' or 'forward'; got {options.distance!r}")
-    ways = [leg_distance.accumulated(leg, vertical=options.distance == "accumulate") for leg in legs if leg is not None]
-    return p.distance_scale * sum(ways[1:], ways[0]) / len(ways)
+def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> tuple[Values, Values]:
+    """Distance walked and its standard deviation, both (T,) [m]; see `LegOptions.distance` and `leg_ekf.readout`."""
+    if options.distance not in DISTANCES:
+        raise ValueError(f"distance must be one of {', '.join(DISTANCES)}; got {options.distance!r}")
+    if options.distance in ("strapdown", "stance"):
+        way = leg_distance.stance_carried(legs, p.rollover_radius, inputs.still)
+    else:
+        ways = [
+            leg_distance.accumulated(leg, vertical=options.distance == "accumulate") for leg in legs if leg is not None
+        ]
+        way = sum(ways[1:], ways[0]) / len(ways)
+    spread = p.kinematic_noise * way
+    if options.distance == "strapdown" and inputs.shanks is not None:
+        own = ankle_stride.AnkleParams(lever_shank=p.lever_shank, distance_noise=p.distance_noise)
+        shanks = ankle_stride.run(own, inputs.shanks, SHANKS._replace(smooth=options.smooth))
+        strides = reduce(jnp.logical_and, [leg.count > 0 for leg in inputs.shanks[1:] if leg is not None])
+        way = jnp.where(strides, leg_distance.rescaled(way, shanks.distance[-1]), way)
+        spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
+    return p.distance_scale * way, p.distance_scale * spread
 
 
 def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: Model = leg_model.MODEL) -> Estimate:
@@ -165,8 +181,9 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     leg.
 
     Returns:
-        Angles, foot position and distance with standard deviations; `diagnostics` holds the log-likelihood of the
-        innovations and the mean normalised innovation squared of each leg.
+        Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
+        `distance_stddev` [m], and the log-likelihood of the innovations and the mean normalised innovation squared of
+        each leg.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     own = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *(one_side(p, side) for side, _ in worn))
@@ -182,7 +199,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         diagnostics[f"nis_{SIDES[side]}"] = leg.nis
     legs = Legs(*trajectories)
     valid = inputs.valid & jnp.all(results.valid, axis=0)
-    return Estimate(inputs.time, legs, Legs(*deviations), walked(p, legs, inputs.still, options), valid, diagnostics)
+    distance, diagnostics["distance_stddev"] = walked(p, legs, inputs, options)
+    return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
 
 
 class _LegResult(NamedTuple):
@@ -210,8 +228,9 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
 
     def ready(recording: Recording) -> Prepared[LegInputs]:
         found = prepare(
-            recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis
-        )
+            recording, rate_hz=options.rate_hz, median=options.median, perpendicular=options.perpendicular_axis,
+            strapdown=options.distance == "strapdown",
+        )  # fmt: skip
         gravity = options.gravity and has_gravity(found.inputs)
         return found._replace(options=options._replace(gravity=gravity))
 

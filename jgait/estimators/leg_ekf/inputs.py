@@ -4,6 +4,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.axes import Axis, Sampled, Times
 from jgait.types import Values
 
@@ -46,6 +47,7 @@ class LegInputs(NamedTuple):
         still: (T,) bool, the person stands.
         valid: (T,) bool, False for padding and for long gaps in the signals of a leg.
         start_variance: variance of the pose at the first sample [rad²]; small if the recording starts standing.
+        shanks: inputs of the strapdown of the shanks' sensors; None without their accelerometers.
     """
 
     right: LegSignals | None
@@ -55,6 +57,7 @@ class LegInputs(NamedTuple):
     still: Annotated[Values, Axis("one")]
     valid: Sampled
     start_variance: np.ndarray
+    shanks: AnkleInputs | None = None
 
 
 def has_gravity(inputs: LegInputs) -> bool:

@@ -55,6 +55,15 @@ class LegParams(NamedTuple):
         interval(0.0 - 1e-9, 0.3), "m", "how far the ankle moves forward per radian of the shank in stance",
     )] = 0.07  # fmt: skip
     distance_scale: Annotated[Param, Parameter(positive, "1", "personal scale of the walked distance")] = 1.0
+    lever_shank: Annotated[Param, Parameter(
+        interval(0.0, 0.4), "m", "height of the shank's sensor over the ankle, before the walk tells more",
+    )] = 0.18  # fmt: skip
+    distance_noise: Annotated[Param, Parameter(
+        positive, "1", "error that all strides of a walk share, over the distance by strapdown; stated deviation only",
+    )] = 0.025  # fmt: skip
+    kinematic_noise: Annotated[Param, Parameter(
+        positive, "1", "error of the distance by the leg's kinematics, over the distance; stated deviation only",
+    )] = 0.12  # fmt: skip
 
 
 TRANSFORMS = ranges(LegParams())
@@ -70,9 +79,11 @@ class LegOptions(NamedTuple):
         closure: observe x and y as equal to the forward kinematics.
         standing: correct inclination and gyroscope bias in quiet standing.
         smooth: Rauch–Tung–Striebel smoothing (offline).
-        distance: "stance": movement of the hip over the stance leg; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
+        distance: "strapdown": "stance" in proportion to the strides of the shanks' sensors, whose accelerometers are
+            integrated from stance to stance of the ankle; "stance" alone for a recording without such accelerometers
+            or strides. "stance": movement of the hip over the stance leg; "accumulate": the paper's Σ Δx⁺ + Σ |Δy|;
             "forward": Σ Δx⁺ alone, the forward displacement of the foot relative to the hip.
-        rate_hz: resample to this rate first [Hz]; None keeps the rate of the recording.
+        rate_hz: resample to this rate first [Hz]; the distance is then "stance" at best. None keeps the rate.
         median: width of a median filter on the gyroscopes in samples; 1 for no filter.
         method: how the filter linearises, see `jgait.filtering`.
     """
@@ -82,7 +93,7 @@ class LegOptions(NamedTuple):
     closure: bool = True
     standing: bool = True
     smooth: bool = True
-    distance: str = "stance"
+    distance: str = "strapdown"
     rate_hz: float | None = None
     median: int = 1
     method: filtering.Method = filtering.EKF()

@@ -9,6 +9,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import ndimage
 
+from jgait.estimators.ankle_stride.inputs import AnkleInputs
+from jgait.estimators.ankle_stride.params import AnkleOptions
+from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
@@ -156,14 +159,34 @@ def _told(legs: dict[str, LegSignals], time: np.ndarray) -> tuple[np.ndarray, li
     return heard, notes
 
 
+SHANKS = AnkleOptions(site="shank")
+"""Options of the strapdown of the shanks' sensors."""
+
+
+def shanks_of(recording: Recording, sides: tuple[str, ...]) -> AnkleInputs | None:
+    """The inputs of the strapdown; None without accelerometers, or if the sampling rate does not suit."""
+    placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
+    own = recording._replace(sensors={name: recording.sensors[name] for name in placements})
+    try:
+        return prepare_shanks(own, SHANKS).inputs
+    except RecordingError:
+        return None
+
+
 def prepare(
-    recording: Recording, *, rate_hz: float | None = None, median: int = 1, perpendicular: bool = True
+    recording: Recording,
+    *,
+    rate_hz: float | None = None,
+    median: int = 1,
+    perpendicular: bool = True,
+    strapdown: bool = False,
 ) -> Prepared[LegInputs]:
     """Check a recording with at least one leg, which stands still at some time; turn it into the inputs of
     `leg_ekf.run`.
 
     The gyroscopes are resampled to `rate_hz` [Hz] and filtered by a median over `median` samples; `perpendicular` makes
-    the sagittal axis perpendicular to gravity. `standing` is the calibrating stance.
+    the sagittal axis perpendicular to gravity. `standing` is the calibrating stance. With `strapdown` the inputs have
+    `shanks`, unless the recording is resampled.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.
@@ -189,11 +212,12 @@ def prepare(
         for side in SIDES for segment, other in (("thigh", "shank"), ("shank", "thigh"))
         if side not in sides and f"{segment}_{side}" in recording.sensors
     ]  # fmt: skip
-    if len(sides) == 1:
+    shanks = shanks_of(recording, sides) if strapdown and rate_hz is None else None
+    if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
     heard, more = _told(legs, time)
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if still[0] else 0.1)
-    inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance)
+    inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, heard, variance, shanks)
     notes += more
     return Prepared(inputs, None, tuple(notes), (start, stop))

@@ -1,7 +1,6 @@
 """Distance walked from leg kinematics, from the displacement of the foot or of the hip over the stance foot.
 
-Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot; the stance-leg read-out is
-the default.
+Source: Bennett et al. (2013), section V, for the accumulated displacement of the foot.
 """
 
 import jax.numpy as jnp
@@ -50,3 +49,11 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     count = jnp.maximum(jnp.sum(jnp.where(moving, 1.0, 0.0)), 1.0)
     share = jnp.sum(jnp.where(moving & (ways[0] > 0.0), 1.0, 0.0)) / count
     return jnp.cumsum(back) / jnp.maximum(share, 0.2)
+
+
+def rescaled(way: Values, total: Values) -> Values:
+    """A distance by kinematics (T,) [m] in proportion, so that it ends at a total [m] that is known better.
+
+    Kinematics show at which moments a person advances, strapdown shows only whole strides.
+    """
+    return way * (total / jnp.maximum(way[-1], 1e-6))

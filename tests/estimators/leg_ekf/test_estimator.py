@@ -100,12 +100,13 @@ def test_distance_with_one_leg_and_by_every_read_out(walk):
     true = float(np.asarray(truth.distance)[-1])
     found = {
         how: float(leg_ekf.estimate(parameters(truth), right, DEFAULT._replace(distance=how)).distance[-1])
-        for how in ("stance", "accumulate", "forward")
+        for how in ("strapdown", "stance", "accumulate", "forward")
     }
+    assert abs(found["strapdown"] / true - 1.0) < 0.05
     assert abs(found["stance"] / true - 1.0) < 0.25
     assert abs(found["accumulate"] / true - 1.0) < 0.25
     assert 0.5 < found["forward"] / true < 0.75  # the hip's own way is left out
-    with pytest.raises(ValueError, match="distance must be 'stance', 'accumulate' or 'forward'; got 'steps'"):
+    with pytest.raises(ValueError, match="distance must be one of strapdown, stance, accumulate, forward; got 'steps'"):
         leg_ekf.estimate(parameters(truth), right, DEFAULT._replace(distance="steps"))
 
 
@@ -115,7 +116,8 @@ def test_turning_the_sensor_with_its_mount_changes_nothing(noisy):
     plain, turned = leg_ekf.estimate(p, recording), leg_ekf.estimate(p, rotated(recording, 1))
     for a, b in zip(jax.tree.leaves(plain.legs), jax.tree.leaves(turned.legs), strict=True):
         np.testing.assert_allclose(np.asarray(a), np.asarray(b), atol=1e-6)
-    assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), abs=1e-6)
+    # the axes of the shank, from its swings, follow the mount to within a hundredth of a degree
+    assert float(plain.distance[-1]) == pytest.approx(float(turned.distance[-1]), abs=1e-4)
 
 
 def test_swapped_sensors_of_a_leg_are_noticed_and_put_right(noisy):
@@ -366,6 +368,8 @@ def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
     assert leg_ekf.prepared(recording).inputs.valid.all()
 
     one = {name: recording.sensors[name] for name in ("thigh_right", "shank_right")}
-    alone = leg_ekf.prepared(recording._replace(sensors={**one, "shank_left": imu}))
+    alone = leg_ekf.prepared(
+        recording._replace(sensors={**one, "shank_left": imu}), DEFAULT._replace(distance="stance")
+    )
     assert any(note.startswith("only the right leg is worn") for note in texts(alone.notes))
     assert "shank_left is worn without the thigh of that leg, which is left out" in texts(alone.notes)

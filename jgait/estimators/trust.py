@@ -1,0 +1,127 @@
+"""Doubt about strides and recordings: innovations that do not fit the model, and rises and stances that contradict it.
+
+The normalised innovation squared (NIS) of a stride is the mean over the observations from its first to its last
+stance. The noise of zero velocities is set for errors that stay the same over a stance, so that the NIS of good strides
+is about 0.05; limits below are for the default noise.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.types import Counts, Estimate, Strides, Values, as_float
+
+LARGEST_NIS = 4.0
+"""[1] NIS above which a stride is in doubt. Chosen, as `RISES_FROM`, on 1602 strides of feet and shanks."""
+
+RISE, RISES_FROM = 2.5, 0.15
+"""[1] A rise of more than `RISE` deviations puts a stride in doubt, if its NIS is above `RISES_FROM`: real stairs are
+measured with a small NIS."""
+
+UNCERTAIN = 0.25
+"""[m] Deviation of a stride's length from which on the stride is in doubt: there was no stance for seconds."""
+
+_MEANING = (
+    "The signals contradict the assumption that a foot on the ground stands still: sliding, kneeling, crawling or "
+    "running, or a sensor that is loose. Lengths and positions can be off by far more than their stated deviations."
+)
+
+INCONSISTENT = Kind(
+    "inconsistent_stances",
+    "check",
+    "{placement}: stances do not fit a foot that stands (mean squared innovation {nis:.2f}, usually below {limit:g})",
+    _MEANING,
+)
+
+STRIDES_DOUBTFUL = Kind(
+    "strides_doubtful",
+    "check",
+    "{placement}: {strides} of {total} strides are in doubt, because their stances or rises contradict the model",
+    _MEANING,
+)
+
+STANCES_RARE = Kind(
+    "stances_rare",
+    "stop",
+    "{placement}: no stance for so long that a stride is known to {deviation_m:.1f} m only",
+    "The position is integrated from stance to stance, and drifts by metres without stances. Do not use positions and "
+    "lengths; a kneeling, crawling or carried foot does not stand.",
+)
+
+DOUBTS = (INCONSISTENT.code, STRIDES_DOUBTFUL.code, STANCES_RARE.code)
+"""Codes of the notes of a recording that is in doubt."""
+
+
+class Trust(NamedTuple):
+    """Whether an estimate can be trusted as far as its stated deviations say.
+
+    Attributes:
+        strides: (n,) bool, in the order of `Estimate.strides`; None if the estimator does not judge strides.
+        recording: False if the whole recording is in doubt.
+        reasons: the notes that put it in doubt.
+    """
+
+    strides: np.ndarray | None
+    recording: bool
+    reasons: tuple[Note, ...]
+
+
+def trust(estimate: Estimate) -> Trust:
+    """The trust in an estimate, per stride and for the recording, from its diagnostics and notes."""
+    doubted = estimate.diagnostics.get("doubtful")
+    notes = estimate.diagnostics.get("notes", ())
+    reasons = tuple(note for note in notes if note.code in DOUBTS or note.severity == "stop")
+    return Trust(None if doubted is None else ~np.asarray(doubted, bool), not reasons, reasons)
+
+
+def nis_between(nis: Values, count: Counts, begin: Counts, end: Counts) -> Values:
+    """Mean normalised innovation squared (n,) [1] of the observations after sample `begin` and up to sample `end`.
+
+    Args:
+        nis: (T,) normalised innovation squared of each sample, 0 without an observation.
+        count: (T,) number of observed components.
+        begin: (n,) first sample of each stride, exclusive.
+        end: (n,) last sample.
+    """
+    values = jnp.where(jnp.isfinite(nis), nis, 0.0)
+    squares, many = (jnp.concatenate([jnp.zeros_like(v[:1]), jnp.cumsum(v)]) for v in (values, count.astype(nis.dtype)))
+    return (squares[end + 1] - squares[begin + 1]) / jnp.maximum(many[end + 1] - many[begin + 1], 1.0)
+
+
+def doubtful(strides: Strides, deviations: Strides, nis: np.ndarray) -> np.ndarray:
+    """(n,) bool, the strides that are in doubt, from their rises [m], standard deviations and NIS (n,) [1]."""
+    rise = np.abs(as_float(strides.height)) > RISE * as_float(deviations.height)
+    unknown = as_float(deviations.length) > UNCERTAIN
+    return np.asarray((nis > LARGEST_NIS) | (rise & (nis > RISES_FROM)) | unknown)
+
+
+def judged(result: Estimate, placements: dict[int, str], limit: float, nis: dict[int, float]) -> Estimate:
+    """The estimate with `doubtful` (n,) in its diagnostics, and notes on sensors that are in doubt.
+
+    Args:
+        result: without padding, with `stride_nis` (n,) in its diagnostics.
+        placements: side (0 right, 1 left) → placement of the sensor.
+        limit: NIS [1] of a sensor from which on all of its results are in doubt.
+        nis: side → NIS of all observations of the sensor [1].
+    """
+    strides, deviations, diagnostics = result.strides, result.strides_stddev, result.diagnostics
+    flags = doubtful(strides, deviations, as_float(diagnostics["stride_nis"]))
+    notes: list[Note] = []
+    for side, placement in placements.items():
+        own = np.asarray(strides.side) == side
+        deviation = float(np.max(as_float(deviations.length)[own], initial=0.0))
+        many, total = int(flags[own].sum()), int(own.sum())
+        if deviation > UNCERTAIN:
+            notes.append(STANCES_RARE(placement=placement, deviation_m=deviation))
+        if nis[side] > limit:
+            notes.append(INCONSISTENT(placement=placement, nis=nis[side], limit=limit))
+        elif many > DOUBTED_SHARE * total:
+            notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total))
+    more: dict[str, Any] = {"doubtful": flags, "notes": (*diagnostics.get("notes", ()), *notes)}
+    return result._replace(diagnostics={**diagnostics, **more})
+
+
+DOUBTED_SHARE = 0.2
+"""[1] Share of a sensor's strides in doubt from which on a note names them."""

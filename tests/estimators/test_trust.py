@@ -1,0 +1,55 @@
+"""Doubt about strides and recordings, on simulated feet that stand as the model says and on feet that do not."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.foot import foot
+
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import FootParams
+from jgait.estimators.stride_flags import DOUBTFUL
+from jgait.estimators.trust import STANCES_RARE, doubtful, nis_between, trust
+from jgait.types import Strides
+
+
+def strides(height: list[float], length: list[float]) -> Strides:
+    n = len(height)
+    return Strides(
+        np.zeros(n, int), None, None, None, np.array(length), np.full(n, np.nan), np.array(height), np.ones(n, bool)
+    )
+
+
+def test_the_nis_of_a_stride_is_the_mean_over_its_observations():
+    nis = jnp.array([9.0, 0.0, 2.0, 0.0, 4.0, 0.0, 30.0])
+    count = jnp.array([3.0, 0.0, 3.0, 0.0, 3.0, 0.0, 3.0])
+    found = nis_between(nis, count, jnp.array([0, 4, 4]), jnp.array([4, 6, 5]))
+    np.testing.assert_allclose(found, [6.0 / 6.0, 30.0 / 3.0, 0.0])
+
+
+def test_a_stride_is_in_doubt_for_its_innovations_its_rise_or_its_deviation():
+    own = strides([0.0, 0.3, 0.3, 0.0, 0.0], [1.0] * 5)
+    spread = strides([0.02] * 5, [0.02, 0.02, 0.02, 0.02, 0.4])
+    nis = np.array([0.05, 0.05, 1.0, 9.0, 0.05])
+    # stairs are measured with small innovations
+    assert doubtful(own, spread, nis).tolist() == [False, False, True, True, True]
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return foot(strides=4, roll=0.03, seed=1).recording
+
+
+def test_a_foot_that_stands_is_trusted(walk):
+    found = trust(foot_ins.estimate(FootParams(), walk))
+    assert found.recording and found.strides is not None and found.strides.all() and found.reasons == ()
+
+
+def test_a_foot_that_slides_in_stance_is_in_doubt(walk):
+    imu = walk.sensors["foot_right"]
+    # the ground moves to and fro by some centimetres, twice a second
+    shaken = np.array(imu.acc) + 3.0 * np.sin(4.0 * np.pi * np.asarray(imu.time))[:, None] * np.array([1.0, 0.0, 0.0])
+    estimate = foot_ins.estimate(FootParams(), walk._replace(sensors={"foot_right": imu._replace(acc=shaken)}))
+    found = trust(estimate)
+    assert not found.recording and found.strides is not None and not found.strides.all()
+    assert {note.code for note in found.reasons} <= {"inconsistent_stances", "strides_doubtful", STANCES_RARE.code}
+    np.testing.assert_array_equal(DOUBTFUL.read(estimate), ~found.strides)
