@@ -27,7 +27,8 @@ BARE = ("", "1", "ratio", "F1", "bool")
 
 BEGIN, END = "<!-- table: written by `make summary` -->", "<!-- end of the table -->"
 HEADLINES = (
-    "default_whole_hip_deg_right", "default_whole_x_cm_right", "walking5m_loso_distance_mae_pct",
+    "default_whole_hip_deg_right", "default_whole_x_cm_right", "leg_distance_pct", "flags_missed_pct",
+    "flags_false_pct",
     "foot_stride_mae_cm_gaitmap_example", "foot_stride_mae_cm_pyshoe_vicon", "width_mae_cm_rts",
     "tripod_distance_error_pct", "ic_f1_ipol_gait", "distance_mae_pct_ipol_straight", "walking5m_median_err_duty50",
 )  # fmt: skip

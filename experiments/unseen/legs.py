@@ -86,10 +86,10 @@ def of_distances(found: list[Distances]) -> list[Row]:
                 f"{line}: size of the bias without a learned scale", "", "people"
             ),
             Row(f"{key}_within_two_sigma_pct", inside[0], "%", n=n, split=nothing).on(
-                f"{line}: within two stated standard deviations [%]", "", "people"
+                f"{line}: within two stated standard deviations", "", "people"
             ),
             Row(f"{key}_within_two_sigma_both_pct", inside[1], "%", n=n, split=nothing).on(
-                f"{line}: within two stated standard deviations [%]", "with the reference's own", "people"
+                f"{line}: within two stated standard deviations", "with the reference's own", "people"
             ),
         ]
         stated_sd = 100.0 * float(np.mean(sd / raw))

@@ -83,7 +83,7 @@ def distances(sources: Sequence[SourceEstimate], person: dict[str, float]) -> li
             continue
         total = float(estimate.distance[-1])
         told = estimate.diagnostics.get("distance_stddev")
-        if told is not None:
+        if told is not None and source.name != "legs":
             sd = float(np.ravel(told)[-1])
         elif estimate.strides is not None and estimate.strides_stddev is not None:
             lengths = float(np.nansum(as_float(estimate.strides.length)))

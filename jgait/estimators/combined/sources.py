@@ -81,12 +81,15 @@ def _ranged(recording: Recording) -> tuple[str, ...]:
     return feet if len(feet) == 2 and recording.feet_range is not None else ()
 
 
+KINEMATICS = leg_ekf.DEFAULT._replace(distance="stance")
+"""Options of the legs: their distance is independent of that of the shanks, which are a source of their own."""
+
 WAYS = (
     _Way("feet", foot_ins.estimator, _pair("foot")),
     _Way("ankles", lambda: _ankle_stride("ankle"), _pair("ankle")),
     _Way("shanks", lambda: _ankle_stride("shank"), _pair("shank")),
     _Way("waist", waist.estimator, _trunk),
-    _Way("legs", leg_ekf.estimator, _legs),
+    _Way("legs", lambda: leg_ekf.estimator(KINEMATICS), _legs),
     _Way("width", stride_width_ekf.estimator, _ranged),
 )
 """All sources; of strides that several sources measure, times come from the first."""
