@@ -158,7 +158,7 @@ def test_both_legs_have_a_row_and_a_colour():
         strides_stddev=type(stated)(*(None if v is None else np.concatenate([v, v]) for v in stated)),
         diagnostics={
             name.replace("_right", "_left") if again else name: np.concatenate([value, value])
-            if name in ankle_stride.FLAGS else value
+            if name in ankle_stride.estimator().per_stride else value
             for again in (False, True) for name, value in right.diagnostics.items()
         },
     )  # fmt: skip

@@ -39,7 +39,7 @@ LARGEST_MEAN_NIS = 0.5
 TOGETHER_S = 0.06
 """[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
 
-PER_STRIDE = (*FLAGS, "stride_nis")
+PER_STRIDE = (*FLAGS, "stride_nis", "doubtful")
 """Diagnostics with an entry for each stride."""
 
 _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")

@@ -26,7 +26,7 @@ from jgait.geometry.vectors import Vector, vector
 from jgait.params import ranges
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values
 
-PER_STRIDE = ("stride_nis",)
+PER_STRIDE = ("stride_nis", "doubtful")
 """Diagnostics with an entry for each stride."""
 
 LARGEST_MEAN_NIS = 0.15
