@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.about import About
 from jgait.estimators.axes import pad
+from jgait.estimators.plausible import implausible
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.estimators.run import trimmed
@@ -101,7 +102,9 @@ class Estimator[P, I](NamedTuple):
         result = trimmed(result, samples, self.per_stride)
         facts = {"notes": prepared.notes, "standing": prepared.standing}
         result = result._replace(diagnostics={**result.diagnostics, **facts})
-        return result if self.finish is None else self.finish(result, prepared)
+        result = result if self.finish is None else self.finish(result, prepared)
+        notes = (*result.diagnostics["notes"], *implausible(result))
+        return result._replace(diagnostics={**result.diagnostics, "notes": notes})
 
 
 def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: dict[str, Any]) -> P:

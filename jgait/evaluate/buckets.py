@@ -14,6 +14,7 @@ from jax.sharding import Mesh
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
+from jgait.estimators.plausible import implausible
 from jgait.evaluate.devices import sharded
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import COLUMNS, Cohort, frame
@@ -277,7 +278,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
 
     recordings = [
         (ready.name, ready.walk.recording.subject, ready.time.size, ready.time[-1] - ready.time[0],
-         np.mean(estimate.valid), to_json(ready.notes))
+         np.mean(estimate.valid), to_json((*ready.notes, *implausible(estimate))))
         for ready, estimate, _ in good
     ]  # fmt: skip
     quantities = [

@@ -1,0 +1,118 @@
+"""Results that no person can have walked: strides, speeds, knees, widths and heights, each with its likely causes."""
+
+import numpy as np
+
+from jgait.notes import Kind, Note
+from jgait.types import SIDES, Estimate, Strides, as_float
+
+LONGEST_STRIDE = 2.5
+"""[m] Longest stride of walking: race walkers take 2.4 m."""
+
+FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
+"""[m/s] Fastest stride of walking (race walkers reach 4.3 m/s over a kilometre), and of running over a distance."""
+
+RUNNING_S = 0.95
+"""[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
+
+KNEE_DEG = (-20.0, 160.0)
+"""[deg] Smallest and largest knee angle, with a wrong zero of 10° and more allowed for."""
+
+KNEE_SHARE = 0.01
+"""[1] Share of the valid samples of a leg with such knee angles from which on they are reported."""
+
+STEEPEST, LEAST_RISE = 1.0, 0.5
+"""[1], [m] Slope of a walk, and its rise: strides on stairs rise by 0.6 of their length."""
+
+CAUSES = (
+    "Likely causes: a wrong unit or sampling rate, a sensor at the limit of its range, samples that are lost or "
+    "damaged, axes of one gyroscope turned round, or a sensor at another place than stated. Do not use these numbers."
+)
+"""Meaning of all these kinds."""
+
+STRIDES_IMPLAUSIBLE = Kind(
+    "strides_implausible",
+    "check",
+    "{side}: {strides} of {of} strides are longer or faster than a person walks, up to {length:.3g} m and "
+    "{speed:.3g} m/s",
+    CAUSES,
+)
+SPEED_IMPLAUSIBLE = Kind(
+    "speed_implausible", "check", "{distance:.4g} m in {seconds:.3g} s is faster than a person walks", CAUSES
+)
+KNEE_IMPLAUSIBLE = Kind(
+    "knee_implausible",
+    "check",
+    "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
+    CAUSES,
+)
+WIDTH_NEGATIVE = Kind(
+    "width_negative",
+    "check",
+    "{strides} of {of} strides have a negative width: left and right may be exchanged",
+    CAUSES,
+)
+HEIGHT_DRIFTS = Kind(
+    "height_drifts",
+    "check",
+    "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs",
+    CAUSES,
+)
+NOT_FINITE = Kind("result_not_finite", "check", "{samples} valid samples of the result are not finite", CAUSES)
+
+
+def implausible(estimate: Estimate) -> tuple[Note, ...]:
+    """Notes about what no person does in an estimate of one recording, without padding; on the host."""
+    notes: list[Note] = []
+    valid = np.asarray(estimate.valid, bool)
+    if estimate.strides is not None:
+        notes += _strides(estimate.strides)
+    for side, leg in zip(SIDES, estimate.legs, strict=True):
+        if leg is None:
+            continue
+        knee = np.rad2deg(as_float(leg.knee_angle)[valid])
+        lost = int(np.sum(~np.isfinite(knee)))
+        if lost:
+            notes.append(NOT_FINITE(samples=lost))
+            continue
+        beyond = (knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1])
+        if beyond.size and beyond.mean() > KNEE_SHARE:
+            notes.append(
+                KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(100.0 * beyond.mean(), 1.0))
+            )
+    if estimate.distance is not None and valid.any():
+        seconds = float(np.ptp(as_float(estimate.time)[valid]))
+        distance = float(as_float(estimate.distance)[valid][-1])
+        if not distance <= FASTEST_RUN * max(seconds, 1.0):
+            notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
+    return tuple(notes)
+
+
+def _strides(strides: Strides) -> list[Note]:
+    """Notes about the strides of both feet."""
+    notes = []
+    used = np.asarray(strides.valid, bool)
+    length, height, width = (as_float(part) for part in (strides.length, strides.height, strides.width))
+    if strides.start is not None and strides.end is not None:
+        last = as_float(strides.end) - as_float(strides.start)
+    else:
+        last = np.full(length.shape, np.nan)
+    speed = as_float(strides.speed) if strides.speed is not None else length / np.where(last > 0.0, last, np.nan)
+    walked = ~(last < RUNNING_S)
+    wrong = (walked & ((length > LONGEST_STRIDE) | (speed > FASTEST_WALK))) | (speed > FASTEST_RUN)
+    wrong |= ~np.isfinite(length)
+    for number, side in enumerate(SIDES):
+        own = used & (np.asarray(strides.side) == number)
+        if (own & wrong).any():
+            notes.append(
+                STRIDES_IMPLAUSIBLE(
+                    side=side, strides=(own & wrong).sum(), of=own.sum(), length=np.nanmax(length[own & wrong]),
+                    speed=np.nanmax(np.nan_to_num(speed[own & wrong])),
+                )
+            )  # fmt: skip
+        rise, gone = float(np.nansum(height[own])), float(np.nansum(length[own]))
+        if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
+            notes.append(HEIGHT_DRIFTS(side=side, rise=rise, length=gone))
+    negative = used & (width < 0.0)
+    if negative.any():
+        notes.append(WIDTH_NEGATIVE(strides=negative.sum(), of=used.sum()))
+    return notes
