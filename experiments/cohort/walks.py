@@ -20,8 +20,8 @@ import numpy as np
 from jgait import simulate
 from jgait.simulate import Person, Route
 from jgait.simulate.check import check_slack
+from jgait.simulate.recorded import limits, room, samples_in
 from jgait.simulate.sensors import MPU6000
-from jgait.simulate.worn import limits, room, samples_in
 from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording, Strides, Walk
 
 RATE = 100.0

@@ -9,6 +9,7 @@ from jgait.simulate.check import check_person
 from jgait.simulate.people import cohort, walks
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.population import fitted, gait, paced, person_of, population
+from jgait.simulate.recorded import recording, trimmed
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
 from jgait.simulate.walker import motion, plan
 from jgait.simulate.worn import (
@@ -18,10 +19,8 @@ from jgait.simulate.worn import (
     Truth,
     duration,
     mount,
-    recording,
     signals,
     strides,
-    trimmed,
     walk,
 )
 

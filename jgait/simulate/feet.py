@@ -8,21 +8,26 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from jgait.geometry.segments import Frame
-from jgait.geometry.vectors import Vector, kept
+from jgait.geometry.jets import Jet, outer, part, parts, sin_cos, stacked
+from jgait.geometry.vectors import kept
 from jgait.simulate.person import Body, Gait
-from jgait.simulate.smooth import bump, glide, step
+from jgait.simulate.smooth import glide, smooth_bump, smooth_step
 from jgait.types import Flags, Values
 
 
 class Foothold(NamedTuple):
-    """Fields of the `Plan` at one foothold of each foot, (2, T)."""
+    """Fields of the `Plan` at one foothold of each foot, (2, T).
 
-    x: Values
-    y: Values
-    z: Values
-    foot_yaw: Values
-    slope: Values
+    Attributes:
+        place: (5, 2, T) `x`, `y`, `z`, `foot_yaw` and `slope` of the plan.
+        toe_up: see `Plan`; as the following fields.
+        heel_up: see `Plan`.
+        off: see `Plan`.
+        leave: see `Plan`.
+        lift: see `Plan`.
+    """
+
+    place: Values
     toe_up: Values
     heel_up: Values
     off: Values
@@ -31,10 +36,10 @@ class Foothold(NamedTuple):
 
 
 class FootPair(NamedTuple):
-    """Right and left foot, (2, T): frame, whose origin is the ankle, and yaw [rad]."""
+    """Right and left foot: frames (4, 3, 2, T) whose origin is the ankle (see `walker.segments`), yaw (2, T) [rad]."""
 
-    frame: Frame
-    yaw: Values
+    frame: Jet
+    yaw: Jet
 
 
 HEEL_EARLY, HEEL_RISES, HEEL_AFTER, HEEL_DOWN = 0.08, 0.34, 0.24, 0.16
@@ -68,14 +73,14 @@ class Phases(NamedTuple):
         lift: lift in swing, over the early lift.
     """
 
-    rise: Values
-    toes: Values
-    down: Values
-    way: Values
-    lift: Values
+    rise: Jet
+    toes: Jet
+    down: Jet
+    way: Jet
+    lift: Jet
 
 
-def phases(gait: Gait, off: Values, leave: Values, lands: Values, s: Values) -> Phases:
+def phases(gait: Gait, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
     """Progress of stance and swing.
 
     The heel rises slowly in single support and fast at the contact of the other foot; then the ball of the foot rises
@@ -94,27 +99,28 @@ def phases(gait: Gait, off: Values, leave: Values, lands: Values, s: Values) -> 
         HEEL_RISES + HEEL_AFTER, TOES_RISE + HEEL_AFTER, 2.0 - leave - HEEL_DOWN, TOES_UP - TOES_TURN + 0.1,
         TOES_TURN + 2.0 * gait.foot_flat, 2.0 - leave, 2.0 - leave,
     )  # fmt: skip
-    u = (s[None] - jnp.stack(begins)) / jnp.stack([jnp.broadcast_to(last, leave.shape) for last in lasts])
+    over = 1.0 / jnp.stack([jnp.broadcast_to(last, leave.shape) for last in lasts])
+    u = (part(s, None) - jnp.stack(begins)) * over
 
     def column(*values: float) -> Values:
-        return jnp.asarray(values, s.dtype).reshape((-1,) + (1,) * s.ndim)
+        return jnp.asarray(values, leave.dtype).reshape((-1,) + (1,) * leave.ndim)
 
     gather = column(0.6, 0.5, 0.5, 0.5, 0.5, GATHER, GATHER)
     lose = column(0.4, 0.5, 0.5, 0.5, 0.5, HARD, SOFT)
-    fast, toes, back, up, turn, hard, soft = glide(u, gather, lose)
-    tau = u[-1]
+    fast, toes, back, up, turn, hard, soft = parts(glide(u, gather, lose))
+    tau = part(u, -1)
     steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - LOWERS) / (1.0 - LOWERS))
-    slow, late, lowers = step(jnp.stack(steps))
+    slow, late, lowers = parts(smooth_step(stacked(steps)))
     return Phases(
-        rise=HEEL_EARLY * slow + (1.0 - HEEL_EARLY) * fast - back,
+        rise=slow * HEEL_EARLY + fast * (1.0 - HEEL_EARLY) - back,
         toes=toes - back,
         down=up - turn,
-        way=gait.landing_speed * hard + (1.0 - gait.landing_speed) * soft,
-        lift=bump(tau / 0.5) + LATE_LIFT * (late - lowers),
+        way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed),
+        lift=smooth_bump(tau / 0.5) + (late - lowers) * LATE_LIFT,
     )
 
 
-def feet(body: Body, gait: Gait, origin: Foothold, target: Foothold, moves: Flags, s: Values) -> FootPair:
+def feet(body: Body, gait: Gait, origin: Foothold, target: Foothold, moves: Flags, s: Jet) -> FootPair:
     """Both feet.
 
     Args:
@@ -125,19 +131,23 @@ def feet(body: Body, gait: Gait, origin: Foothold, target: Foothold, moves: Flag
         moves: (2, T) whether the foot pushes off and swings; False for the foot that landed last.
         s: (2, T) steps since the last landing, in [0, 1] for the foot that landed last, in [1, 2] for the other foot.
     """
-    share = kept(phases(gait, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(s.dtype), s))
-    x, y, z, yaw, incline = (a + share.way * (b - a) for a, b in zip(origin[:5], target[:5], strict=True))
-    down, rise = target.toe_up * share.down, origin.heel_up * share.rise
-    angles = kept(jnp.stack([down, rise, TOES * origin.heel_up * share.toes, incline, yaw, incline + down - rise]))
-    s_down, s_rise, s_toes, s_slope, sy, sp = jnp.sin(angles)
-    c_down, c_rise, c_toes, c_slope, cy, cp = jnp.cos(angles)
+    share = kept(phases(gait, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype), s))
+    place = part(share.way, None) * (target.place - origin.place) + origin.place
+    yaw, incline = part(place, 3), part(place, 4)
+    down, rise = share.down * target.toe_up, share.rise * origin.heel_up
+    angles = kept(stacked([down, rise, share.toes * (TOES * origin.heel_up), incline, yaw, incline + down - rise]))
+    sines, cosines = sin_cos(angles)
+    s_down, s_rise, s_toes, s_slope, sy, sp = parts(sines)
+    c_down, c_rise, c_toes, c_slope, cy, cp = parts(cosines)
     c_down, c_rise, c_toes = c_down - 1.0, c_rise - 1.0, c_toes - 1.0
     # Rotations about heel, ball and tip of the toes move the ankle along the ground and perpendicular to it.
     heel, ball, toe, high = body.heel_length, body.ball_length, body.toe_length, body.ankle_height
     ahead = c_down * heel - s_down * high - c_rise * ball + s_rise * high - c_toes * toe
     up = s_down * heel + c_down * high + s_rise * ball + c_rise * high + s_toes * toe
-    height = high + up + jnp.where(moves, origin.lift, 0.0) * share.lift
-    ahead, up = kept((ahead * c_slope - height * s_slope, ahead * s_slope + height * c_slope))
-    ankle = Vector(x + cy * ahead, y + sy * ahead, z + up)
-    axes = Vector(cy * cp, sy * cp, sp), Vector(-sy, cy, jnp.zeros_like(cy)), Vector(-cy * sp, -sy * sp, cp)
-    return FootPair(Frame(kept(ankle), *axes), yaw)
+    height = up + high + share.lift * jnp.where(moves, origin.lift, 0.0)
+    by_ahead, by_height = map(parts, parts(outer(stacked([ahead, height]), stacked([c_slope, s_slope]))))
+    level, rises = kept((by_ahead[0] - by_height[1], by_ahead[1] + by_height[0]))
+    by_cosine, by_sine = map(parts, parts(outer(stacked([cy, sy]), stacked([level, cp, sp]))))
+    ankle = part(place, slice(0, 3)) + stacked([by_cosine[0], by_sine[0], rises])
+    axes = (by_cosine[1], by_sine[1], sp), (-sy, cy, cy * 0.0), (-by_cosine[2], -by_sine[2], cp)
+    return FootPair(kept(stacked([ankle, *map(stacked, axes)])), yaw)

@@ -8,9 +8,10 @@ from jaxtyping import PRNGKeyArray
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.person import Person
 from jgait.simulate.population import fitted, person_of, population
+from jgait.simulate.recorded import limits, simulated
 from jgait.simulate.routes import Route, straight
 from jgait.simulate.sensors import IDEAL, ImuErrors
-from jgait.simulate.worn import SEVEN, Truth, limits, room, roomy, samples_in, simulated
+from jgait.simulate.worn import SEVEN, Truth
 from jgait.types import Recording
 
 
@@ -23,7 +24,7 @@ def walks(
     Args:
         keys: one PRNG key for each person, the same as for `fitted`.
         people: persons whose fields are floats.
-        along: the route of each person; all routes have the same number of pieces.
+        along: the route of each person.
         errors: errors and mounting of the sensors.
         rate: sampling rate [Hz].
         placements: where sensors are worn, see `jgait.PLACEMENTS`.
@@ -42,17 +43,15 @@ def walks(
     for person in people:
         check_values(person)
     names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
-    capacity = room(max(round(float(person.gait.steps)) for person in people))
     planned = []
     for key, person, way, name in zip(keys, people, along, names, strict=True):
-        laid, last, left = limits(key, person, way, capacity)
+        laid, last, left = limits(key, person, way)
         check_slack(person, left, f"on the route of {name}")
         planned.append((key, person, laid, last))
-    length = max(roomy(samples_in(last, rate)) for *_, last in planned)
 
     def one_by_one() -> Iterator[tuple[Recording, Truth]]:
         for name, walk in zip(names, planned, strict=True):
-            worn, true = simulated(*walk, length, errors, rate, placements)
+            worn, true = simulated(*walk, errors, rate, placements)
             yield Recording(worn, rate, name, name), true
 
     return one_by_one()

@@ -5,19 +5,19 @@ stride length so that a whole number of steps covers a route.
 """
 
 import math
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.vectors import kept
 from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
 from jgait.simulate.person import DEGREE, Body, Gait, Person
-from jgait.simulate.routes import Route
-from jgait.simulate.worn import QUICKLY, limits, room
+from jgait.simulate.recorded import limits, room
+from jgait.simulate.routes import Route, padded
 from jgait.types import Values
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
@@ -152,8 +152,7 @@ def _adult(key: PRNGKeyArray) -> Person:
     return Person(Body(**lengths), own)
 
 
-@partial(jax.jit, static_argnames=("n",))
-def _adults(key: PRNGKeyArray, n: int) -> Person:
+def _adults(key: PRNGKeyArray, *, n: int) -> Person:
     drawn = jax.vmap(lambda i: _adult(jax.random.fold_in(key, i)))(jnp.arange(n))
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (n,)), drawn)
 
@@ -182,12 +181,13 @@ def population(key: PRNGKeyArray, n: int) -> Person:
     """
     if n < 1:
         raise ValueError(f"population needs at least one person; got n={n}")
-    return _adults(key, n)
+    drawn: Person = compiled(_adults, quick=True)(key, n=bucket(n, 16))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:n], drawn)
 
 
 def person_of(people: Person, i: int) -> Person:
     """The person with number `i` of a population, with fields as floats."""
-    return jax.tree.map(lambda leaf: float(leaf[i]), people)
+    return jax.tree.map(lambda leaf: float(np.asarray(leaf)[i]), people)
 
 
 def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
@@ -212,7 +212,7 @@ def fitted(key: PRNGKeyArray, person: Person, along: Route) -> Person:
         total = float(np.sum(along.length))
         raise ValueError(f"a route of {total:g} m is shorter than half a step of {0.5 * person.gait.stride_length:g} m")
     person = Person(person.body, person.gait._replace(steps=float(steps)))
-    grown = _stretched(jax.random.split(key)[0], jax.tree.map(float, person), along, room(steps))
+    grown = compiled(_stretched, quick=True)(key, jax.tree.map(float, person), padded(along), capacity=room(steps))
     # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
     return _able(key, jax.tree.map(float, Person(person.body, stretched)), along)
@@ -237,14 +237,14 @@ SPARE, YIELDS = 1e-4, 4.0 * DEGREE
 """[1] Relative reserve of leg length that is kept; [rad] largest increase of the knee flexion."""
 
 
-@partial(jax.jit, static_argnames=("capacity",), compiler_options=QUICKLY)
-def _stretched(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Person:
+def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> Person:
     """The person paced by the factor on the stride length with which the last step ends at the end of the route."""
+    walks = jax.random.split(key)[0]
     total = routes.total_length(along)
 
     def covered(stride: Values) -> Values:
         stretched = Person(person.body, person.gait._replace(stride_length=stride))
-        laid = footholds(key, stretched, along, capacity)
+        laid = footholds(walks, stretched, along, capacity)
         # At the end of the last interval r = 1, where a polynomial is the sum of its coefficients.
         return jnp.sum(laid.distance_curve[laid.end.astype(int) - 1 + FIRST])
 

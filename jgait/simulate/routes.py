@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jgait.estimators.programs import bucket
 from jgait.types import AnyArray, Values
 
 
@@ -87,6 +88,17 @@ def total_length(along: Route) -> Values:
     return jnp.sum(along.length)
 
 
+def padded(along: Route) -> Route:
+    """The same route with more pieces, of length 0, so that walks on other routes use the same programs."""
+    pieces = [np.asarray(values, float) for values in along]
+    more = bucket(len(pieces[0]), 16) - len(pieces[0])
+    edges = {"length": 0.0, "turn": 0.0}
+    return Route(*(
+        np.concatenate([values, np.full(more, edges.get(name, values[-1]))])
+        for name, values in zip(Route._fields, pieces, strict=True)
+    ))  # fmt: skip
+
+
 class Place(NamedTuple):
     """A point on the route: its position [m], and the heading at this point [rad]."""
 
@@ -105,7 +117,7 @@ def at(along: Route, distance: Float[AnyArray, "*shape"]) -> Place:
     ends = jnp.cumsum(jnp.asarray(along.length))
     total = ends[-1]
     covered = jnp.clip(distance[:, None] - (ends[None, :] - length), 0.0, length)
-    bend = turn * covered / length
+    bend = turn * covered / jnp.where(length > 0.0, length, 1.0)
     headings = jnp.cumsum(bend, axis=1)
     middle = headings - 0.5 * bend
     chord = covered * jnp.sinc(0.5 * bend / jnp.pi)

@@ -12,6 +12,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jgait.geometry.jets import Jet, chained, part, parts, stacked
+from jgait.geometry.vectors import kept
 from jgait.types import AnyArray, Values
 
 ORDER = 6
@@ -58,16 +60,38 @@ def _ramp_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values
     return ramp(u), step(u) * du
 
 
-def glide(u: Values, gather: Values, lose: Values) -> Values:
+def glide(u: Jet, gather: Values, lose: Values) -> Jet:
     """From 0 at u ≤ 0 to 1 at u ≥ 1: acceleration in the first share `gather`, deceleration in the last, `lose`."""
-    begins, ends = ramp(jnp.stack([u / gather, (u - 1.0 + lose) / lose]))
-    return (gather * begins - lose * ends) / (1.0 - 0.5 * (gather + lose))
+    both = stacked([u / gather, (u - 1.0 + lose) / lose])
+    now = kept(both.value)
+    begins, ends = parts(chained(ramp(now), step(now), _SLOPE * bump(now), both))
+    return (begins * gather - ends * lose) / (1.0 - 0.5 * (gather + lose))
+
+
+def smooth_step(u: Jet) -> Jet:
+    """As `step`, of a jet."""
+    height, slope, _ = _bump(u.value, ORDER)
+    return chained(step(u.value), _SLOPE * height, _SLOPE * slope, u)
 
 
 def bump(u: Values) -> Values:
     """From 0 to 1 at u = 1/2 and back to 0: (1 − x²)⁶ with x = 2u − 1, 0 outside (0, 1)."""
     height = 4.0 * u * (1.0 - u)
     return jnp.where(height > 0.0, height, 0.0) ** ORDER
+
+
+def smooth_bump(u: Jet, order: int = ORDER) -> Jet:
+    """As `bump`, of a jet, with another power than 6."""
+    return chained(*_bump(u.value, order), u)
+
+
+def _bump(u: Values, order: int) -> tuple[Values, Values, Values]:
+    """A bump with its first and second derivative."""
+    height = 4.0 * u * (1.0 - u)
+    height = jnp.where(height > 0.0, height, 0.0)
+    slope, last = 4.0 - 8.0 * u, height ** (order - 2)
+    once = last * height
+    return once * height, order * once * slope, order * ((order - 1.0) * last * slope * slope - 8.0 * once)
 
 
 CURVE = 10
@@ -132,6 +156,12 @@ def coefficients(
 def curve_at(table: Float[AnyArray, "*curve interval coefficient"], entry: Int[Array, "..."], r: Values) -> Values:
     """Curves (see `pieces`) in the intervals `entry` (T,), at the shares r (T,) of the intervals: (*curve, T)."""
     return polynomial(coefficients(table, entry), jnp.expand_dims(r, tuple(range(table.ndim - 2))))[0]
+
+
+def smooth_curve(table: Float[AnyArray, "*curve interval coefficient"], entry: Int[Array, "..."], r: Jet) -> Jet:
+    """As `curve_at`, of a jet: (*curve, T)."""
+    beside = part(r, *(None,) * (table.ndim - 2))
+    return chained(*kept(polynomial(coefficients(table, entry), beside.value)), beside)
 
 
 def polynomial(coefficients: Float[AnyArray, "coefficient ..."], r: Values) -> tuple[Values, Values, Values]:

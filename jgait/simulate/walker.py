@@ -12,14 +12,18 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jgait.geometry.segments import Frame, Motion, Segments, differentiated, separated
-from jgait.geometry.vectors import Vector, add, cross, dot, kept, scale, subtract
+from jgait.geometry.jets import Jet, outer, part, parts, reciprocal, root, sin_cos, stacked, summed
+from jgait.geometry.segments import Frame, Motion, Segments
+from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
-from jgait.simulate.smooth import bump, coefficients, curve_at, pieces, polynomial
+from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump, smooth_curve
 from jgait.types import AnyArray, Values
+
+type Frames = Float[Array, "row component segment time"]
+"""Frames of segments, or their derivatives: origin and axes, by components and segments; see `segments`."""
 
 
 def clock(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*shape"], Float[Array, "*shape"]]:
@@ -56,76 +60,100 @@ def ticks(plan: Plan, time: Float[AnyArray, "*shape"]) -> tuple[Int[Array, "*sha
     return entry, Motion(r, rate, -bend * rate * rate * rate)
 
 
-def _axes(yaw: Values, pitch: Values, roll: Values) -> tuple[Vector, Vector, Vector]:
-    """Forward, left and up axis of a segment turned by yaw, then pitched (forward end up), then rolled (left up)."""
-    angles = jnp.stack([yaw, pitch, roll])
-    (sy, sp, sr), (cy, cp, cr) = jnp.sin(angles), jnp.cos(angles)
-    x = Vector(cy * cp, sy * cp, sp)
-    y = Vector(-sy * cr - cy * sp * sr, cy * cr - sy * sp * sr, cp * sr)
-    return x, y, cross(x, y)
+def _pelvis_axes(yaw: Jet, pitch: Jet, roll: Jet) -> Jet:
+    """Forward, left and up axis (3, 3, T) of a pelvis turned by yaw, then pitched (forward end up), then rolled."""
+    sines, cosines = sin_cos(stacked([yaw, pitch, roll]))
+    (sy, sp, sr), (cy, cp, cr) = parts(sines), parts(cosines)
+    # Without the yaw, the three axes have these components.
+    (ss, sc), (cs, cc) = map(parts, parts(outer(stacked([sp, cp]), stacked([sr, cr]))))
+    ahead, aside, up = (stacked(row) for row in ((cp, -ss, -sc), (cr * 0.0, cr, -sr), (sp, cs, cc)))
+    return _turned(stacked([cy, sy]), stacked([ahead, aside]), up)
 
 
-def _legs(body: Body, hip: Vector, ankle: Vector, yaw: Values) -> tuple[Frame, Frame]:
-    """Thighs and shanks between hips and ankles, the knees bent forward in the direction of a yaw."""
+def _turned(cosine_sine: Jet, level: Jet, up: Jet) -> Jet:
+    """Vectors (n, 3, T), turned about the vertical by an angle with a cosine and sine (2, T).
+
+    They have components forward and left, `level` (2, n, T), and `up` (n, T).
+    """
+    by_cosine, by_sine = map(parts, parts(kept(part(cosine_sine, slice(None), None, None) * part(level, None))))
+    return stacked([by_cosine[0] - by_sine[1], by_sine[0] + by_cosine[1], up], axis=1)
+
+
+def _legs(body: Body, hip: Jet, ankle: Jet, yaw: Jet) -> tuple[Jet, Jet]:
+    """Frames (4, 3, 2, T) of thighs and shanks.
+
+    Between hips and ankles (3, 2, T), the knees are bent forward in the direction of a yaw (2, T).
+    """
     a, b = body.thigh_length, body.shank_length
-    line = subtract(hip, ankle)
-    d2 = dot(line, line)
-    d = jnp.sqrt(d2)
-    up = scale(1.0 / d, line)
-    s, c = jnp.sin(yaw), jnp.cos(yaw)
-    left = cross(up, Vector(c, s, jnp.zeros_like(c)))
-    up, left = kept((up, scale(1.0 / jnp.sqrt(dot(left, left)), left)))
-    ahead = kept(cross(left, up))
+    line = kept(hip - ankle)
+    d2 = kept(summed(line * line))
+    d = root(d2, 1e-12)
+    over = reciprocal(d)
+    up = kept(line * part(over, None))
+    # Left is across the leg and the yaw's direction; ahead is this direction less its part along the leg.
+    s, c = sin_cos(yaw)
+    (xc, xs), (yc, ys), (zc, zs) = map(parts, parts(kept(outer(up, stacked([c, s])))))
+    leaning = xc + ys
+    axes = stacked([stacked([c, s, c * 0.0]) - part(leaning, None) * up, stacked([-zs, zc, xs - yc])])
+    narrow = reciprocal(root(-(leaning * leaning) + 1.0, 1e-12))
+    ahead, left = parts(kept(axes * part(narrow, None, None)))
     # Distance of the knee from the hip along the line from hip to ankle, and distance of the knee ahead of this line.
-    along = (d2 + a * a - b * b) / (2.0 * d)
-    square = a * a - along * along
-    out = jnp.sqrt(jnp.where(square > 1e-9, square, 1e-9))
-    d, along, out = kept((d, along, out))
+    along = kept((d2 + (a * a - b * b)) * over * 0.5)
+    out = root(-(along * along) + a * a, 1e-9)
+    # Thigh and shank lean ahead of the line by angles with these cosines and sines.
+    leans = part(stacked([along / a, -out / a, (d - along) / b, out / b]), slice(None), None)
+    thigh_cosine, thigh_sine, shank_cosine, shank_sine = map(parts, parts(kept(outer(leans, stacked([ahead, up])))))
 
-    def turned(c: Values, s: Values) -> tuple[Vector, Vector, Vector]:
-        """Axes of a segment that leans ahead of the line by an angle with this sine and cosine."""
-        return subtract(scale(c, ahead), scale(s, up)), left, add(scale(c, up), scale(s, ahead))
+    def frame(origin: Jet, cosine: list[Jet], sine: list[Jet]) -> Jet:
+        return stacked([origin, cosine[0] - sine[1], left, cosine[1] + sine[0]])
 
-    thigh, shank = turned(along / a, -out / a), turned((d - along) / b, out / b)
-    return Frame(hip, *thigh), Frame(subtract(hip, scale(a, thigh[2])), *shank)
+    thigh = frame(hip, thigh_cosine, thigh_sine)
+    return thigh, frame(hip - part(thigh, 3) * a, shank_cosine, shank_sine)
 
 
 class Carried(NamedTuple):
-    """FootPair, pelvis and hips.
+    """Feet, pelvis and hips.
 
     Attributes:
         feet: both feet.
-        pelvis: the pelvis, from the middle of the hips.
-        hips: both hips, right and left.
-        turn: yaw of the plane of the legs.
+        pelvis: (4, 3, T) frame of the pelvis, from the middle of the hips.
+        hips: (3, 2, T) both hips, right and left.
+        turn: (T,) yaw of the plane of the legs.
     """
 
     feet: FootPair
-    pelvis: Frame
-    hips: Vector
-    turn: Values
+    pelvis: Jet
+    hips: Jet
+    turn: Jet
 
 
-def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Values) -> Carried:
-    """FootPair and pelvis at the share r (T,) of a step after the contact of foothold `entry` (T,)."""
-    body, gait = person.body, person.gait
-    sides = jnp.asarray((-1.0, 1.0), r.dtype).reshape((2,) + (1,) * r.ndim)
+PLACE = ("x", "y", "z", "foot_yaw", "slope")
+"""Fields of a plan that are a foothold's place."""
+
+
+def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Carried:
+    """Feet and pelvis at the share r (T,) of a step after the contact of foothold `entry` (T,)."""
+    body, gait, dtype = person.body, person.gait, plan.x.dtype
+    sides = jnp.asarray((-1.0, 1.0), dtype).reshape((2,) + (1,) * entry.ndim)
     side = plan.side[entry]  # of the foot that landed last
     moves = sides * side[None] < 0.0
     before = moves.astype(entry.dtype)
-    table = jnp.stack([getattr(plan, field) for field in Foothold._fields])
-    origin, target = (Foothold(*kept(table[:, at])) for at in (entry[None] - before, entry[None] + before))
-    both = feet(body, gait, origin, target, moves, r[None] + before.astype(r.dtype))
+    table = jnp.stack([getattr(plan, field) for field in (*PLACE, *Foothold._fields[1:])])
+    ends = (kept(table[:, at]) for at in (entry[None] - before, entry[None] + before))
+    origin, target = (Foothold(end[: len(PLACE)], *end[len(PLACE) :]) for end in ends)
+    both = feet(body, gait, origin, target, moves, part(r, None) + before.astype(dtype))
     curves = jnp.stack([plan.x_curve, plan.y_curve, plan.z_curve, plan.heading_curve, plan.walking_curve])
-    x, y, z, heading, walking = kept(curve_at(curves, entry, r))
-    (ahead, aside, up), (yaw, pitch, roll) = _pelvis_oscillation(gait, side, walking, r)
-    s, c = jnp.sin(heading), jnp.cos(heading)
-    height = z - plan.dip[entry] * _dip(r) + up
-    place = Vector(x + c * ahead - s * aside, y + s * ahead + c * aside, height)
-    pelvis = Frame(place, *_axes(heading + yaw, pitch, roll))
-    middle, left = (Vector(*(part[None] for part in axis)) for axis in kept((pelvis.origin, pelvis.y)))
-    hips = add(middle, scale(0.5 * body.hip_width * sides, left))
-    return Carried(both, pelvis, hips, heading + 0.5 * yaw)
+    x, y, z, heading, walking = parts(smooth_curve(curves, entry, r))
+    ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * _oscillation(gait, side, r)))
+    s, c = sin_cos(heading)
+    height = z - _dip(r) * plan.dip[entry] + up
+    sways = _turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))
+    place = sways + part(stacked([x, y, x * 0.0]), None)
+    axes = _pelvis_axes(heading + yaw, pitch, roll)
+    pelvis = kept(Jet(jnp.concatenate([place.orders, axes.orders], axis=1)))
+    apart = 0.5 * body.hip_width * sides
+    hips = kept(part(pelvis, 0, slice(None), None) + part(pelvis, 2, slice(None), None) * apart[None])
+    return Carried(both, pelvis, hips, heading + yaw * 0.5)
 
 
 class Slack(NamedTuple):
@@ -164,12 +192,13 @@ def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> t
     entries, dtype = jnp.arange(FIRST, capacity + 3), laid.x.dtype
     inside, checked = ((jnp.arange(n, dtype=dtype) + 0.5) / n for n in (SAMPLES, CHECKED))
     r = jnp.concatenate([inside, checked])
-    now = carried(person, laid, *jnp.broadcast_arrays(entries[:, None], r[None, :]))
-    line = subtract(now.hips, now.feet.frame.origin)  # (2, K, phase)
-    level = line.x * line.x + line.y * line.y
+    at_entry, at_share = jnp.broadcast_arrays(entries[:, None], r[None, :])
+    now = carried(person, laid, at_entry, Jet(at_share[None]))
+    line = now.hips.value - now.feet.frame.value[0]  # (3, 2, K, phase)
+    level = line[0] * line[0] + line[1] * line[1]
     knee = reach(body, jnp.asarray(gait.knee_stance))
     # How much higher a leg of full length lets the hips be.
-    at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line.z)[..., :SAMPLES]
+    at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line[2])[..., :SAMPLES]
     least = -SHARP * jax.nn.logsumexp(-at / SHARP, axis=(0, 2))
     k = jnp.arange(-1, capacity + 3, dtype=dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
@@ -179,14 +208,15 @@ def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> t
     high = jnp.where(walks, walking, laid.z + body.ankle_height + _standing_leg(person))
     curve = pieces(high, walks.astype(high.dtype), monotone=True)
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
-    weight = _dip(inside)
+    weight = _dip(Jet(r[None])).value
+    weight, whole = weight[:SAMPLES], weight
     deep = weight > 0.05
     path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])
     over = path[:, :SAMPLES] - jnp.min(at, axis=0)
     needed = jnp.where(deep[None, :], over / jnp.where(deep, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
-    height = line.z + (path - dip[:, None] * _dip(r)[None, :])[None]
+    height = line[2] + (path - dip[:, None] * whole[None, :])[None]
     taken = (entries < laid.end.astype(entries.dtype) + FIRST)[None, :, None]
     leg = body.thigh_length + body.shank_length
     far, long = (
@@ -210,44 +240,58 @@ SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 instants of a step at which the legs' limits are checked."""
 
 
-def _dip(r: Values) -> Values:
+def _dip(r: Jet) -> Jet:
     """From 0 to 1 in the middle of a step and back to 0, four times continuously differentiable at the ends."""
-    return (4.0 * r * (1.0 - r)) ** 5
+    return smooth_bump(r, 5)
 
 
-def segments(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Float[Array, "*shape"]) -> Frame:
-    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (7, *shape)."""
+def segments(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
+    """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 7, *shape).
+
+    The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
+    order of `Segments`.
+    """
     now = carried(person, plan, entry, r)
     foot = now.feet.frame
-    thigh, shank = _legs(person.body, now.hips, foot.origin, 0.5 * (now.turn[None] + now.feet.yaw))
-    return jax.tree.map(lambda pelvis, *pairs: jnp.concatenate([pelvis[None], *pairs]), now.pelvis, thigh, shank, foot)
+    thigh, shank = _legs(person.body, now.hips, part(foot, 0), (part(now.turn, None) + now.feet.yaw) * 0.5)
+    every = part(now.pelvis, slice(None), slice(None), None), thigh, shank, foot
+    return Jet(jnp.concatenate([one.orders for one in every], axis=3))
+
+
+def framed(frames: Values) -> Frame:
+    """The `Frame` of arrays (4, 3, …) as `segments` has them; on the host or in JAX."""
+    return Frame(*(Vector(*row) for row in frames))
+
+
+def separated(frames: Values) -> Segments[Frame]:
+    """A `Frame` of each segment from frames (4, 3, 7, T)."""
+    return Segments(*(framed(frames[:, :, i]) for i in range(len(Segments._fields))))
 
 
 def pose(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Segments[Frame]:
     """A `Frame` of each segment at times (T,) [s]; the origins of the feet are the ankles."""
-    return separated(segments(person, plan, *clock(plan, time)))
+    entry, r = clock(plan, time)
+    return separated(segments(person, plan, entry, Jet(r[None])).value)
 
 
-def _pelvis_oscillation(
-    gait: Gait, side: Values, walking: Values, r: Values
-) -> tuple[tuple[Values, Values, Values], tuple[Values, Values, Values]]:
-    """Displacement of the pelvis forward, left and up from its even path [m], and its yaw, pitch and roll [rad].
+def _oscillation(gait: Gait, side: Values, r: Jet) -> Jet:
+    """Displacement of the pelvis forward, left and up from its even path [m], its yaw, pitch and roll [rad]: (6, T).
 
     Once a stride the pelvis sways to the stance leg, turns with the leading leg and drops on the side of the swing leg;
     twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back.
     """
-    s, c = jnp.sin(jnp.pi * r), jnp.cos(jnp.pi * r)
+    sines, cosines = sin_cos(stacked([r * jnp.pi, r * (2.0 * jnp.pi), r * (4.0 * jnp.pi)]))
+    (s, s2, s4), (c, c2, c4) = parts(sines), parts(cosines)
     late = s * 0.809 + c * 0.588  # a fifth of a half turn earlier
-    s2, c2 = 2.0 * s * c, 1.0 - 2.0 * s * s
-    s4, c4 = 2.0 * s2 * c2, 1.0 - 2.0 * s2 * s2
-    rise = RISE[0] * c2 + RISE[1] * s2 + RISE[2] * c4 + RISE[3] * s4
-    up = walking * (gait.pelvis_rise * rise - gait.pelvis_shock * bump(r / SHAKEN))
-    ahead = gait.pelvis_surge * walking * (SURGE[0] * s2 + SURGE[1] * c2)
-    aside = gait.pelvis_sway * walking * side * s
-    yaw = -gait.pelvis_rotation * walking * side * c
-    roll = gait.pelvis_drop * walking * side * late
-    pitch = gait.pelvis_nod * walking * c2
-    return (ahead, aside, up), (yaw, pitch, roll)
+    rise = c2 * RISE[0] + s2 * RISE[1] + c4 * RISE[2] + s4 * RISE[3]
+    return stacked([
+        (s2 * SURGE[0] + c2 * SURGE[1]) * gait.pelvis_surge,
+        s * (gait.pelvis_sway * side),
+        rise * gait.pelvis_rise - smooth_bump(r / SHAKEN) * gait.pelvis_shock,
+        c * (-gait.pelvis_rotation * side),
+        c2 * gait.pelvis_nod,
+        late * (gait.pelvis_drop * side),
+    ])  # fmt: skip
 
 
 SHAKEN = 0.24
@@ -260,15 +304,12 @@ RISE = (-0.475, -0.111, -0.056, -0.027)
 """Shape of the rise: cosine and sine of one and of two waves a step; its range is 1."""
 
 
-def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frame]:
-    """As `motion`, from `ticks`, with the segments along the first axis of each array (7, T).
+def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frames]:
+    """As `motion`, from `ticks`, as arrays (4, 3, 7, T); see `segments`.
 
-    All depends on time by the share of a step: time enters as p + v s + a s²/2, differentiated at s = 0.
+    All depends on time by the share of a step, which is a jet.
     """
-    return differentiated(
-        lambda s: segments(person, plan, entry, r.pose + s * (r.rate + 0.5 * s * r.acceleration)),
-        jnp.zeros_like(r.pose),
-    )
+    return Motion(*segments(person, plan, entry, Jet(jnp.stack(r))).orders)
 
 
 def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:

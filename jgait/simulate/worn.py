@@ -4,27 +4,25 @@
 returns the same as records of the library.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray, PyTree, Shaped
+from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
 
-from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of, separated
+from jgait.geometry.segments import Frame, Motion, Segments, inertial, segment_of
 from jgait.geometry.vectors import Vector, dot, kept, subtract
-from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.feet import LINGER
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Body, Person
-from jgait.simulate.routes import Route, straight
+from jgait.simulate.routes import Route
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Slack, moved, plan, planned, ticks
-from jgait.types import SIDES, AnyArray, Estimate, Flags, Imu, Legs, LegTrajectory, Recording, Strides, Values, as_float
+from jgait.simulate.walker import Frames, framed, moved, plan, separated, ticks
+from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Strides, Values
 
 SEVEN = Segments._fields
 """One sensor on each segment."""
@@ -93,6 +91,28 @@ def duration(plan: Plan, person: Person) -> Values:
     return plan.contact[last] + person.gait.quiet_after
 
 
+class Sensors(NamedTuple):
+    """Where sensors are worn; each field has one row for a sensor.
+
+    Attributes:
+        segment: (S,) index of the segment in `Segments`.
+        point: (S, 3) position in the segment's axes [m], see `mount`.
+        left: (S,) 1 on the left leg, 0 elsewhere.
+    """
+
+    segment: Int[AnyArray, "sensor"]
+    point: Float[AnyArray, "sensor 3"]
+    left: Float[AnyArray, "sensor"]
+
+
+def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
+    """The sensors at placements, from the position of each on its segment [m]."""
+    segment = np.array([SEVEN.index(segment_of(placement)) for placement in mounts], int)
+    left = np.array([placement.endswith("left") for placement in mounts], dtype)
+    point = [jnp.stack([jnp.asarray(part, dtype) for part in mount]) for mount in mounts.values()]
+    return Sensors(segment, jnp.stack(point), left)
+
+
 def signals(
     key: PRNGKeyArray,
     moving: Motion[Segments[Frame]],
@@ -106,35 +126,44 @@ def signals(
     """
     if not mounts:
         return {}
-    own = (Motion(*(getattr(part, segment_of(placement)) for part in moving)) for placement in mounts)
-    worn = jax.tree.map(lambda *parts: jnp.stack(parts), *own)
-    return _readings(_numbered(key, len(mounts)), worn, time, errors, mounts)
+    arrays = (
+        jnp.stack([jnp.stack([jnp.stack(axis) for axis in frame]) for frame in order], axis=2) for order in moving
+    )
+    sensors = sensors_at(mounts, time.dtype)
+    worn = _of_sensors(Motion(*arrays), sensors)
+    return _named(_readings(_numbered(key, len(mounts)), worn, time, errors, sensors), time, mounts)
+
+
+def _named(read: Imu, time: Float[AnyArray, "time"], placements: Iterable[str]) -> dict[str, Imu]:
+    """Placement → readings, from the readings of all sensors along the first axis of each array."""
+    return {name: Imu(time, *(part[i] for part in read[1:])) for i, name in enumerate(placements)}
 
 
 def _numbered(key: PRNGKeyArray, count: int) -> Shaped[Array, "sensor ..."]:
     return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(count))
 
 
+def _of_sensors(moving: Motion[Frames], sensors: Sensors) -> Motion[Frames]:
+    """The motion of each sensor's segment (4, 3, S, T), from that of all segments (4, 3, 7, T)."""
+    if isinstance(sensors.segment, np.ndarray) and np.array_equal(sensors.segment, np.arange(moving.pose.shape[2])):
+        return moving  # a sensor on each segment
+    return Motion(*(part[:, :, sensors.segment] for part in moving))
+
+
 def _readings(
     keys: Shaped[Array, "sensor ..."],
-    moving: Motion[Frame],
+    moving: Motion[Frames],
     time: Float[AnyArray, "time"],
     errors: ImuErrors,
-    mounts: Mapping[str, Vector],
-) -> dict[str, Imu]:
-    """As `signals`, from a key and the motion of the segment of each sensor, along the first axis of each array."""
-    dtype = time.dtype
-    points = Vector(
-        *(jnp.stack([jnp.asarray(c, dtype) for c in part])[:, None] for part in zip(*mounts.values(), strict=True))
-    )
-    gyr, acc = (jnp.stack(vector, axis=-1) for vector in inertial(moving, points))
-    left = jnp.asarray([placement.endswith("left") for placement in mounts], dtype)
-
-    def read(key: PRNGKeyArray, gyr: Values, acc: Values, flipped: Values) -> tuple[Values, Values, Flags]:
-        return measure(key, time, gyr, acc, errors, flipped)[1:]
-
-    signals = jax.vmap(read)(keys, gyr, acc, left * jnp.asarray(errors.left_flipped, dtype))
-    return {name: Imu(time, *(part[i] for part in signals)) for i, name in enumerate(mounts)}
+    sensors: Sensors,
+) -> Imu:
+    """The readings of all sensors, (S, T, …), from a key and the motion (4, 3, S, T) of the segment of each sensor."""
+    points = Vector(*(sensors.point[:, i, None] for i in range(3)))
+    read = inertial(Motion(*map(framed, moving)), points)
+    gyr, acc = (jnp.stack(vector, axis=-1) for vector in read)
+    flipped = sensors.left * jnp.asarray(errors.left_flipped, time.dtype)
+    reads = jax.vmap(lambda key, gyr, acc, flipped: measure(key, time, gyr, acc, errors, flipped)[1:])
+    return Imu(time, *reads(keys, gyr, acc, flipped))
 
 
 def walk(
@@ -158,51 +187,48 @@ def walk(
     """
     walks, reads = jax.random.split(key)
     laid = plan(walks, person, along, capacity)
-    read, moving, known = _walked(reads, person, laid, time, errors, tuple(placements), clock_of)
-    return read, _truth(laid, moving, known)
+    clocks = {name: wrong for name, wrong in (clock_of or {}).items() if name in placements}
+    order = [*(name for name in placements if name not in clocks), *clocks]
+    sensors = sensors_at({name: mount(person.body, name) for name in order}, time.dtype)
+    read, moving, known = walked(reads, person, laid, time, errors, sensors, tuple(clocks.values()))
+    named = _named(read, time, order)
+    return {name: named[name] for name in placements}, truth(laid, moving, known)
 
 
-def _walked(
+def walked(
     key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    placements: tuple[str, ...], clock_of: Mapping[str, Clock] | None,
-) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
-    """The readings of a planned walk, its motion (see `moved`), and the other parts of its truth."""
+    sensors: Sensors, clocks: tuple[Clock, ...],
+) -> tuple[Imu, Motion[Frames], Known]:  # fmt: skip
+    """The readings of a planned walk (S, T, …), its motion (see `moved`), and the other parts of its truth.
+
+    The last sensors have the clocks.
+    """
     entry, r = ticks(laid, time)
     moving = kept(moved(person, laid, entry, r))
-    places = {name: mount(person.body, name) for name in placements}
-    own = {name: wrong for name, wrong in (clock_of or {}).items() if name in places}
-    right = {name: place for name, place in places.items() if name not in own}
-    read = {}
-    if right:
-        read = _readings(_numbered(key, len(right)), _of_sensors(moving, right), time, errors, right)
-    for number, (name, wrong) in enumerate(own.items()):
-        late = _of_sensors(kept(moved(person, laid, *ticks(laid, true_times(wrong, time)))), [name])
-        read |= _readings(
-            _numbered(jax.random.fold_in(key, 1000 + number), 1), late, time, errors, {name: places[name]}
-        )
-    return {name: read[name] for name in places}, moving, _known(person, laid, moving.pose, time, entry, r.pose)
+    right = sensors.left.shape[0] - len(clocks)
+    worn = _of_sensors(moving, sensors._replace(segment=sensors.segment[:right]))
+    keys = _numbered(key, right)
+    for number, wrong in enumerate(clocks):
+        own = sensors._replace(segment=sensors.segment[right + number][None])
+        late = _of_sensors(kept(moved(person, laid, *ticks(laid, true_times(wrong, time)))), own)
+        worn = Motion(*(jnp.concatenate(pair, axis=2) for pair in zip(worn, late, strict=True)))
+        keys = jnp.concatenate([keys, _numbered(jax.random.fold_in(key, 1000 + number), 1)])
+    return _readings(keys, worn, time, errors, sensors), moving, _known(person, laid, moving.pose, time, entry, r.pose)
 
 
-def _of_sensors(moving: Motion[Frame], placements: Iterable[str]) -> Motion[Frame]:
-    """The motion of each sensor's segment, along the first axis of each array."""
-    segments = [SEVEN.index(segment_of(placement)) for placement in placements]
-    return (
-        moving if segments == list(range(len(SEVEN))) else jax.tree.map(lambda part: part[np.array(segments)], moving)
-    )
-
-
-def _truth(laid: Plan, moving: Motion[Frame], known: Known) -> Truth:
+def truth(laid: Plan, moving: Motion[Frames], known: Known) -> Truth:
+    """The parts of the truth as records."""
     return Truth(known[0], Motion(*map(separated, moving)), *known[1:], laid)
 
 
 def _known(
-    person: Person, laid: Plan, frames: Frame, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
+    person: Person, laid: Plan, frames: Frames, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
 ) -> Known:
-    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (7, T)."""
+    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (4, 3, 7, T)."""
     body = person.body
     heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
     ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])
-    thighs, shanks, feet = (jax.tree.map(lambda part, i=i: part[i : i + 2], frames) for i in (1, 3, 5))
+    thighs, shanks, feet = (framed(frames[:, :, i : i + 2]) for i in (1, 3, 5))
     hip, tilt = (jnp.arctan2(-dot(part.z, ahead), part.z.z) for part in (thighs, shanks))
     ankle = subtract(feet.origin, thighs.origin)
     legs = LegTrajectory(hip, hip - tilt, dot(ankle, ahead), ankle.z)
@@ -212,7 +238,7 @@ def _known(
     valid = time <= duration(laid, person) + 1e-6
     lengths = {"thigh_length": body.thigh_length, "shank_length": body.shank_length}
     diagnostics = {
-        "hip_height": frames.origin.z[0] - body.ankle_height,
+        "hip_height": frames[0, 2, 0] - body.ankle_height,
         "heading": heading,
         **{f"foot_displacement_{side}": gone[i] for i, side in enumerate(SIDES)},
         **{name: jnp.asarray(value, time.dtype) for name, value in lengths.items()},
@@ -270,108 +296,3 @@ def _loads(person: Person, laid: Plan, entry: Int[Array, "..."], r: Values) -> t
     left = laid.side[entry][None] > 0.0
     right_foot, left_foot = jnp.where(left, loads[:, 1], loads[:, 0]), jnp.where(left, loads[:, 0], loads[:, 1])
     return Load(*right_foot), Load(*left_foot)
-
-
-def recording(
-    key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
-    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
-    name: str = "simulated", subject: str = "simulated",
-) -> tuple[Recording, Truth]:  # fmt: skip
-    """Simulate one walk and return records of the library.
-
-    Args:
-        key: PRNG key of the person's variability and of the sensors' errors.
-        person: the person; None for the default.
-        along: the route; None for straight ahead.
-        errors: errors and mounting of the sensors.
-        rate: sampling rate [Hz].
-        placements: where sensors are worn, see `jgait.PLACEMENTS`.
-        clock_of: placement → a clock with errors.
-        name: name of the recording in tables and figures.
-        subject: name of the subject.
-
-    Returns:
-        The recording, and the truth at the same times, in NumPy arrays.
-
-    Raises:
-        TypeError, ValueError: if the person cannot walk like that, the sensors cannot err like that, or a placement
-            is not known; the message names the limit.
-    """
-    person = Person() if person is None else person
-    check_values(person)
-    check_sensors(errors, rate, placements)
-    steps = round(float(person.gait.steps))
-    along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
-    laid, last, left = limits(key, person, along)
-    check_slack(person, left, "on this route")
-    length = roomy(samples_in(last, rate))
-    worn, true = simulated(key, person, laid, last, length, errors, rate, placements, clock_of)
-    return Recording(worn, rate, name, subject), true
-
-
-def simulated(
-    key: PRNGKeyArray, person: Person, laid: Plan, last: float, length: int, errors: ImuErrors, rate: float,
-    placements: Sequence[str], clock_of: Mapping[str, Clock] | None = None,
-) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
-    """One planned walk of `last` seconds, in NumPy arrays; computed in arrays of `length` samples."""
-    time = np.arange(length) / rate
-    walked = _walk(key, person, laid, time, errors, tuple(placements), clock_of)
-    read, *parts = jax.tree.map(np.asarray, walked)
-    read, true = trimmed(read, _truth(laid, *parts), samples_in(last, rate))
-    return {name: read[name] for name in placements}, true
-
-
-QUICKLY = {"xla_backend_optimization_level": 0}
-"""Options of programs that run for milliseconds: without the compiler's optimisations they compile in two thirds of the
-time; a walk of 20 s then takes 60 ms instead of 26 ms."""
-
-
-@partial(jax.jit, static_argnames=("placements",), compiler_options=QUICKLY)
-def _walk(
-    key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
-    placements: tuple[str, ...], clock_of: Mapping[str, Clock] | None,
-) -> tuple[dict[str, Imu], Motion[Frame], Known]:  # fmt: skip
-    return _walked(jax.random.split(key)[1], person, laid, jnp.asarray(time), errors, placements, clock_of)
-
-
-@partial(jax.jit, static_argnames=("capacity",), compiler_options=QUICKLY)
-def _limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Values, Slack]:
-    laid, left = planned(jax.random.split(key)[0], person, along, capacity)
-    return laid, duration(laid, person), left
-
-
-def limits(key: PRNGKeyArray, person: Person, along: Route, capacity: int = 0) -> tuple[Plan, float, Slack]:
-    """The plan of a walk, its duration [s], and the distance of the legs from their limits, in floats; on the host.
-
-    The arrays of the plan hold at least `capacity` steps.
-    """
-    capacity = max(capacity, room(round(float(person.gait.steps))))
-    laid, last, left = _limits(key, jax.tree.map(float, person), along, capacity)
-    return laid, float(last), Slack(*map(float, left))
-
-
-def room(steps: int) -> int:
-    """Number of steps that arrays hold, rounded up, so that other walks use the same compiled functions."""
-    return 32 * math.ceil(steps / 32)
-
-
-def samples_in(seconds: float, rate: float) -> int:
-    """Number of samples of a walk, the first and the last included."""
-    return math.floor(seconds * rate + 1e-6) + 1
-
-
-def roomy(samples: int) -> int:
-    """Number of samples that arrays hold, rounded up, so that other walks use the same compiled functions."""
-    return 512 if samples <= 512 else 1024 * math.ceil(samples / 1024)
-
-
-def trimmed(read: PyTree, true: PyTree, samples: int) -> PyTree:
-    """Cut the padding off every array over time and move all to NumPy; for one walk."""
-    longest = true.estimate.time.shape[0]
-
-    def cut(leaf: AnyArray | np.generic | float) -> np.ndarray:
-        array = np.asarray(leaf)
-        array = array[:samples] if array.ndim and array.shape[0] == longest else array
-        return array if array.dtype.kind in "bi" else as_float(array)
-
-    return jax.tree.map(cut, read), jax.tree.map(cut, true)

@@ -7,7 +7,7 @@ import pytest
 
 from jgait import simulate
 from jgait.simulate import Person
-from jgait.simulate.worn import limits
+from jgait.simulate.recorded import limits
 
 
 @pytest.fixture(scope="module")

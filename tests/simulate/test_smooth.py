@@ -5,7 +5,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.simulate.smooth import ORDER, bump, curve_at, glide, pieces, polynomial, ramp, step
+from jgait.geometry.jets import Jet
+from jgait.simulate.smooth import (
+    ORDER,
+    bump,
+    curve_at,
+    glide,
+    pieces,
+    polynomial,
+    ramp,
+    smooth_bump,
+    smooth_curve,
+    smooth_step,
+    step,
+)
 
 U = jnp.linspace(-0.5, 1.5, 401)
 
@@ -33,9 +46,34 @@ def test_a_ramp_is_the_integral_of_a_step():
 
 
 def test_a_glide_arrives_and_keeps_its_speed_in_the_middle():
-    np.testing.assert_allclose(glide(jnp.array([-1.0, 0.0, 1.0, 2.0]), 0.3, 0.4), [0.0, 0.0, 1.0, 1.0], atol=1e-14)
-    speed = jax.vmap(jax.grad(lambda u: glide(u, 0.3, 0.4)))(jnp.array([0.31, 0.45, 0.59]))
+    ends = glide(Jet(jnp.array([[-1.0, 0.0, 1.0, 2.0]])), 0.3, 0.4)
+    np.testing.assert_allclose(ends.value, [0.0, 0.0, 1.0, 1.0], atol=1e-14)
+    _, speed, bend = glide(Jet(jnp.stack([jnp.array([0.31, 0.45, 0.59]), jnp.ones(3), jnp.zeros(3)])), 0.3, 0.4).orders
     np.testing.assert_allclose(speed, 1.0 / (1.0 - 0.35), rtol=1e-12)
+    np.testing.assert_allclose(bend, 0.0, atol=1e-12)
+
+
+def test_smooth_functions_of_jets_have_the_derivatives_of_numbers():
+    u = jnp.asarray(np.linspace(-0.2, 1.2, 29))
+    table, entry = pieces(jnp.asarray(np.random.default_rng(1).normal(size=(2, 4))), jnp.ones((2, 4))), jnp.full(29, 1)
+
+    def moving(s):
+        return u + 0.3 * s + 0.5 * s * s
+
+    at = Jet(jnp.stack([u, jnp.full(29, 0.3), jnp.ones(29)]))
+    for of_jet, of_number in (
+        (smooth_step, step),
+        (smooth_bump, bump),
+        (lambda r: smooth_curve(table, entry, r), lambda r: curve_at(table, entry, r)),
+    ):
+
+        def rate(s, of=of_number):
+            return jax.jvp(lambda s: of(moving(s)), (s,), (jnp.ones(29),))[1]
+
+        still = jnp.zeros(29)
+        expected = of_number(moving(still)), *jax.jvp(rate, (still,), (jnp.ones(29),))
+        for made, known in zip(of_jet(at).orders, expected, strict=True):
+            np.testing.assert_allclose(made, known, rtol=1e-9, atol=1e-10)
 
 
 def test_a_bump_is_one_in_the_middle_and_nothing_outside():

@@ -12,9 +12,9 @@ from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.simulate import Gait, Person
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
+from jgait.simulate.recorded import limits
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
 from jgait.simulate.walker import clock, motion, plan, pose
-from jgait.simulate.worn import limits
 
 RATE = 100.0
 VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}

@@ -194,9 +194,10 @@ def measure(
     """
     dtype, n, e = gyr.dtype, time.shape[0], errors
     dt = time[1] - time[0]
-    draws = kept(jax.random.normal(key, (14 * n + 18,), dtype))  # one draw: each costs a compilation
-    white, steps = draws[: 6 * n].reshape(n, 6), draws[6 * n : 12 * n].reshape(n, 6)
-    losses, (bias, scale, mount) = draws[12 * n : 14 * n].reshape(n, 2), draws[14 * n :].reshape(3, 6)
+    # One draw, because each costs compiling; a key for each row, so that padding does not change the noise.
+    draws = kept(jax.vmap(lambda row: jax.random.normal(row, (n + 2,), dtype))(jax.random.split(key, 14)))
+    white, steps, losses = draws[:6, 2:].T, draws[6:12, 2:].T, draws[12:, 2:].T
+    bias, scale, mount = draws[:6, 0], draws[6:12, 0], draws[:6, 1]
 
     def channels(of_gyr: Values, of_acc: Values) -> Float[Array, "channel"]:
         return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)

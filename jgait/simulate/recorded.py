@@ -1,0 +1,133 @@
+"""One walk as records of the library, on the host, by programs that other walks use too.
+
+The programs are compiled once and kept between processes (`jgait.estimators.programs`): steps, pieces of the route,
+samples and sensors are padded to lengths that walks share.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, PRNGKeyArray, PyTree
+
+from jgait.estimators.programs import bucket, compiled
+from jgait.geometry.segments import Motion, segment_of
+from jgait.simulate.check import check_sensors, check_slack, check_values
+from jgait.simulate.footsteps import Plan
+from jgait.simulate.person import Person
+from jgait.simulate.routes import Route, padded, straight
+from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
+from jgait.simulate.walker import Frames, Slack, planned
+from jgait.simulate.worn import SEVEN, Known, Sensors, Truth, duration, mount, truth, walked
+from jgait.types import AnyArray, Imu, Recording, Values, as_float
+
+
+def recording(
+    key: PRNGKeyArray, person: Person | None = None, along: Route | None = None, errors: ImuErrors = IDEAL,
+    rate: float = 100.0, *, placements: Sequence[str] = SEVEN, clock_of: Mapping[str, Clock] | None = None,
+    name: str = "simulated", subject: str = "simulated",
+) -> tuple[Recording, Truth]:  # fmt: skip
+    """Simulate one walk and return records of the library.
+
+    Args:
+        key: PRNG key of the person's variability and of the sensors' errors.
+        person: the person; None for the default.
+        along: the route; None for straight ahead.
+        errors: errors and mounting of the sensors.
+        rate: sampling rate [Hz].
+        placements: where sensors are worn, see `jgait.PLACEMENTS`.
+        clock_of: placement → a clock with errors.
+        name: name of the recording in tables and figures.
+        subject: name of the subject.
+
+    Returns:
+        The recording, and the truth at the same times, in NumPy arrays.
+
+    Raises:
+        TypeError, ValueError: if the person cannot walk like that, the sensors cannot err like that, or a placement
+            is not known; the message names the limit.
+    """
+    person = Person() if person is None else person
+    check_values(person)
+    check_sensors(errors, rate, placements)
+    steps = round(float(person.gait.steps))
+    along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
+    laid, last, left = limits(key, person, along)
+    check_slack(person, left, "on this route")
+    worn, true = simulated(key, person, laid, last, errors, rate, placements, clock_of)
+    return Recording(worn, rate, name, subject), true
+
+
+def simulated(
+    key: PRNGKeyArray, person: Person, laid: Plan, last: float, errors: ImuErrors, rate: float,
+    placements: Sequence[str], clock_of: Mapping[str, Clock] | None = None,
+) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
+    """One planned walk of `last` seconds, in NumPy arrays.
+
+    The arrays of the program hold more samples and sensors, so that other walks use the same program.
+    """
+    samples = samples_in(last, rate)
+    time = jnp.asarray(np.arange(bucket(samples)) / rate)
+    clocks = {name: wrong for name, wrong in (clock_of or {}).items() if name in placements}
+    right = [name for name in placements if name not in clocks]
+    spare = max(0, len(SEVEN) - len(right))
+    sensors = _padded_sensors(person, [*right, *("pelvis",) * spare, *clocks])
+    given = jax.tree.map(float, (person, errors, tuple(clocks.values())))
+    program = compiled(_walk, quick=True)
+    read, moving, known = jax.tree.map(np.asarray, program(key, given[0], laid, time, given[1], sensors, given[2]))
+    rows = {name: i if i < len(right) else i + spare for i, name in enumerate([*right, *clocks])}
+    named = {name: Imu(read.time, *(part[rows[name]] for part in read[1:])) for name in placements}
+    named, true = trimmed(named, truth(laid, moving, known), samples)
+    return {name: named[name] for name in placements}, true
+
+
+def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
+    """On the host, as `sensors_at`; a placement may occur more than once."""
+    points = np.array([[float(part) for part in mount(person.body, name)] for name in placements])
+    segment = np.array([SEVEN.index(segment_of(name)) for name in placements])
+    left = np.array([float(name.endswith("left")) for name in placements])
+    return Sensors(segment, jnp.asarray(points), jnp.asarray(left))
+
+
+def _walk(
+    key: PRNGKeyArray, person: Person, laid: Plan, time: Float[AnyArray, "time"], errors: ImuErrors,
+    sensors: Sensors, clocks: tuple[Clock, ...],
+) -> tuple[Imu, Motion[Frames], Known]:  # fmt: skip
+    return walked(jax.random.split(key)[1], person, laid, time, errors, sensors, clocks)
+
+
+def _limits(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> tuple[Plan, Values, Slack]:
+    laid, left = planned(jax.random.split(key)[0], person, along, capacity)
+    return laid, duration(laid, person), left
+
+
+def limits(key: PRNGKeyArray, person: Person, along: Route) -> tuple[Plan, float, Slack]:
+    """The plan of a walk, its duration [s], and the distance of the legs from their limits, in floats; on the host."""
+    capacity = room(round(float(person.gait.steps)))
+    program = compiled(_limits, quick=True)
+    laid, last, left = program(key, jax.tree.map(float, person), padded(along), capacity=capacity)
+    return laid, float(last), Slack(*map(float, left))
+
+
+def room(steps: int) -> int:
+    """Number of steps that arrays hold, rounded up, so that other walks use the same programs."""
+    return bucket(steps, 128)
+
+
+def samples_in(seconds: float, rate: float) -> int:
+    """Number of samples of a walk, the first and the last included."""
+    return math.floor(seconds * rate + 1e-6) + 1
+
+
+def trimmed(read: PyTree, true: PyTree, samples: int) -> PyTree:
+    """Cut the padding off every array over time and move all to NumPy; for one walk."""
+    longest = true.estimate.time.shape[0]
+
+    def cut(leaf: AnyArray | np.generic | float) -> np.ndarray:
+        array = np.asarray(leaf)
+        array = array[:samples] if array.ndim and array.shape[0] == longest else array
+        return array if array.dtype.kind in "bi" else as_float(array)
+
+    return jax.tree.map(cut, read), jax.tree.map(cut, true)
