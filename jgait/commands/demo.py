@@ -1,8 +1,8 @@
-"""`jgait demo`: estimate, compare, tune and judge, on simulated and on real walks."""
+"""`jgait demo`: a real walk by one call, beside its reference; then tune and judge on simulated people."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -12,7 +12,7 @@ from jgait.commands.console import Bar, console, progress, stop, write_json, wro
 from jgait.commands.folder import results_folder
 
 if TYPE_CHECKING:
-    from jgait.commands.demo_run import Demo
+    from jgait.commands.demo_run import Demo, RealWalk
 
 
 def _show(result: "Demo") -> None:
@@ -37,16 +37,32 @@ def _show(result: "Demo") -> None:
                   f"{min(result.losses):.1f}): {moved}", highlight=False)  # fmt: skip
 
 
+def _show_walk(walk: "RealWalk") -> None:
+    """Print a real walk beside its reference."""
+    table = Table(title=walk.title, title_justify="left")
+    for name in ("quantity", "all sensors", "each alone", "motion capture"):
+        table.add_column(escape(name))
+    for line in walk.lines:
+        table.add_row(*(escape(cell) for cell in line))
+    console.print(table)
+    console.print()
+
+
 def demo(
     dataset: Annotated[
-        str, typer.Option(help="auto, simulated or neura_sparse; neura_sparse is fetched if it is not there.")
+        str,
+        typer.Option(
+            help="auto, simulated or neura_sparse; neura_sparse is fetched if it is not there, and tuned on too."
+        ),
     ] = "auto",
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("jgait-demo"),
     subjects: Annotated[int, typer.Option(min=2, help="Simulated people.")] = 6,
     steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 15,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """Estimate joint angles, compare with the truth, tune by gradient, judge on walks that the tuning did not use."""
+    """A real walk by one call, if it is there; then estimate, compare with the truth, tune by gradient, judge on walks
+    that the tuning did not use.
+    """
     from jgait import datasets
     from jgait.commands import demo_run
 
@@ -57,29 +73,35 @@ def demo(
             datasets.fetch("neura_sparse", progress=True)
         except Exception as error:
             stop(f"neura_sparse could not be fetched: {error}")
-    real = dataset == "neura_sparse" or (dataset == "auto" and datasets.available("neura_sparse"))
+    real = dataset != "simulated" and datasets.available("neura_sparse")
     # Most of the time goes into compiling, which two threads do side by side.
     with (
         results_folder(out, "demo", None, json_file=json_file) as folder,
         progress() as bars,
         ThreadPoolExecutor(2) as pool,
     ):
+        walk = pool.submit(demo_run.real_walk, folder.stage, Bar(bars)) if real else None
         running = [pool.submit(demo_run.simulated, folder.stage, Bar(bars), subjects=subjects, steps=steps)]
-        if real:
+        if dataset == "neura_sparse":
             running.append(pool.submit(demo_run.neura_sparse, folder.stage, Bar(bars), steps=steps))
         try:
+            first = None if walk is None else walk.result()
             results = [task.result() for task in running]
-            figures = folder.publish([figure for result in results for figure in result.figures])
+            drawn = [] if first is None else first.figures
+            figures = folder.publish([*drawn, *(figure for result in results for figure in result.figures)])
         except OSError as error:
             stop(f"the figures could not be written to {out}: {error}")
+    if first is not None:
+        _show_walk(first)
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")
     for result in results:
         _show(result)
         console.print()
-    if len(results) == 1 and dataset == "auto":
+    if first is None and dataset == "auto":
         console.print(
             "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
         )
     wrote(figures)
-    rows = {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
+    rows: dict[str, Any] = {} if first is None else {first.title: first.numbers}
+    rows |= {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
     write_json(json_file, rows)

@@ -12,7 +12,7 @@ import numpy as np
 import optax
 from jaxtyping import PyTree
 
-from jgait import datasets, params, plot, tune
+from jgait import analyse, datasets, params, plot, tune
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS
@@ -168,6 +168,74 @@ def _medians(tables: list[list[Line]]) -> list[Line]:
 
 def _compare(before: dict[str, float], after: dict[str, float]) -> dict[str, tuple[float, float]]:
     return {name: (before[name], after[name]) for name in before}
+
+
+class RealWalk(NamedTuple):
+    """A real walk by one call, beside its reference.
+
+    Attributes:
+        title: the walk and the person.
+        lines: (quantity, all sensors, each alone, motion capture), in words.
+        figures: files of the figures.
+        numbers: quantity → (all sensors, motion capture), in metres or degrees.
+    """
+
+    title: str
+    lines: list[tuple[str, str, str, str]]
+    figures: list[Path]
+    numbers: dict[str, tuple[float, float]]
+
+
+def real_walk(out: Path, report: Report) -> RealWalk:
+    """All sensors of a person with motion capture together, by `jgait.analyse`.
+
+    Raises:
+        DatasetUnavailable: the message states how to get the set.
+    """
+    report("a real walk: every estimator on nine sensors", 0, 1)
+    walk = datasets.load("neura_sparse")[0]
+    if walk.reference is None:
+        raise datasets.DatasetUnavailable("the recording of neura_sparse lacks its reference")
+    found = analyse(walk.recording, datasets.body(walk))
+    windows, reference = walk.info["windows"], walk.reference
+    way = reference.distance[slice(*windows["whole"])]
+    strides = np.concatenate([walk.info["ankle_strides"][side] for side in SIDES])
+    true = {"distance": float(way[-1] - way[0]), "stride_length": float(np.median(strides[strides[:, 2] > WHOLE, 2]))}
+    lines, numbers = [], {}
+    for quantity, value in true.items():
+        told = {c.source: c for c in found.comparisons if c.quantity == quantity}
+        alone = ", ".join(f"{name} {c.value:.2f}" for name, c in told.items() if name != "combined")
+        all_of_them = told["combined"]
+        lines.append((
+            f"{quantity.replace('_', ' ')} [m]", f"{all_of_them.value:.2f} ± {all_of_them.stddev:.2f}", alone,
+            f"{value:.2f}",
+        ))  # fmt: skip
+        numbers[quantity] = (all_of_them.value, value)
+    spread = _joint_ranges(found.estimate, reference, windows["whole"])
+    for joint, (ours, theirs) in spread.items():
+        lines.append((f"{joint}, range [°]", f"{ours:.0f}", "", f"{theirs:.0f}"))
+        numbers[joint] = (ours, theirs)
+    seconds = tuple(float(reference.time[row]) for row in (windows["whole"][0], windows["whole"][1] - 1))
+    title = "a real walk: angles by one call, motion capture dashed"
+    with _DRAWING:
+        out.mkdir(parents=True, exist_ok=True)
+        angles = plot.joint_angles(found.estimate, reference, seconds=(seconds[0], seconds[1]), title=title)
+        figures = [plot.save(angles, out / "real_walk_angles.png")]
+    return RealWalk("neura_sparse: one person, nine sensors, one call", lines, figures, numbers)
+
+
+WHOLE = 1.3
+"""[m] Shorter strides of that walk are steps from and to standing, and those of the turn."""
+
+
+def _joint_ranges(estimate: Estimate, reference: Estimate, window: tuple[int, int]) -> dict[str, tuple[float, float]]:
+    """Joint and side → range of the flexion in a window of samples [°], of an estimate and of its reference."""
+    found = {}
+    for side, ours, theirs in zip(SIDES, estimate.legs, reference.legs, strict=True):
+        for joint in ("hip", "knee"):
+            pair = [np.rad2deg(getattr(leg, f"{joint}_angle")[slice(*window)]) for leg in (ours, theirs)]
+            found[f"{joint} {side}"] = (float(np.ptp(pair[0])), float(np.ptp(pair[1])))
+    return found
 
 
 def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:

@@ -123,6 +123,21 @@ def test_demo_judges_tunes_and_draws(tmp_path):
     assert part["tuned"]["distance_scale"][0] != part["tuned"]["distance_scale"][1]
 
 
+def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
+    data("neura_sparse")
+    from jgait.commands import demo_run
+
+    walk = demo_run.real_walk(tmp_path, lambda *_: None)
+    assert [line[0] for line in walk.lines[:2]] == ["distance [m]", "stride length [m]"]
+    assert "feet" in walk.lines[1][2]
+    ours, theirs = walk.numbers["stride_length"]
+    assert abs(ours - theirs) < 0.05
+    ours, theirs = walk.numbers["distance"]
+    assert abs(ours / theirs - 1.0) < 0.03
+    assert {"hip right", "knee right", "hip left", "knee left"} < set(walk.numbers)
+    assert walk.figures[0].stat().st_size > 10_000
+
+
 def test_demo_refuses_an_unknown_data_set():
     code, said = run("demo", "--dataset", "mine")
     assert code == 2
