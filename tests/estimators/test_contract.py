@@ -252,10 +252,10 @@ def along(name: str, values: np.ndarray, way: np.ndarray, number: int = 0) -> tu
 
 
 @functools.cache
-def slopes(name: str, number: int) -> tuple[dict[str, np.ndarray], ...]:
-    """The derivative of the estimate along each parameter, for a change of its own size."""
+def slope_along(name: str, number: int, k: int) -> dict[str, np.ndarray]:
+    """The derivative of the estimate of a walk along the parameter with number k, for a change of its own size."""
     names, values, size = parameters(name)
-    return tuple(along(name, values, size * (np.arange(len(names)) == k), number)[1] for k in range(len(names)))
+    return along(name, values, size * (np.arange(len(names)) == k), number)[1]
 
 
 def without_effect(name: str) -> set[str]:
@@ -272,7 +272,7 @@ def moves(slope: dict[str, Any]) -> bool:
 @every_estimator
 def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     names = parameters(name)[0]
-    moving = {n for k, n in enumerate(names) if any(moves(slopes(name, number)[k]) for number in (0, 1))}
+    moving = {n for k, n in enumerate(names) if any(moves(slope_along(name, number, k)) for number in (0, 1))}
     idle = {n for n in names if n.startswith(case_of(name).idle)} if case_of(name).idle else set()
     assert moving == set(names) - without_effect(name) - idle
 
@@ -281,7 +281,7 @@ def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
 def test_gradients_are_finite_and_equal_to_finite_differences(name):
     names, values, size = parameters(name)
     for k, parameter in enumerate(names):
-        slope = slopes(name, 0)[k]
+        slope = slope_along(name, 0, k)
         assert all(np.all(np.isfinite(value)) for value in slope.values()), parameter
         if not moves(slope):
             continue

@@ -87,13 +87,14 @@ def test_pieces_pass_through_their_points_and_meet_smoothly():
     np.testing.assert_allclose([polynomial(row, jnp.asarray(0.0))[0] for row in table], values[:-1], rtol=1e-15)
     np.testing.assert_allclose([polynomial(row, jnp.asarray(1.0))[0] for row in table], values[1:], rtol=1e-12)
 
+    @jax.jit
     def derivatives(row, r):
         function = lambda at: polynomial(row, at)[0]  # noqa: E731
         out = []
         for _ in range(5):
-            out.append(float(function(r)))
+            out.append(function(r))
             function = jax.grad(function)
-        return out
+        return jnp.stack(out)
 
     for before, after in itertools.pairwise(table):
         np.testing.assert_allclose(derivatives(before, 1.0)[1:], derivatives(after, 0.0)[1:], atol=1e-6)
