@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import FEW_RESTS, SCALE, Kind, Note
-from jgait.signal.windows import held_mean, held_spread, true_runs, window_size
+from jgait.signal.windows import held_mean, held_spread, true_runs, window_maximum, window_size, window_sum
 from jgait.types import AnyArray, Imu, RecordingError, as_float
 
 STILL_RATE = 0.2
@@ -139,8 +138,7 @@ def still_mask(
     power = (as_float(gyr) ** 2).sum(axis=-1)
     counts = np.ones_like(power) if mask is None else np.asarray(mask, np.float64)
     size = window_size(window_s, sampling_rate_hz)
-    weight = ndimage.convolve1d(counts, np.ones(size) / size, mode="mirror")
-    mean = ndimage.convolve1d(power * counts, np.ones(size) / size, mode="mirror")
+    weight, mean = (window_sum(values, size, "reflect") / size for values in (counts, power * counts))
     return np.asarray((mean < threshold**2 * weight) & (weight > 0.0))
 
 
@@ -180,7 +178,7 @@ def standing_of_legs(
     """
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
-    around = ndimage.maximum_filter1d(fastest, 2 * half + 1, mode="nearest")
+    around = window_maximum(fastest, 2 * half + 1)
     for limit in (LEGS_RATE, 2.0 * LEGS_RATE):
         still = around < limit
         runs = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]

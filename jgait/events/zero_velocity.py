@@ -22,10 +22,9 @@ scales in place of the sensors' noise.
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.signal.windows import window_size
+from jgait.signal.windows import window_size, window_sum
 
 WINDOW_S = 0.1
 """[s] Window of a detector: shorter than the stillest part of a fast stance, longer than a zero crossing in swing."""
@@ -69,7 +68,7 @@ def statistic(detector: str, gyr: np.ndarray, acc: np.ndarray, sampling_rate_hz:
     size = window_size(WINDOW_S, sampling_rate_hz)
 
     def summed(values: np.ndarray) -> np.ndarray:
-        return ndimage.convolve1d(values, np.ones(size), axis=0, mode="mirror")
+        return window_sum(values, size, "reflect")
 
     weight = summed(mask.astype(np.float64))
     rate, force = (np.where(mask[:, None], values, 0.0) for values in (gyr, acc))

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Sequence
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -48,11 +49,29 @@ def between_samples(x: Float[AnyArray, "time *rest"], place: Float[AnyArray, "*p
     return values[low] * (1.0 - share) + values[jnp.minimum(low + 1, last)] * share
 
 
-def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:
-    """(T, ...) mean over a centred window of `size` [samples]; the first and the last sample are repeated."""
-    from scipy import ndimage  # heavy, and needed by no reader of files
+def window_sum(
+    values: Float[AnyArray, "time *rest"], size: int, ends: Literal["edge", "reflect"] = "edge"
+) -> np.ndarray:
+    """(T, ...) sum over a centred window of an odd `size` [samples]; the ends are continued as `numpy.pad` does.
 
-    return ndimage.uniform_filter1d(np.asarray(values, np.float64), size, axis=0, mode="nearest")
+    NumPy alone: SciPy's filters take longer to import than a recording takes to filter.
+    """
+    given = np.asarray(values, np.float64)
+    half = size // 2
+    padded = np.pad(given, [(half, half)] + [(0, 0)] * (given.ndim - 1), mode=ends)
+    columns = padded.reshape(len(padded), -1).T
+    return np.stack([np.convolve(column, np.ones(size), "valid") for column in columns], axis=-1).reshape(given.shape)
+
+
+def window_maximum(values: Float[AnyArray, "time"], size: int) -> np.ndarray:
+    """(T,) maximum over a centred window of an odd `size` [samples]; the first and the last sample are repeated."""
+    padded = np.pad(np.asarray(values, np.float64), size // 2, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1)
+
+
+def held_mean(values: Float[AnyArray, "time *rest"], size: int) -> np.ndarray:
+    """(T, ...) mean over a centred window of an odd `size` [samples]; the first and the last sample are repeated."""
+    return window_sum(values, size) / size
 
 
 def held_spread(values: Float[AnyArray, "time axis"], size: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from jgait.signal import windows as signal
 
@@ -48,3 +49,13 @@ def test_between_samples_is_numpys_interpolation_over_the_samples_numbers():
     for k in range(2):
         np.testing.assert_allclose(found[..., k], np.interp(place, np.arange(7), x[:, k]), rtol=1e-14)
     np.testing.assert_array_equal(signal.between_samples(x[:1], np.array([-1.0, 0.0, 2.0])), x[[0, 0, 0]])
+
+
+@pytest.mark.parametrize(("ends", "mode"), [("edge", "nearest"), ("reflect", "mirror")])
+def test_sums_and_maxima_over_windows_are_scipys(ends, mode):
+    x = np.random.default_rng(1).normal(size=(40, 2))
+    for size in (1, 7, 39):
+        expected = ndimage.convolve1d(x, np.ones(size), axis=0, mode=mode)
+        np.testing.assert_allclose(signal.window_sum(x, size, ends), expected, rtol=0, atol=1e-13)
+        highest = ndimage.maximum_filter1d(x[:, 0], size, mode="nearest")
+        np.testing.assert_array_equal(signal.window_maximum(x[:, 0], size), highest)

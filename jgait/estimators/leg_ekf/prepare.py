@@ -7,7 +7,6 @@ This module detects quiet standing and finds the mediolateral axis of each senso
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import ndimage
 
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.ankle_stride.params import AnkleOptions
@@ -106,6 +105,10 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
         raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
     if len(values) <= half:
         raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
+    if size == 1:
+        return as_float(values)
+    from scipy import ndimage  # takes a quarter of a second to import
+
     return np.asarray(ndimage.median_filter(as_float(values), size=(size, 1), mode="mirror"))
 
 
