@@ -1,3 +1,3 @@
-"""Damaged input and interrupted commands: readers on mutated files, and folders of results after a kill."""
+"""Damaged input and interrupted commands: signals, files, and folders of results after a kill."""
 
-PARTS = ("signals", "fuzz", "killed")
+PARTS = ("signals", "undamaged", "fuzz", "killed")

@@ -100,6 +100,11 @@ def column_of(name: str) -> str | None:
     return None
 
 
+def states_milliseconds(name: str) -> bool:
+    """Whether the name of a time column ends with ms, such as "Time (ms)", "time_ms" or "TimeMs"."""
+    return re.search(r"(?:[^A-Za-z]|(?<=[a-z])(?=M))m(?:s|sec|illiseconds)\W*$", name, re.IGNORECASE) is not None
+
+
 def _without(words: list[str], taken: str) -> list[str] | None:
     """The words without those whose concatenation is `taken`; None if `taken` is no concatenation of the words."""
     for first in range(len(words)):

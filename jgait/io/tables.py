@@ -12,7 +12,7 @@ import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.files import check_columns, check_width, reading
-from jgait.io.names import CHANNELS, recognised
+from jgait.io.names import CHANNELS, recognised, states_milliseconds
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -41,6 +41,7 @@ class Columns(NamedTuple):
         others: names of columns that are not used.
         matched: the table's name and jgait's name of each column with a lab's name.
         odd: notes about cells without a number.
+        milliseconds: whether the name of the time column states ms.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
@@ -49,6 +50,7 @@ class Columns(NamedTuple):
     others: tuple[str, ...]
     matched: tuple[tuple[str, str], ...] = ()
     odd: tuple[Note, ...] = ()
+    milliseconds: bool = False
 
 
 def recording_from_dataframe(
@@ -101,7 +103,7 @@ def recording_from_dataframe(
         time=content.time,
         feet_range=content.feet_range,
         sampling_rate_hz=sampling_rate_hz,
-        time_unit=time_unit,
+        time_unit="ms" if time_unit is None and content.milliseconds else time_unit,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
         range_unit=range_unit,
@@ -147,7 +149,8 @@ def columns_of(
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
     matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
-    return Columns(sensors, time, apart, others, matched, odd)
+    milliseconds = "time" in position and states_milliseconds(given[position["time"]])
+    return Columns(sensors, time, apart, others, matched, odd, milliseconds)
 
 
 def about(content: Columns) -> tuple[Note, ...]:

@@ -2,11 +2,13 @@
 
 import jax
 import numpy as np
+import pandas as pd
 import pytest
 
 from experiments.damage import harm
 from jgait import io, simulate
 from jgait.io.damage import agreement, damage_notes, delays, samples, splices
+from jgait.io.names import states_milliseconds
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
@@ -132,3 +134,22 @@ def test_recordings_without_accelerometer_or_of_a_second_are_not_judged(walk):
              walk.sensors.items()}  # fmt: skip
     assert damage_notes(walk._replace(sensors=short)) == ()
     assert damage_notes(walk._replace(sensors={p: imu._replace(acc=None) for p, imu in walk.sensors.items()})) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "stated"),
+    [("Time (ms)", True), ("time_ms", True), ("time [msec]", True), ("Time (s)", False), ("times", False)],
+)
+def test_a_time_column_in_ms_says_so(name, stated):
+    assert states_milliseconds(name) == stated
+
+
+def test_a_fast_recording_whose_header_states_ms_is_not_taken_for_a_slow_one(rows):
+    """At 2500 Hz the steps are 0.4 ms, which would also be steps of 0.4 s."""
+    sensor = rows.sensors["foot_right"]
+    table = pd.DataFrame({"Time (ms)": 0.4 * np.arange(len(rows.time))})
+    for kind in ("gyr", "acc"):
+        for axis, values in zip("xyz", sensor[kind].T, strict=True):
+            table[f"foot_right_{kind}_{axis}"] = values
+    assert io.recording_from_dataframe(table).sampling_rate_hz == pytest.approx(2500.0)
+    assert io.recording_from_dataframe(table.rename(columns={"Time (ms)": "time"})).sampling_rate_hz < 3.0

@@ -1,0 +1,64 @@
+"""Undamaged walks, public and simulated, read again: notes about damage are false there."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+import jax
+
+from experiments.common import recordings
+from experiments.common.row import Row, show
+from experiments.damage.harm import read, rows_of
+from jgait import datasets, simulate
+from jgait.io.damage import agreement, delays, samples, splices
+from jgait.notes import Kind
+from jgait.simulate.sensors import IDG300, MPU6000, OPAL
+from jgait.types import Recording, RecordingError
+
+CODES = {
+    kind.code for module in (agreement, delays, samples, splices) for kind in vars(module).values()
+    if isinstance(kind, Kind)
+}  # fmt: skip
+"""Codes of the notes about damage."""
+
+PEOPLE = 140
+"""Simulated people for each sensor and route."""
+
+SIMULATED = {
+    "simulated, MPU-6000, straight": (MPU6000, 100.0, simulate.straight(12.0)),
+    "simulated, Opal, back and forth": (OPAL, 128.0, simulate.u_turn(6.0)),
+    "simulated, IDG-300, in a circle": (IDG300, 50.0, simulate.circle(2.0)),
+}
+"""Sensors, sampling rate [Hz] and route of simulated walks."""
+
+
+def walks(quick: bool) -> Iterator[tuple[str, Recording]]:
+    """Set and recording of each undamaged walk."""
+    for name in datasets.list_datasets():
+        if recordings.available(name):
+            for walk in datasets.load(name, list(datasets.names(name))[: 3 if quick else None]):
+                yield name, walk.recording
+    for seed, (name, (errors, rate, way)) in enumerate(SIMULATED.items()):
+        for recording, _ in simulate.cohort(jax.random.key(200 + seed), 3 if quick else PEOPLE, way, errors, rate):
+            yield name, recording
+
+
+def rows(quick: bool) -> list[Row]:
+    """Read every walk, and count the notes about damage."""
+    total: Counter[str] = Counter()
+    false: Counter[str] = Counter()
+    for name, recording in walks(quick):
+        total[name] += 1
+        try:
+            again = read(rows_of(recording, tuple(recording.sensors)), recording.name)
+        except RecordingError as error:
+            print(f"{name}, {recording.name}: {error}")
+            false[name] += 1
+            continue
+        found = [note.text for note in again.notes if note.code in CODES]
+        false[name] += bool(found)
+        for text in found:
+            print(f"{name}, {recording.name}: {text}")
+    show("undamaged walks", ["set", "walks", "with a note"], [[name, total[name], false[name]] for name in total])
+    n = sum(total.values())
+    split = "public and simulated walks; thresholds were chosen on the public ones and on 456 other simulated people"
+    return [Row("false_notes_pct", 100.0 * sum(false.values()) / n, "%", n=n, split=split)]
