@@ -1,0 +1,7 @@
+"""Simulated people beside recorded ones: figures of gait, spectra of signals, and a classifier of strides.
+
+Every recorded person has a simulated one who walks at the same stride time and length with a manner drawn from
+`simulate.population`. Nothing of the simulator is tuned here.
+"""
+
+PARTS = ("figures", "strides")

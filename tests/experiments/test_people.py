@@ -1,0 +1,48 @@
+"""The measures of simulated strides beside recorded ones: spectra, and the classifier."""
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="module")
+def strides(load_experiment):
+    return load_experiment("people.strides")
+
+
+def test_power_is_found_in_the_band_of_its_frequency_and_does_not_depend_on_axes(strides):
+    time = np.arange(0.0, 20.0, 0.01)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    signal = np.column_stack([np.sin(2.0 * np.pi * 3.0 * time), np.zeros_like(time), np.full_like(time, 9.8)])
+    leg = strides.Leg({"foot": (signal, 2.0 * signal @ turn)}, [(0, len(time))], 0, None)
+    found = strides.spectra([leg], 100.0)
+    band = int(np.searchsorted(strides.BANDS, 3.0)) - 1
+    assert found["foot gyr"].argmax() == band
+    assert found["foot gyr"][band] > 0.9 * found["foot gyr"].sum()
+    np.testing.assert_allclose(found["foot acc"], 4.0 * found["foot gyr"], rtol=1e-9, atol=1e-12)
+
+
+def test_pieces_with_lost_samples_are_left_out(strides):
+    good = np.ones(2000, bool)
+    good[700] = False
+    leg = strides.Leg({"foot": (np.ones((2000, 3)), np.ones((2000, 3)))}, [(0, 1000)], 0, good)
+    assert strides.spectra([leg], 100.0) == {}
+
+
+def test_the_area_counts_pairs_in_order_and_half_of_ties(strides):
+    labels = np.array([0.0, 0.0, 1.0, 1.0])
+    assert strides.area(np.array([0.0, 1.0, 2.0, 3.0]), labels) == 1.0
+    assert strides.area(np.array([0.0, 2.0, 2.0, 3.0]), labels) == 0.875
+    assert strides.area(np.zeros(4), labels) == 0.5
+
+
+def test_the_classifier_is_judged_on_people_whom_it_did_not_see(strides):
+    random = np.random.default_rng(1)
+    people = np.repeat(np.arange(40), 20)
+    labels = np.tile([0.0, 1.0], 400)
+    values = random.normal(size=(800, 3))
+    assert strides.left_out_area(values, labels, people) == pytest.approx(0.5, abs=0.07)
+    values[:, 1] += 2.0 * labels
+    assert strides.left_out_area(values, labels, people) > 0.85
+    # What is peculiar to each person's own pair says nothing of other people.
+    peculiar = random.choice([-1.0, 1.0], 40)[people] * (2.0 * labels - 1.0)
+    assert strides.left_out_area(peculiar[:, None], labels, people) < 0.75
