@@ -27,7 +27,7 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides distance_m stride_length_m walking_speed_mps cadence_spm`; a bout
     ends with a break of more than 3 s; lengths, speeds and cadence are medians over whole strides.
-    `sources`: `quantity unit source value std n_strides used`, each quantity as each source measures it, and combined.
+    `sources`: `quantity unit source value std n_strides`, each quantity as each source measures it, and combined.
     `samples`: columns of `to_dataframe`, where anything is estimated for every sample.
 
     Returns:

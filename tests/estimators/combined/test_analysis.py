@@ -53,14 +53,17 @@ def errors(strides, truth, rows=slice(None)):
     return np.abs(found)
 
 
-def test_every_stride_is_there_once_and_no_source_is_better(walked, analysis):
+def test_every_stride_is_there_once_and_better_than_a_source_taken_at_random(walked, analysis):
     truth = walked[1]
     assert len(analysis.strides.first) == int(np.sum(truth.strides.valid))
     together = errors(analysis.estimate.strides, truth)
-    for source in analysis.sources:
-        if source.name in ("feet", "ankles", "shanks"):
-            assert together.mean() < 1.1 * errors(source.estimate.strides, truth).mean(), source.name
-    assert np.mean(together < 3.0 * analysis.estimate.strides_stddev.length) > 0.95
+    alone = [
+        errors(source.estimate.strides, truth).mean()
+        for source in analysis.sources
+        if source.name in ("feet", "ankles", "shanks")
+    ]
+    assert together.mean() < np.mean(alone)  # `experiments/one_call` compares with the best of many walks
+    assert np.mean((together / analysis.estimate.strides_stddev.length) ** 2) < 2.0
 
 
 def test_the_distance_is_combined_too(walked, analysis):
@@ -100,6 +103,18 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
     assert "the right and left shank sensors seem exchanged" in str(found.notes[0])
     assert not found.strides.used["shanks"].any()
     assert errors(found.estimate.strides, truth).mean() < 0.02
+
+
+def test_exchanged_feet_contradict_the_waist(walked):
+    recording, _ = walked
+    sensors = {name: recording.sensors[name] for name in ("pelvis", "foot_right", "foot_left")}
+    assert "sides_differ" not in {
+        note.code for note in jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
+    }
+    sensors |= {"foot_right": sensors["foot_left"], "foot_left": sensors["foot_right"]}
+    notes = jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
+    (note,) = (note for note in notes if note.code == "sides_differ")
+    assert "waist and feet say the opposite" in str(note)
 
 
 def test_sensors_in_a_wrong_unit_are_left_out(walked):
