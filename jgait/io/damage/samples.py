@@ -239,7 +239,9 @@ def _wraps(placement: str, kind: str, values: np.ndarray, change: np.ndarray) ->
             continue
         limit = float(edges[0])
         low, high = np.nanmin(column), np.nanmax(column)
-        jumps = int(np.sum(np.abs(change[:, axis]) > WRAP_STEP * limit))
+        size = np.abs(change[:, axis])
+        # from one limit exactly to the other: a clipped impact
+        jumps = int(np.sum((size > WRAP_STEP * limit) & (size < 0.9999 * (high - low))))
         if jumps < WRAPS or high < WRAP_EDGE * limit or low > -WRAP_EDGE * limit:
             continue
         notes.append(
