@@ -12,8 +12,9 @@ import numpy as np
 import optax
 from jaxtyping import PyTree
 
-from jgait import analyse, datasets, params, plot, tune
+from jgait import datasets, params, plot, tune
 from jgait.estimators import Prepared, leg_ekf
+from jgait.estimators.combined import analyse
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
 from jgait.evaluate import FIELDS
 from jgait.evaluate.windows import Judged, judge

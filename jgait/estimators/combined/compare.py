@@ -24,8 +24,8 @@ DISTANCES_DIFFER = Kind(
     "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources; "
     "the combined distance is the more certain one.",
 )  # fmt: skip
-SIDES_DIFFER = Kind(
-    "sides_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of {contacts} "
+FEET_OF_CONTACTS_DIFFER = Kind(
+    "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of {contacts} "
     "contacts: the labels of the right and left sensors seem exchanged, or the waist's sensor faces the other way",
     WRONG_PLACE,
 )  # fmt: skip
@@ -215,4 +215,4 @@ def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> lis
             opposite += int(sides[int(np.argmin(near))] != side)
     if contacts < FEWEST or opposite < OPPOSITE * contacts:
         return []
-    return [SIDES_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]
+    return [FEET_OF_CONTACTS_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]

@@ -16,7 +16,7 @@ PERSON = {"height": 1.75, "pendulum_constant": 1.05}  # the constant of simulate
 CONTRADICTIONS = {
     "lengths_differ",
     "distances_differ",
-    "sides_differ",
+    "feet_of_contacts_differ",
     "clock_off",
     "trunk_clock_off",
     "sides_exchanged",
@@ -108,12 +108,12 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
 def test_exchanged_feet_contradict_the_waist(walked):
     recording, _ = walked
     sensors = {name: recording.sensors[name] for name in ("pelvis", "foot_right", "foot_left")}
-    assert "sides_differ" not in {
+    assert "feet_of_contacts_differ" not in {
         note.code for note in jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
     }
     sensors |= {"foot_right": sensors["foot_left"], "foot_left": sensors["foot_right"]}
     notes = jgait.analyse(recording._replace(sensors=sensors), PERSON).notes
-    (note,) = (note for note in notes if note.code == "sides_differ")
+    (note,) = (note for note in notes if note.code == "feet_of_contacts_differ")
     assert "waist and feet say the opposite" in str(note)
 
 
