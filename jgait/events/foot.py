@@ -44,6 +44,10 @@ WORSE = 3.0
 LONGEST = 2.0
 """[s] Duration of two strides of fast walking; see `WORSE`."""
 
+QUICKER = 1.2
+"""[s] Two strides take longer at any cadence: a run has 1.3. A valley whose neighbours are nearer to each other than
+that, and which is more than `STILL` and than `ABOVE` times both of them, lies in a swing.
+"""
 
 LANDED = 0.1
 """[1] Share of its peak in late swing by which the pitch of the foot has fallen at initial contact."""
@@ -151,7 +155,10 @@ def _turning_points(rate: list[float]) -> list[int]:
 
 
 def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours."""
+    """The valleys without those inside swings: too near a deeper valley, or much higher than both neighbours.
+
+    The nearer the neighbours are to each other, the less a valley between them may be higher.
+    """
     kept, depth = list(valleys), list(rate)
     while len(kept) > 1:
         gaps = np.diff(kept) / sampling_rate_hz
@@ -162,8 +169,9 @@ def _suppressed(valleys: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) 
         del kept[drop], depth[drop]
     k = 1
     while k < len(kept) - 1:
-        near = (kept[k + 1] - kept[k - 1]) / sampling_rate_hz < LONGEST
-        if near and depth[k] > WORSE * max(depth[k - 1], depth[k + 1], 0.1):
+        apart, beside = (kept[k + 1] - kept[k - 1]) / sampling_rate_hz, max(depth[k - 1], depth[k + 1], 0.1)
+        limit = WORSE * beside if apart >= QUICKER else min(WORSE * beside, max(STILL, ABOVE * beside))
+        if apart < LONGEST and depth[k] > limit:
             del kept[k], depth[k]
         else:
             k += 1

@@ -136,8 +136,7 @@ class Recorded:
 
     def _count(self, arguments: Sequence[PyTree]) -> PyTree:
         """The number of samples that the scans compute; None for all."""
-        ragged = linearises_once(self.method) and not self.even
-        return samples_of(*arguments[-2:]) if ragged else None
+        return None if self.even else samples_of(*arguments[-2:])
 
     def _lasting(self, told: dict[str, PyTree], back: dict[str, PyTree], change: Callable[[PyTree], PyTree]) -> PyTree:
         """The outputs of the scans, those that are returned and not zero in padding changed."""

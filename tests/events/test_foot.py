@@ -57,6 +57,17 @@ def test_a_valley_in_mid_swing_is_no_stance():
     assert len(stances.start) == 4
 
 
+def test_a_valley_between_stances_that_are_too_near_for_two_strides_is_no_stance():
+    rate = np.full(900, 0.6)
+    rate[:200] = np.linspace(0.65, 0.55, 200)
+    for start in (200, 310, 420, 530):
+        rate[start : start + 80] = 7.0
+        rate[start + 32 : start + 48] = 1.3  # less than three times the rate of the stances
+    gyr = np.stack([rate, 0 * rate, 0 * rate], axis=1)
+    stances = events.stances(gyr, np.tile([0.0, 0.0, 9.81], (900, 1)), 100.0)
+    assert len(stances.start) == 5
+
+
 def test_no_foot_that_never_stands_and_none_that_never_moves():
     time = np.arange(1000) / 100.0
     spinning = np.stack([4.0 + np.sin(time), 0 * time, 0 * time], axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from filtering.problems import SAMPLES, Case, case, filtered, same, smoothed
 
+from jgait.filtering import UKF, IteratedEKF
 from jgait.filtering.padding import samples_of
 
 MORE = 7
@@ -49,6 +50,18 @@ def test_samples_before_the_padding_are_as_without_it_and_the_last_one_lasts(nam
         tail = np.asarray(leaf[SAMPLES:])
         np.testing.assert_allclose(tail, np.broadcast_to(leaf[SAMPLES - 1], tail.shape), rtol=1e-12, atol=1e-14)
     assert np.all(long[0].valid) and not np.any(long[0].count[SAMPLES:]) and not np.any(long[0].nis[SAMPLES:])
+
+
+@pytest.mark.parametrize("method", [IteratedEKF(2), UKF()])
+def test_methods_without_a_closed_form_stop_there_too(method):
+    c = case("heading")
+
+    def mean(of: Case, p: Any) -> Any:
+        return filtered(of._replace(params=p), method=method, keep=("mean", "log_likelihood"))
+
+    same(jax.tree.map(lambda v: v[:SAMPLES] if v.ndim else v, mean(padded(c), c.params)), mean(c, c.params), 1e-13)
+    slopes = [jax.grad(lambda p, of=of: jnp.sum(mean(of, p).mean.rate[:SAMPLES]))(c.params) for of in (padded(c), c)]
+    same(*slopes, 1e-11)
 
 
 @pytest.mark.parametrize("name", ["bent", "heading"])

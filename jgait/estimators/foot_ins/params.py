@@ -27,7 +27,7 @@ class FootParams(NamedTuple):
     acc_jump_noise: Annotated[Param, Parameter(
         positive, "1", "error of the specific force over its change from sample to sample",
     )] = 0.15  # fmt: skip
-    gyr_jump_noise: Annotated[Param, Parameter(positive, "1", "the same of the angular rate")] = 0.02
+    gyr_jump_noise: Annotated[Param, Parameter(positive, "1", "the same of the angular rate")] = 0.07
     acc_bias_walk: Annotated[Param, Parameter(
         positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
     )] = 1e-4  # fmt: skip
