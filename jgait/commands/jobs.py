@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import PyTree
@@ -44,11 +44,11 @@ class EstimateJob(NamedTuple):
     table: Table
     caption: str
     planned: Callable[[str], list[str]]
-    compute: Callable[[Recording], Any]
-    notes: Callable[[Any], tuple[Note, ...]]
-    write: Callable[[Any, Path, str], list[Path]]
-    rows: Callable[[Any, str], list[list[str]]]
-    numbers: Callable[[Any, list[Path]], dict[str, Any]]
+    compute: Callable[[Recording], PyTree]
+    notes: Callable[[PyTree], tuple[Note, ...]]
+    write: Callable[[PyTree, Path, str], list[Path]]
+    rows: Callable[[PyTree, str], list[list[str]]]
+    numbers: Callable[[PyTree, list[Path]], dict[str, PyTree]]
 
 
 def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> EstimateJob:
@@ -70,7 +70,7 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> Estimat
     )  # fmt: skip
 
 
-def all_sensors(person: Mapping[str, Any], ending: str) -> EstimateJob:
+def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
     """Every estimator that has its sensors."""
     from jgait.estimators.combined import analyse
 
@@ -158,7 +158,7 @@ def _timing(made: PyTree) -> tuple[float | None, float | None]:
     return steps, float(np.median(stance)) if stance.size else None
 
 
-def _numbers(made: PyTree, files: list[Path]) -> dict[str, Any]:
+def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
     """The JSON numbers of an analysis: its tables but for the samples, notes, and the person."""
     from jgait import io
 

@@ -3,9 +3,10 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
@@ -17,7 +18,7 @@ PersonFile = Annotated[
 ]
 
 
-def person_in(file: Path | None) -> dict[str, Any]:
+def person_in(file: Path | None) -> dict[str, PyTree]:
     """The measures in a JSON file, name → number or [right, left]; exits with code 2 if the file cannot be used."""
     if file is None:
         return {}
@@ -44,7 +45,7 @@ def _measures() -> dict[str, tuple[float, float]]:
     return {measure.name: (measure.low, measure.high) for measure in every}
 
 
-def person_of(file: Path | None, values: Mapping[str, Any]) -> dict[str, Any]:
+def person_of(file: Path | None, values: Mapping[str, PyTree]) -> dict[str, PyTree]:
     """The measures of a file and of options; exits with code 2 for an option that is no measure of a person.
 
     Args:

@@ -5,7 +5,8 @@ of the height. Chosen: segments of adults of one height differ by 1 % of the hei
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
+
+from jaxtyping import PyTree
 
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
 
@@ -39,7 +40,7 @@ def gives(wanted: Collection[str]) -> bool:
     return any(name in wanted for name in SHARES)
 
 
-def with_proportions(body: Mapping[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dict[str, PyTree]:
     """The measures of a person, with those that follow from the height.
 
     Args:
@@ -62,7 +63,7 @@ def with_proportions(body: Mapping[str, Any], wanted: Collection[str]) -> dict[s
     return {**{name: share * height for name, share in SHARES.items() if name in wanted}, **known}
 
 
-def told(body: Mapping[str, Any], wanted: Collection[str]) -> tuple[Note, ...]:
+def told(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...]:
     """The note about measures that follow from the height, or about a height that is missing; empty if none is needed.
 
     Args:

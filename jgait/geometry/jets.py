@@ -6,9 +6,10 @@ are one array, so that the compiler sees one operation where three numbers are c
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait.geometry.vectors import kept
 from jgait.types import Values
@@ -24,17 +25,17 @@ class Jet(NamedTuple):
     orders: Values
 
     @property
-    def value(self) -> Any:
+    def value(self) -> PyTree:
         """(…) the numbers themselves."""
         return self.orders[0]
 
-    def __add__(self, other: Any) -> "Jet":
+    def __add__(self, other: PyTree) -> "Jet":
         """The sum."""
         if isinstance(other, Jet):
             return Jet(self.orders + other.orders)
         return self._with_value(self.orders[:1] + _raised(other))
 
-    def __mul__(self, other: Any) -> "Jet":
+    def __mul__(self, other: PyTree) -> "Jet":
         """The product: (a b)″ = a″ b + 2 a′ b′ + a b″."""
         if not isinstance(other, Jet):
             return Jet(self.orders * _raised(other))
@@ -45,11 +46,11 @@ class Jet(NamedTuple):
         rate = a[1:2] * b[:1] + a[:1] * b[1:2]
         return Jet(jnp.concatenate([value, rate, a[2:] * b[:1] + 2.0 * a[1:2] * b[1:2] + a[:1] * b[2:]]))
 
-    def __radd__(self, constant: Any) -> "Jet":
+    def __radd__(self, constant: PyTree) -> "Jet":
         """The sum."""
         return self + constant
 
-    def __rmul__(self, constant: Any) -> "Jet":
+    def __rmul__(self, constant: PyTree) -> "Jet":
         """The product."""
         return self * constant
 
@@ -57,26 +58,26 @@ class Jet(NamedTuple):
         """The opposite."""
         return Jet(-self.orders)
 
-    def __sub__(self, other: Any) -> "Jet":
+    def __sub__(self, other: PyTree) -> "Jet":
         """The difference."""
         if isinstance(other, Jet):
             return Jet(self.orders - other.orders)
         return self._with_value(self.orders[:1] - _raised(other))
 
-    def __rsub__(self, other: Any) -> "Jet":
+    def __rsub__(self, other: PyTree) -> "Jet":
         """The difference from a constant."""
         return -self + other
 
-    def __truediv__(self, constant: Any) -> "Jet":
+    def __truediv__(self, constant: PyTree) -> "Jet":
         """The quotient by a constant."""
         return Jet(self.orders / _raised(constant))
 
-    def _with_value(self, value: Any) -> "Jet":
+    def _with_value(self, value: PyTree) -> "Jet":
         rates = self.orders[1:]
         return Jet(jnp.concatenate([value, jnp.broadcast_to(rates, (len(rates), *value.shape[1:]))]))
 
 
-def _raised(constant: Any) -> Any:
+def _raised(constant: PyTree) -> PyTree:
     """A constant beside the orders of a jet."""
     return constant if jnp.ndim(constant) == 0 else constant[None]
 
@@ -114,7 +115,7 @@ def stacked(jets: Sequence[Jet], axis: int = 0) -> Jet:
     return Jet(jnp.stack(jnp.broadcast_arrays(*(jet.orders for jet in jets)), axis + 1))
 
 
-def part(jet: Jet, *index: Any) -> Jet:
+def part(jet: Jet, *index: PyTree) -> Jet:
     """The elements at an index, of all orders."""
     return Jet(jet.orders[(slice(None), *index)])
 

@@ -1,9 +1,10 @@
 """The estimate from all sensors of a recording together."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.combined.compare import (
     Comparison,
@@ -43,7 +44,7 @@ class Analysis(NamedTuple):
     person: dict[str, float]
 
 
-def analyse(recording: Recording, person: Mapping[str, Any] | None = None) -> Analysis:
+def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) -> Analysis:
     """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
 
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
@@ -98,7 +99,7 @@ def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total
         return estimate if np.max(np.abs(as_float(estimate.time) - time)) < 1e-3 else None
 
     legs, feet, waist = (at_times(by_name.get(name)) for name in ("legs", "feet", "waist"))
-    diagnostics: dict[str, Any] = {"standing": base.diagnostics.get("standing")}
+    diagnostics: dict[str, PyTree] = {"standing": base.diagnostics.get("standing")}
     for source in found:
         diagnostics |= {k: v for k, v in source.estimate.diagnostics.items() if k.startswith("initial_contact")}
     if strides is not None:

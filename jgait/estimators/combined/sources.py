@@ -1,7 +1,7 @@
 """The estimators that the sensors of a recording allow, each run once: the sources of a combined estimate."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jaxtyping import PyTree
 
@@ -95,7 +95,7 @@ WAYS = (
 """All sources; of strides that several sources measure, times come from the first."""
 
 
-def sources(recording: Recording, person: Mapping[str, Any]) -> tuple[list[SourceEstimate], list[Note]]:
+def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[SourceEstimate], list[Note]]:
     """Every source that the sensors allow, and notes about measures from the height and sources without an estimate.
 
     Args:

@@ -1,9 +1,10 @@
 """One table of strides from several sources: strides that are the same, and quantities combined by their variances."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.stride_flags import CLIPPED, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
@@ -247,7 +248,7 @@ def _of(source: SourceEstimate, field: str, row: int, *, spread: bool = False) -
 def _strides(side: np.ndarray, columns: dict[str, np.ndarray]) -> Strides:
     """A record of strides; optional columns without any number are None."""
     needed = ("length", "width", "height")
-    kept: dict[str, Any] = {
+    kept: dict[str, PyTree] = {
         name: values if name in needed or np.isfinite(values).any() else None for name, values in columns.items()
     }
     return Strides(side=side, valid=np.ones(len(side), bool), **kept)
