@@ -461,7 +461,7 @@ def test_arguments_of_another_kind_are_refused_at_once(change, message):
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ({"thigh": 0.4}, "takes thigh_length and shank_length of a person; got 'thigh'"),
+        ({"thigh": 0.4}, "takes thigh_length, shank_length and height of a person; got 'thigh'"),
         ({"thigh_length": (0.4, 0.4, 0.4)}, "thigh_length must be one number or .right, left.; got 3 numbers"),
     ],
 )

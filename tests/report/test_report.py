@@ -418,7 +418,7 @@ def test_a_missing_measure_of_a_person_is_noted():
     p, missing = legs.personal({"shank_length": (0.4, 0.41)})
     assert p.distance_scale == 1.1 and p.shank_length.left == 0.41 and missing == []
     _, missing = chosen("waist", False, None, {"height": 1.7}).personal({})
-    assert missing == []
+    assert [(note.code, note.values["height"]) for note in missing] == [("measures_from_height", 1.7)]
 
 
 @pytest.mark.parametrize(
