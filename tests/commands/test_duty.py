@@ -33,7 +33,7 @@ def leg() -> Recording:
     """A pendulum of a leg that stands for two seconds, swings for nine and stands again: enough for tables."""
     time = np.arange(0.0, 13.0, 1.0 / RATE)
     phase = np.where((time > 2.0) & (time < 11.0), 2.0 * np.pi * (time - 2.0), 0.0)
-    sensors = {}
+    sensors, rng = {}, np.random.default_rng(0)
     for name, size, late in (("thigh_right", 1.0, 0.0), ("shank_right", 2.0, 1.0)):
         # Fast forward and slow back, as a leg swings; the axis to the left turns the other way.
         rate = size * (
@@ -41,7 +41,8 @@ def leg() -> Recording:
         )
         rate = np.where(phase > 0.0, rate - rate[phase > 0.0].mean(), 0.0)
         angle = np.cumsum(rate) / RATE
-        gyr = np.column_stack([np.zeros_like(rate), -rate, np.zeros_like(rate)])
+        # Noise, for a sensor that never changes counts as stuck.
+        gyr = np.column_stack([np.zeros_like(rate), -rate, np.zeros_like(rate)]) + 1e-3 * rng.normal(size=(rate.size, 3))
         acc = 9.81 * np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
         sensors[name] = Imu(time, gyr, acc, np.ones(time.size, bool))
     return Recording(sensors, RATE)
@@ -122,8 +123,10 @@ def test_what_cannot_be_followed_is_refused(csv, tmp_path, more, message):
 
 @pytest.mark.parametrize("option", ["--duty", "--warm-up"])
 def test_options_of_sleep_are_its_alone(csv, option):
-    code, said = run(csv, option, 0.4)
+    code, said = run(csv, "--estimator", "leg_ekf", option, 0.4)
     assert code == 2 and f"{option} is an option of duty_cycled_gyro; got --estimator leg_ekf" in said
+    code, said = run(csv, option, 0.4)
+    assert code == 2 and f"{option} is an option of duty_cycled_gyro; give --estimator as well" in said
 
 
 def test_without_a_leg_of_both_segments_there_is_no_table_of_legs(csv, tmp_path, monkeypatch):

@@ -427,7 +427,7 @@ def test_a_missing_measure_of_a_person_is_noted():
         ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
-        (("{file}", "--height", "1.7"), "--height is an option of waist and waist_ofdri; got --estimator leg_ekf"),
+        (("{file}", "--lever", "0.1"), "--lever is an option of ankle_stride; got --estimator leg_ekf"),
         (("{file}", "--estimator", "mine"), "estimator must be one of"),
         (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),
         (("--simulated", "2", "--thigh", "0.4"), "--thigh is of one recording"),

@@ -20,7 +20,7 @@ def test_the_ending_says_the_format(tmp_path):
         again = read(io.write_table(table(), tmp_path / name))
         assert list(again.columns) == ["s_id", "time_s", "side"]
         np.testing.assert_allclose(again["time_s"], table()["time_s"], rtol=1e-8)
-    with pytest.raises(ValueError, match=r"written as .csv, .parquet, .pq; got 'a.xlsx'"):
+    with pytest.raises(ValueError, match=r"written as .csv, .json, .parquet, .pq; got 'a.xlsx'"):
         io.write_table(table(), tmp_path / "a.xlsx")
     with pytest.raises(FileNotFoundError, match="none does not exist"):
         io.write_table(table(), tmp_path / "none" / "a.csv")
