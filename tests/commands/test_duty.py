@@ -42,7 +42,8 @@ def leg() -> Recording:
         rate = np.where(phase > 0.0, rate - rate[phase > 0.0].mean(), 0.0)
         angle = np.cumsum(rate) / RATE
         # Noise, for a sensor that never changes counts as stuck.
-        gyr = np.column_stack([np.zeros_like(rate), -rate, np.zeros_like(rate)]) + 1e-3 * rng.normal(size=(rate.size, 3))
+        noise = 1e-3 * rng.normal(size=(rate.size, 3))
+        gyr = np.column_stack([np.zeros_like(rate), -rate, np.zeros_like(rate)]) + noise
         acc = 9.81 * np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
         sensors[name] = Imu(time, gyr, acc, np.ones(time.size, bool))
     return Recording(sensors, RATE)
