@@ -8,8 +8,9 @@ from pathlib import Path
 from types import ModuleType
 
 # Read when JAX first compiles, here and in the processes that tests start. Compiling takes most of a run and what is
-# compiled runs for milliseconds: without LLVM's optimisations a run needs about half the time.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+# compiled runs for milliseconds: without LLVM's optimisations a run needs about half the time. Without the library
+# for small sums (`jgait.filtering.compile`), compiling needs a third less again.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_experimental_ynn_fusion_type=")
 
 import jax
 import jaxtyping
@@ -27,10 +28,11 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
-    # Compiling takes most of a run; beside pytest's own cache `--cache-clear` and `make clean` reach it.
+    # Workers and later files share even the smallest programs. Beside pytest's own cache `make clean` reaches them.
     compiled = Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or config.rootpath / ".pytest_cache" / "jax")
     jax.config.update("jax_compilation_cache_dir", str(compiled))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 @pytest.fixture
