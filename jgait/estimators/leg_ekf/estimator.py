@@ -42,11 +42,28 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
     )
 
 
+def rates_between(segment: Segment, time: Values) -> Values:
+    """Angular rates (T, 3) [rad/s]; samples lost for up to `SHORT_GAP` are interpolated, those of longer gaps are 0."""
+    row = jnp.arange(time.shape[0], dtype=jnp.int32)
+    before = jax.lax.cummax(jnp.where(segment.measured, row, 0))
+    after = jax.lax.cummin(jnp.where(segment.measured, row, row[-1]), reverse=True)
+    first, last = time[before], time[after]
+    share = (time - first) / jnp.where(last > first, last - first, 1.0)
+    rates = _zero_where_lost(segment)
+    between = rates[before] + share[:, None] * (rates[after] - rates[before])
+    short = segment.measured[before] & segment.measured[after] & (last - first < SHORT_GAP)
+    return jnp.where(short[:, None], between, rates)
+
+
+def _zero_where_lost(segment: Segment) -> Values:
+    return jnp.where(segment.measured[:, None], segment.gyr, 0.0)
+
+
 def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
     """Inclination of one segment, from gravity or from the sagittal gyroscope alone."""
     return inclination.run(
         p.inclination,
-        vector(jnp.where(segment.measured[:, None], segment.gyr, 0.0)),
+        vector(rates_between(segment, inputs.time) if options.smooth else _zero_where_lost(segment)),
         vector(segment.acc),
         inputs.still,
         segment.measured,
@@ -138,20 +155,40 @@ def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values
 
 
 def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
-    """Standard deviations of the leg: the filter's, with soft-tissue motion added through the kinematics.
+    """Standard deviations of the leg: the filter's, with those of the standing pose and of soft tissue.
 
-    If `cov` is smoothed, the filtered covariance replaces values with rounding errors in float32.
+    The pose in the calibrating stance is unknown by a constant; soft tissue moves by a share of the angle from standing
+    and by itself. Both pass to x and y through the kinematics. If `cov` is smoothed, the filtered covariance replaces
+    values with rounding errors in float32.
     """
-    thigh, shank = p.soft_tissue_thigh**2, p.soft_tissue_shank**2
     shin = state.thigh_angle + state.knee_angle
+    thigh, shank = soft_tissue_variances(p, state)
     a1, a2 = p.thigh_length, p.shank_length
-    along = (a1 * jnp.sin(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.sin(shin)) ** 2 * shank
-    upward = (a1 * jnp.cos(state.thigh_angle)) ** 2 * thigh + (a2 * jnp.cos(shin)) ** 2 * shank
+    x1, x2, y1, y2 = (
+        a1 * jnp.sin(state.thigh_angle),
+        a2 * jnp.sin(shin),
+        a1 * jnp.cos(state.thigh_angle),
+        a2 * jnp.cos(shin),
+    )
+    hip, knee = p.standing_hip_sd**2, p.standing_knee_sd**2
+    # an error of the standing hip turns the whole leg, one of the standing knee the shank
+    along = x1**2 * thigh + x2**2 * shank + (x1 + x2) ** 2 * hip + x2**2 * knee
+    upward = y1**2 * thigh + y2**2 * shank + (y1 + y2) ** 2 * hip + y2**2 * knee
     return LegTrajectory(
-        jnp.sqrt(_variance("thigh_angle", cov, filtered) + thigh),
-        jnp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank),
+        jnp.sqrt(_variance("thigh_angle", cov, filtered) + thigh + hip),
+        jnp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank + knee),
         jnp.sqrt(_variance("x", cov, filtered) + along),
         jnp.sqrt(_variance("y", cov, filtered) + upward),
+    )
+
+
+def soft_tissue_variances(p: LegParams, state: LegState) -> tuple[Values, Values]:
+    """Variances [rad²] of thigh and shank about their sensors; they grow with the angles from standing."""
+    thigh = state.thigh_angle - STANDING - p.standing_hip
+    shank = thigh + state.knee_angle + p.standing_knee
+    return (
+        p.soft_tissue_thigh**2 + (p.thigh_gain_sd * thigh) ** 2,
+        p.soft_tissue_shank**2 + (p.shank_gain_sd * shank) ** 2,
     )
 
 

@@ -47,10 +47,18 @@ class LegParams(NamedTuple):
     inclination: Annotated[Values, Parameter(
         None, "", "noise of the gravity direction, see `InclinationNoise`",
     )] = InclinationNoise()  # fmt: skip
+    standing_hip_sd: Annotated[Param, Parameter(
+        positive, "rad", "standard deviation of `standing_hip`; it enters the stated errors only, as the next five do",
+    )] = 0.09  # fmt: skip
+    standing_knee_sd: Annotated[Param, Parameter(positive, "rad", "standard deviation of `standing_knee`")] = 0.07
+    thigh_gain_sd: Annotated[Param, Parameter(
+        positive, "1", "standard deviation of `thigh_gain`, over the angle from standing",
+    )] = 0.1  # fmt: skip
+    shank_gain_sd: Annotated[Param, Parameter(positive, "1", "the same of the shank, whose skin moves less")] = 0.04
     soft_tissue_thigh: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of the thigh about its sensor; enters the stated errors only",
-    )] = 0.05  # fmt: skip
-    soft_tissue_shank: Annotated[Param, Parameter(positive, "rad", "the same of the shank")] = 0.02
+        positive, "rad", "standard deviation of the thigh about its sensor, at any angle",
+    )] = 0.02  # fmt: skip
+    soft_tissue_shank: Annotated[Param, Parameter(positive, "rad", "the same of the shank")] = 0.01
     rollover_radius: Annotated[Param, Parameter(
         interval(0.0 - 1e-9, 0.3), "m", "how far the ankle moves forward per radian of the shank in stance",
     )] = 0.07  # fmt: skip
