@@ -24,7 +24,7 @@ from jgait import datasets  # noqa: E402
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    gc.set_threshold(100_000)  # traces make many objects and hardly any garbage
+    gc.set_threshold(100_000, 50, 50)  # traces make many objects and hardly any garbage
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -33,6 +33,19 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", str(compiled))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+_COMPILED: list[str] = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, seconds, **_: _COMPILED.append(event) if event.endswith("backend_compile_duration") else None
+)
+
+
+@pytest.fixture
+def compiled() -> list[str]:
+    """An entry for each program that was compiled, or read from the cache, since the list was cleared."""
+    _COMPILED.clear()
+    return _COMPILED
 
 
 @pytest.fixture
@@ -49,6 +62,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.location[0]))
+
+
+def pytest_collection_finish() -> None:
+    """What collection has made lasts: garbage is not looked for in it."""
+    gc.collect()
+    gc.freeze()
 
 
 MAPPINGS = 15_000

@@ -1,57 +1,13 @@
-"""A second recording, of another length, compiles nothing; programs are kept between processes."""
+"""Programs are kept between processes."""
 
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
-from made import footsteps
-from made.estimators import CASES
 
-from jgait import estimators
-from jgait.estimators import programs, stride_width_ekf
-from jgait.types import Recording
+from jgait.estimators import programs
 
-compiled: list[str] = []
 announced: list[str] = []
-jax.monitoring.register_event_duration_secs_listener(
-    lambda event, seconds, **_: compiled.append(event) if event.endswith("backend_compile_duration") else None
-)
-
-
-def shorter(recording: Recording, samples: int) -> Recording:
-    """The recording without its last samples."""
-    sensors = {
-        name: type(imu)(*(None if field is None else field[:-samples] for field in imu))
-        for name, imu in recording.sensors.items()
-    }
-    return recording._replace(sensors=sensors)
-
-
-def of_feet(seed: int, before: int) -> Any:
-    walk = footsteps.drifting(footsteps.footsteps(seed, before=before, turn=2, after=5), seed)
-    return stride_width_ekf.prepare_from_feet(walk.time, walk.feet, walk.mids, walk.read)
-
-
-@pytest.mark.parametrize("name", estimators.names())
-def test_a_recording_of_another_length_compiles_nothing(name):
-    case, record = CASES[name](), estimators.get(name)
-    if case.recording is None:
-        ready = [of_feet(3, 9), of_feet(4, 8)]
-    else:
-        record = estimators.get(name, options=case.options) if name == "duty_cycled_gyro" else record
-        ready = []
-        for recording in (case.recording, shorter(case.recording, 77)):
-            compiled.clear()
-            ready.append(record.prepare(recording))
-        assert compiled == []  # nor do decisions about a recording
-    assert ready[0].options == ready[1].options
-    assert ready[0].inputs.time.size != ready[1].inputs.time.size
-    one = record.solve(record.params, ready[0])
-    compiled.clear()
-    other = record.solve(record.params, ready[1])
-    assert compiled == []
-    assert (one.time.size, other.time.size) == tuple(made.inputs.time.size for made in ready)
 
 
 def double(x: Any, *, options: float) -> Any:

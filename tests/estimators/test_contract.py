@@ -1,7 +1,7 @@
 """Laws that every registered estimator keeps, on two short walks of its own (`made.estimators`).
 
-Most of the time goes into compiling, so the laws share programs: one of a single recording, one of a batch of longer
-inputs, and one of an estimate with its derivative along a direction of the parameters.
+Most of the time goes into compiling, so the laws share programs: that of every recording, one of a batch of shorter
+inputs, one in single precision, and one of an estimate with its derivative along a direction of the parameters.
 """
 
 import functools
@@ -13,9 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import CASES, Case, behind, lossy, with_values
+from made.estimators import CASES, Case, behind, lossy, shorter, with_values
 
 from jgait import estimators, params
+from jgait.estimators import programs
 from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
 from jgait.estimators.axes import axes_of, pad
 from jgait.estimators.leg_ekf.inputs import LegInputs
@@ -23,9 +24,6 @@ from jgait.estimators.run import trimmed
 from jgait.tune import LOSSES, Lesson
 
 ANGLE = ".diagnostics['angle_"
-LONGER = 64
-"""[samples] More padding in the batch than in the single recordings."""
-
 every_estimator = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in estimators.names()]
 )
@@ -51,14 +49,11 @@ def singles(tree: Any) -> Any:
     return jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, doubles(tree))
 
 
-@functools.cache
-def single_program(name: str) -> Callable[..., Any]:
-    case, run = case_of(name), run_of(name)
-    return jax.jit(lambda p, inputs: run(p, inputs, case.options))
-
-
 def estimated(name: str, inputs: Any) -> Any:
-    return single_program(name)(doubles(case_of(name).params), inputs)
+    """The estimate by the program that users run, padded as it pads."""
+    case = case_of(name)
+    padded = pad(inputs, programs.bucket(inputs.time.size))
+    return programs.compiled(run_of(name))(case.params, padded, options=case.options)
 
 
 @functools.cache
@@ -68,10 +63,9 @@ def estimates(name: str) -> tuple[Any, ...]:
 
 @functools.cache
 def batch(name: str) -> Any:
-    """The estimates of both walks side by side, with more padding behind them."""
+    """The estimates of both walks side by side, with less padding behind them."""
     case, run = case_of(name), run_of(name)
-    longer = [pad(inputs, inputs.time.size + LONGER) for inputs in case.inputs]
-    stacked = jax.tree.map(lambda *v: np.stack(v), *longer)
+    stacked = jax.tree.map(lambda *v: np.stack(v), *case.inputs)
     return jax.jit(jax.vmap(lambda inputs: run(case.params, inputs, case.options)))(stacked)
 
 
@@ -79,7 +73,7 @@ def bare(name: str, number: int, result: Any) -> dict[str, np.ndarray]:
     """Path → array of an estimate of the walk with this number, without padding."""
     record, case = estimators.get(name), case_of(name)
     result = trimmed(result, case.samples[number], record.per_stride)
-    if record.finish is not None and case.prepared is not None:
+    if record.finish is not None:
         notes = {"notes": (), "standing": None}
         result = record.finish(result._replace(diagnostics={**result.diagnostics, **notes}), case.prepared[number])
         result = result._replace(diagnostics={k: v for k, v in result.diagnostics.items() if k not in notes})
@@ -121,16 +115,15 @@ def test_the_losses_of_the_record_are_those_that_its_estimates_answer(name):
     case, result = case_of(name), jax.tree.map(np.asarray, estimates(name)[0])
     samples = case.samples[0]
     everywhere = np.arange(result.time.size) < samples
-    lesson = Lesson(
-        case.inputs[0], displaced(result), everywhere, ~everywhere, np.asarray(0), np.asarray(samples - 1), {}
-    )
+    inputs = pad(case.inputs[0], result.time.size)
+    lesson = Lesson(inputs, displaced(result), everywhere, ~everywhere, np.asarray(0), np.asarray(samples - 1), {})
     losses = set(estimators.about_of(name).losses or ())
     if name == "duty_cycled_gyro":
         losses &= {"likelihood"}  # its walk has a single segment, so no leg
     by_distance = {"stride_length"} if result.strides is None else set()  # references with strides come from elsewhere
     for loss in LOSSES.keys() - by_distance:
         try:
-            value = float(LOSSES[loss].term(result, lesson))
+            value = float(jax.jit(lambda result, loss=loss: LOSSES[loss].term(result, lesson))(result))
         except ValueError:
             assert loss not in losses
             continue
@@ -139,6 +132,23 @@ def test_the_losses_of_the_record_are_those_that_its_estimates_answer(name):
 
 
 # --- compiled, mapped, padded, masked ---
+
+
+@every_estimator
+def test_a_recording_of_another_length_compiles_nothing(name, compiled):
+    case = case_of(name)
+    record = estimators.get(name, options=case.options) if name == "duty_cycled_gyro" else estimators.get(name)
+    estimates(name)
+    ready = [*case.prepared]
+    compiled.clear()
+    if case.recording is not None:
+        ready.append(case.prepare(shorter(case.recording, 77)))
+    assert len({made.inputs.time.size for made in ready}) > 1
+    for made in ready:
+        assert made.options == case.options
+        found = record.solve(case.params, made)
+        assert found.time.size == made.inputs.time.size
+    assert compiled == []
 
 
 @every_estimator
@@ -201,8 +211,8 @@ def operations(jaxpr: Any) -> list[str]:
 
 @every_estimator
 def test_single_precision_stays_single_and_is_near_to_double(name):
-    case = case_of(name)
-    single = single_program(name)(singles(case.params), singles(case.inputs[0]))
+    case, run = case_of(name), run_of(name)
+    single = jax.jit(lambda p, inputs: run(p, inputs, case.options))(singles(case.params), singles(case.inputs[0]))
     assert {leaf.dtype for leaf in jax.tree.leaves(single) if leaf.dtype.kind == "f"} == {np.dtype(np.float32)}
     ours, theirs = (bare(name, 0, result) for result in (single, estimates(name)[0]))
     for path, value in ours.items():

@@ -44,7 +44,7 @@ class Case(NamedTuple):
     rounding: float = 2e-3
     recording: Recording | None = None
     prepare: Callable[[Recording], Any] | None = None
-    prepared: tuple[Any, ...] | None = None
+    prepared: tuple[Any, ...] = ()
 
 
 def _case(
@@ -122,7 +122,14 @@ def _stride_width_ekf() -> Case:
     options = stride_width_ekf.DEFAULT._replace(check_swap=False)
     inputs = tuple(pad(made.inputs, samples) for made in ready)
     lengths = tuple(len(made.inputs.time) for made in ready)
-    return Case(stride_width_ekf.WidthParams(), inputs, lengths, options, options)
+    return Case(
+        stride_width_ekf.WidthParams(),
+        inputs,
+        lengths,
+        options,
+        options,
+        prepared=tuple(made._replace(options=options) for made in ready),
+    )
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -151,6 +158,15 @@ def lossy(recording: Recording, value: float) -> Recording:
         mask[len(mask) // 2 : len(mask) // 2 + 4] = False
         gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
         sensors[placement] = imu._replace(gyr=gyr, acc=acc, mask=mask)
+    return recording._replace(sensors=sensors)
+
+
+def shorter(recording: Recording, samples: int) -> Recording:
+    """The recording without its last samples."""
+    sensors = {
+        name: type(imu)(*(None if field is None else field[:-samples] for field in imu))
+        for name, imu in recording.sensors.items()
+    }
     return recording._replace(sensors=sensors)
 
 

@@ -8,10 +8,6 @@ from jgait import simulate
 from jgait.simulate.sensors import MPU6000, measure
 
 KEY = jax.random.key(2)
-compiled: list[str] = []
-jax.monitoring.register_event_duration_secs_listener(
-    lambda event, seconds, **_: compiled.append(event) if event.endswith("backend_compile_duration") else None
-)
 
 
 def walk(number, along, **others):
@@ -20,7 +16,7 @@ def walk(number, along, **others):
     return simulate.recording(KEY, person, along, MPU6000, **others)
 
 
-def test_another_walk_compiles_nothing():
+def test_another_walk_compiles_nothing(compiled):
     walk(0, simulate.straight(5.0))
     compiled.clear()
     walk(1, simulate.straight(20.0))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.estimators import shorter
 from made.notes import texts
 from made.trunk import rotation
 
@@ -86,6 +87,15 @@ def test_ideal_sensors_give_the_true_angles_and_foot_path(walk):
     assert worst(result, truth, "x") < 0.04
     assert worst(result, truth, "y") < 0.02
     assert bool(np.all(result.valid))
+
+
+def test_a_recording_of_another_length_compiles_nothing(walk, compiled):
+    recording, truth = walk
+    p = parameters(truth)
+    leg_ekf.estimate(p, recording)
+    compiled.clear()
+    assert leg_ekf.estimate(p, shorter(recording, 77)).time.size < recording.sensors["thigh_right"].time.size
+    assert compiled == []
 
 
 def test_distance_of_a_simulated_walk_is_near_before_any_calibration(walk):
