@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -10,23 +11,26 @@ from jgait.estimators import programs
 announced: list[str] = []
 
 
-def double(x: Any, *, options: float) -> Any:
+def times(x: Any, *, options: float) -> Any:
     return options * np.pi * x
 
 
 @pytest.fixture
 def folder(tmp_path):
+    shortest = jax.config.jax_persistent_cache_min_compile_time_secs
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 60.0)  # what JAX has read it cannot write again
     programs.keep(tmp_path)
     programs.before_compiling(lambda: announced.append("compiling"))
     yield tmp_path
     programs.before_compiling(None)
     programs.keep(None)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", shortest)
 
 
 def made(x: Any, options: float = 2.0) -> Any:
     """The result of a program that is new to this process."""
     announced.clear()
-    return programs.Program(double)(x, options=options)
+    return programs.Program(times)(x, options=options)
 
 
 def test_a_kept_program_is_loaded_and_not_compiled(folder):
