@@ -1,3 +1,3 @@
 """Noise models of the foot estimator tuned by gradient: positions under Vicon by days left out, other sets, PyShoe."""
 
-PARTS = ("vicon", "pyshoe")
+PARTS = ("vicon", "footprints", "pyshoe")

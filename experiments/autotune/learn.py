@@ -15,6 +15,7 @@ from jgait import filtering, params, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.tune import Lessons
+from jgait.tune.objective import Term
 
 FREE = (
     "pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise", "acc_jump_noise", "gyr_jump_noise",
@@ -34,11 +35,11 @@ class Learned(NamedTuple):
 
 
 @cache
-def _programs(options: FootOptions, loss: str) -> tuple[Any, Any, Any]:
+def _programs(options: FootOptions, loss: str | Term) -> tuple[Any, Any, Any]:
     """Start, transforms, and a program (free, lessons, weights) → value and gradient of the weighted sum."""
     estimator = foot_ins.estimator(options)
     free = params.freed(estimator.transforms, *(FREE if options.noise != "constant" else FREE[:-1]))
-    objective = tune.objective(estimator, options, loss)
+    objective = tune.objective(estimator, options, {loss: 1.0})
 
     def one(moved: Any, lesson: Any, weight: Any) -> Any:
         value = objective(params.constrain(moved, free, estimator.params), lesson)
@@ -55,7 +56,7 @@ def _programs(options: FootOptions, loss: str) -> tuple[Any, Any, Any]:
 
 def fit(
     groups: Sequence[tuple[np.ndarray, Lessons]], weights: np.ndarray, options: FootOptions,
-    loss: str = "position_log", steps: int = STEPS,
+    loss: str | Term = "position_log", steps: int = STEPS,
 ) -> Learned:  # fmt: skip
     """Fit to the trials with a weight above 0; priors as declared."""
     start, transforms, program = _programs(options, loss)

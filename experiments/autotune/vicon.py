@@ -59,7 +59,7 @@ def on_line(row: Row) -> Row:
         return row.on(
             "position of a foot, noise model tuned on other days, `pyshoe_vicon`: median error", kind, "trials"
         )
-    name, end = row.metric.partition("_stride_mae_cm")[::2]
+    name, end = row.metric.partition("_stride_mae_cm_elsewhere")[::2]
     if name != row.metric:
         part = "hand-chosen" if end else "tuned"
         return row.on(f"stride length, noise model tuned on `pyshoe_vicon`, `{name}`: mean error", part, "strides")
@@ -102,8 +102,8 @@ def other_sets(found: Trials, quick: bool) -> list[Row]:
         lines.append([name, one.mae, other.mae, one.median, other.median, one.worst, other.worst, other.within])
         split = f"{name}, tuned on pyshoe_vicon"
         result += [
-            Row(f"{name}_stride_mae_cm", other.mae, "cm", n=other.n, split=split),
-            Row(f"{name}_stride_mae_cm_before", one.mae, "cm", n=one.n, split=f"{name}, hand-chosen"),
+            Row(f"{name}_stride_mae_cm_elsewhere", other.mae, "cm", n=other.n, split=split),
+            Row(f"{name}_stride_mae_cm_elsewhere_before", one.mae, "cm", n=one.n, split=f"{name}, hand-chosen"),
             Row(f"{name}_within_two_sigma_pct", other.within, "%", n=other.n, split=split),
         ]
     columns = ["", "MAE cm", "after", "median", "after", "worst", "after", "within 2σ %, after"]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 import jgait
@@ -47,9 +48,9 @@ class Row(NamedTuple):
 
 def show(title: str, columns: Sequence[str], lines: Sequence[Sequence[Any]]) -> None:
     """Print a table; floats with three digits."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=escape(title), title_justify="left")
     for number, name in enumerate(columns):
-        table.add_column(name, justify="left" if number == 0 else "right")
+        table.add_column(escape(name), justify="left" if number == 0 else "right")
     for line in lines:
         table.add_row(*(f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in line))
     Console(width=max(120, Console().width)).print(table)

@@ -21,8 +21,7 @@ from jgait.events.rest import longest_still
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
-from jgait.signal import butterworth
-from jgait.signal.windows import true_runs
+from jgait.signal import butterworth, clipping
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
@@ -35,7 +34,7 @@ LOST_RATE, LOST_FORCE = 2.0, 10.0
 """[rad/s], [m/s²] Standard deviation of the error of linear interpolation over lost samples."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 2.0, 20.0
-"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading."""
+"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
 """[rad/s], [m/s²] Threshold on an axis's largest reading; above it, equal largest readings in a row are clipped."""
@@ -133,8 +132,15 @@ def _leg(
     mask = np.asarray(imu.mask, bool)
     notes: list[Note] = []
     read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
-    clips = _clipped(read_gyr, CLIPS_ABOVE_RATE), _clipped(read_acc, CLIPS_ABOVE_FORCE)
     whole = shank_axes.filled(imu)
+    peaks = clipping.restored(whole.gyr)
+    whole = whole._replace(gyr=peaks.gyr)
+    equal, forced = (
+        clipping.at_limit(values, above, CLIPS_FOR)
+        for values, above in ((read_gyr, CLIPS_ABOVE_RATE), (read_acc, CLIPS_ABOVE_FORCE))
+    )
+    equal &= ~peaks.clipped
+    turned = equal | peaks.clipped
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
     bias = shank_axes.rest_bias(imu, rate_hz) if options.standing else None
     bias = np.zeros(3) if bias is None else bias
@@ -158,7 +164,7 @@ def _leg(
     if options.standing and still is None:
         notes.append(NEVER_STANDS(placement=name))
     lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
-    for what, flags in zip(("gyroscope", "accelerometer"), clips, strict=True):
+    for what, flags in (("gyroscope", turned), ("accelerometer", forced)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     if lost.any():
@@ -169,15 +175,15 @@ def _leg(
     rests = still if options.standing else None
     signals = AnkleSignals(
         **told,
-        gyr_doubt=np.maximum(LOST_RATE * lost, CLIPPED_RATE * clips[0]),
-        acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips[1]),
+        gyr_doubt=np.maximum(peaks.doubt, np.maximum(LOST_RATE * lost, CLIPPED_RATE * equal)),
+        acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * forced),
         stands=stands,
         rate_hz=np.asarray(float(rate_hz)),
         gyr_bias=axes.rows @ bias,
         still_time=np.asarray(0.0 if rests is None else (rests[1] - rests[0]) / rate_hz),
         mid_shank=np.asarray(float(name.startswith("shank"))),
         axes=axes.rows,
-        **_strides(start, end, stood, time, clips[0]),
+        **_strides(start, end, stood, time, turned),
         count=np.asarray(len(start), np.int32),
     )
     return signals, notes, still
@@ -245,18 +251,6 @@ def _largest(values: np.ndarray, size: int) -> np.ndarray:
     """The largest value in a centred window of an odd number of samples."""
     padded = np.pad(values, size // 2, mode="edge")
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, size).max(axis=1))
-
-
-def _clipped(values: np.ndarray, above: float) -> np.ndarray:
-    """(T,) bool: `CLIPS_FOR` readings or more in a row at the largest reading of an axis, above a limit."""
-    flags = np.zeros(len(values), bool)
-    for axis in values.T:
-        for top in (axis.max(), -axis.min()):
-            at = (axis if top == axis.max() else -axis) >= top - 1e-9
-            for first, last in true_runs(at) if top > above else []:
-                if last - first >= CLIPS_FOR:
-                    flags[first:last] = True
-    return flags
 
 
 def _level(up: np.ndarray) -> np.ndarray:

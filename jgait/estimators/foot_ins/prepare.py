@@ -20,6 +20,7 @@ from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.notes import Note
+from jgait.signal import clipping
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 SLOWEST_HZ = 45.0
@@ -38,7 +39,7 @@ LONGEST_LOSS = 0.25
 """[s] A stride with more lost samples than this is left out; half the duration of a swing."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
-"""[rad/s], [m/s²] Standard deviation of a clipped sample."""
+"""[rad/s], [m/s²] Standard deviation of a clipped sample that is not restored."""
 
 CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 8.0, 35.0
 """[rad/s], [m/s²] Consecutive equal samples at an axis's maximum count as clipped only above this value."""
@@ -112,14 +113,6 @@ def _largest(values: np.ndarray, size: int) -> np.ndarray:
     return largest
 
 
-def _clipped(values: np.ndarray, above: float) -> np.ndarray:
-    """(T,) bool: two consecutive equal samples at the maximum of the axis, above a limit."""
-    top = np.abs(values).max(axis=0)
-    flat = (np.diff(values, axis=0, prepend=np.nan) == 0.0) & (np.abs(values) >= 0.999 * top) & (top > above)
-    flat[:-1] |= flat[1:]
-    return flat.any(axis=1)
-
-
 def _mean_over_interval(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
@@ -131,6 +124,8 @@ def _foot(
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
+    peaks = clipping.restored(gyr)
+    gyr = peaks.gyr
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
@@ -148,7 +143,9 @@ def _foot(
     stands, margin = _standing(gyr - at_rest.gyr_bias, acc, mask, found, hz, detector)
     stands, margin = stands & ~lost, np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
     read_gyr, read_acc = (np.where(mask[:, None], np.asarray(v, np.float64), 0.0) for v in (imu.gyr, imu.acc))
-    clips, turned = _clipped(read_acc, CLIPS_ABOVE_FORCE), _clipped(read_gyr, CLIPS_ABOVE_RATE)
+    clips = clipping.at_limit(read_acc, CLIPS_ABOVE_FORCE)
+    equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE) & ~peaks.clipped
+    turned = equal | peaks.clipped
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
@@ -171,7 +168,7 @@ def _foot(
         acc=_mean_over_interval(acc),
         gyr_jump=jumps[0],
         acc_jump=jumps[1],
-        gyr_doubt=np.maximum(LOST_RATE * lost, CLIPPED_RATE * turned),
+        gyr_doubt=np.maximum(peaks.doubt, np.maximum(LOST_RATE * lost, CLIPPED_RATE * equal)),
         acc_doubt=np.maximum(LOST_FORCE * lost, CLIPPED_FORCE * clips),
         rate=np.linalg.norm(gyr - at_rest.gyr_bias, axis=1),
         stands=stands,

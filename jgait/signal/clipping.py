@@ -1,0 +1,97 @@
+"""Clipped samples: a sensor at the limit of its range, and what it cut off a gyroscope's peaks. On the host, in NumPy.
+
+Some sensors filter, average or calibrate their readings after clipping, so that the readings at the limit are almost,
+not exactly, equal. A peak counts as cut off if it is flat at the limit although its flanks are steep.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jgait.signal.windows import true_runs
+from jgait.types import AnyArray, as_float
+
+LOWEST_RANGE = 4.0
+"""[rad/s] No gyroscope for gait has a smaller range; 250 °/s are 4.4 rad/s."""
+
+NEAR, AXES = 0.98, 0.9
+"""[1] A flat peak lies above the first share of its axis's largest reading, and above the second of the sensor's."""
+
+FLAT = 3
+"""[samples] Lower limit on the length of a flat peak."""
+
+CUT_OFF = 0.02
+"""[1] Least part of the largest reading by which the flanks must overshoot a flat peak."""
+
+PEAKS = 2
+"""[1] Fewer flat peaks in a recording are chance."""
+
+UNSURE = 0.5
+"""[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
+
+
+def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
+    """Samples in runs of `least` or more equal readings within 0.1 % of the largest of their axis, if `above` it."""
+    flags = np.zeros(len(values), bool)
+    for axis in as_float(values).T:
+        top = np.abs(axis).max(initial=0.0)
+        if top > above:
+            equal = (np.diff(axis) == 0.0) & (np.abs(axis[1:]) >= 0.999 * top)
+            for first, last in true_runs(equal):
+                if last - first + 1 >= least:
+                    flags[first : last + 1] = True
+    return flags
+
+
+class Restored(NamedTuple):
+    """A gyroscope with restored peaks.
+
+    Attributes:
+        gyr: (T, 3) angular rate, peaks that were cut off restored [rad/s].
+        doubt: (T,) standard deviation of the restored samples [rad/s], else 0. As white noise it has the deviation of
+            the angle over a peak, whose samples share one error.
+        clipped: (T,) bool, restored samples.
+    """
+
+    gyr: Float[np.ndarray, "time axis"]
+    doubt: Float[np.ndarray, "time"]
+    clipped: Bool[np.ndarray, "time"]
+
+
+def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
+    """Restore the peaks of an angular rate (T, 3) [rad/s] that the gyroscope's range cut off.
+
+    A cubic through the two readings before and the two after a flat peak takes its place, where it is higher. A
+    recording with fewer than `PEAKS` of them is returned as it is.
+    """
+    rate = as_float(gyr)
+    largest = np.abs(rate).max(initial=0.0)
+    peaks = [
+        (axis, sign, *peak) for axis in range(rate.shape[1]) for sign in (1.0, -1.0)
+        for peak in _cut_off(sign * rate[:, axis], max(LOWEST_RANGE, AXES * largest))
+    ]  # fmt: skip
+    doubt = np.zeros(len(rate))
+    if len(peaks) >= PEAKS:
+        rate = rate.copy()
+        for axis, sign, first, missing in peaks:
+            here = slice(first, first + len(missing))
+            rate[here, axis] += sign * missing
+            one = UNSURE * np.sqrt(np.mean(missing**2) * len(missing))
+            doubt[here] = np.maximum(doubt[here], one)
+    return Restored(rate, doubt, doubt > 0.0)
+
+
+def _cut_off(values: np.ndarray, least: float) -> list[tuple[int, np.ndarray]]:
+    """The first sample of each flat peak, and what is missing of its samples."""
+    top = float(values.max(initial=0.0))
+    found = []
+    for first, last in true_runs(values >= NEAR * top) if top > least else []:
+        if last - first < FLAT or first < 2 or last + 2 > len(values):
+            continue
+        flanks = np.array([first - 2, first - 1, last, last + 1])
+        inside = np.arange(first, last)
+        cubic = np.polynomial.Polynomial.fit(flanks, values[flanks], 3)(inside)
+        if cubic.max() - values[inside].max() > CUT_OFF * top:
+            found.append((first, np.clip(cubic - values[inside], 0.0, top)))
+    return found

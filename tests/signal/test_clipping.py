@@ -1,0 +1,54 @@
+"""Clipped readings are found, and the peaks of a gyroscope that its range cut off are restored."""
+
+import numpy as np
+import pytest
+
+from jgait.signal import clipping
+
+RATE = 200.0
+LIMIT = 8.7
+
+
+def swings(highest=11.0):
+    """Ten strides of a foot's rates [rad/s], the largest about the second axis."""
+    time = np.arange(0.0, 10.0, 1.0 / RATE)
+    phase = 2.0 * np.pi * time
+    pitch = highest * (0.72 * np.sin(phase) + 0.4 * np.sin(2.0 * phase + 0.4))
+    noise = 0.01 * np.random.default_rng(0).normal(size=(time.size, 3))
+    return np.stack([0.3 * np.cos(phase), pitch, 0.2 * pitch], axis=1) + noise
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.02])
+def test_peaks_are_restored_and_say_how_unsure_they_are(softness):
+    true = swings()
+    read = np.clip(true, -LIMIT, LIMIT)
+    read = np.where(np.abs(true) > LIMIT, read + softness * np.random.default_rng(1).normal(size=read.shape), read)
+    found = clipping.restored(read)
+    cut = np.abs(true[:, 1]) > LIMIT
+    assert cut.sum() > 100 and (found.clipped & cut).sum() > 0.95 * cut.sum()
+    assert (found.clipped & ~cut).sum() <= 0.1 * cut.sum()
+    np.testing.assert_array_equal(found.gyr[~found.clipped], read[~found.clipped])
+    # What is missing of the angle over a peak: most of it is restored, the rest agrees with the deviation.
+    before, after = (np.sum((true - rate)[:, 1] * found.clipped) / RATE / 10.0 for rate in (read, found.gyr))
+    assert abs(after) < 0.25 * abs(before)
+    assert 0.2 * before**2 < np.sum((found.doubt / RATE) ** 2) / 10.0 < 2.0 * before**2
+
+
+@pytest.mark.parametrize("rate", [swings(), swings(3.0), np.zeros((50, 3)), np.zeros((0, 3))])
+def test_a_rate_within_the_range_stays_as_it_is(rate):
+    found = clipping.restored(rate)
+    np.testing.assert_array_equal(found.gyr, rate)
+    assert not found.clipped.any() and not found.doubt.any()
+
+
+def test_one_flat_peak_is_chance():
+    rate = swings()
+    rate[:200] = np.clip(rate[:200], -LIMIT, LIMIT)
+    assert not clipping.restored(rate[:300]).clipped.any()
+
+
+def test_equal_readings_at_the_limit():
+    values = np.array([[0.0], [9.0], [9.0], [1.0], [-9.0], [-9.0], [-9.0], [3.0], [3.0]])
+    np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0)), [1, 2, 4, 5, 6])
+    np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0, 3)), [4, 5, 6])
+    assert not clipping.at_limit(values, 9.5).any() and not clipping.at_limit(np.zeros((0, 2)), 1.0).any()
