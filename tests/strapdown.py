@@ -63,6 +63,7 @@ def _integral(samples: Any, dt: Any) -> Any:
     return jnp.concatenate([jnp.zeros_like(samples[:1]), jnp.cumsum(steps, axis=0)])
 
 
+@jax.jit
 def attitude(gyr: Any, dt: Any, start: Any) -> Any:
     """Axes of a sensor (T, 3, 3) from its angular rate (T, 3) [rad/s], samples dt [s] apart, and its first axes."""
     rates = [_shifted(gyr, i) for i in (-2, -1, 0, 1, 2, 3)]
@@ -75,6 +76,7 @@ def attitude(gyr: Any, dt: Any, start: Any) -> Any:
     return jax.lax.associative_scan(lambda a, b: a @ b, all_turns)
 
 
+@jax.jit
 def integrate(gyr: Any, acc: Any, dt: Any, axes: Any, position: Any = None, velocity: Any = None) -> Path:
     """Integrate a sensor's readings from a known start.
 

@@ -29,7 +29,8 @@ def test_padding_changes_no_piece_of_a_route():
     along = simulate.route({"length": 2.0, "turn": 1.0}, {"length": 3.0, "slope": 0.1, "speed": 0.7, "riser": 0.1})
     wide, distance = simulate.routes.padded(along), np.linspace(-1.0, 7.0, 33)
     assert len(wide.length) == 16
-    for one, other in zip(simulate.routes.at(along, distance), simulate.routes.at(wide, distance), strict=True):
+    at = jax.jit(simulate.routes.at)
+    for one, other in zip(at(along, distance), at(wide, distance), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-14)
     for field in ("slope", "speed", "riser"):
         values = (simulate.routes.value_at(route, getattr(route, field), distance) for route in (along, wide))
@@ -41,7 +42,7 @@ def test_noise_does_not_depend_on_padding(samples):
     time = np.arange(64) / 100.0
     still = np.zeros((64, 3))
     errors = MPU6000._replace(packet_loss=0.3)
-    whole = measure(KEY, time, still, still, errors)
-    part = measure(KEY, time[:samples], still[:samples], still[:samples], errors)
+    read = jax.jit(measure)
+    whole, part = (read(KEY, time[:end], still[:end], still[:end], errors) for end in (64, samples))
     for name in ("gyr", "acc", "mask"):
         np.testing.assert_allclose(getattr(whole, name)[:samples], getattr(part, name), atol=1e-12)

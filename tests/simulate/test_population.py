@@ -118,11 +118,11 @@ def test_whole_steps_cover_a_route_exactly(people, along):
     assert found.gait.steps == round(found.gait.steps)
     assert abs(found.gait.stride_length / person.gait.stride_length - 1.0) < 0.15
     assert found.gait.stride_time == person.gait.stride_time
-    laid = simulate.plan(jax.random.split(key)[0], found, along, 16)
+    laid = limits(key, found, along)[0]
     last = int(found.gait.steps) + 1  # entry of the last foothold; the next closes up beside it
     middle = 0.5 * np.array([laid.x[last] + laid.x[last + 1], laid.y[last] + laid.y[last + 1]])
     aside = found.gait.width_variability * 2.5
-    end = simulate.routes.at(along, np.array([total]))
+    end = jax.jit(simulate.routes.at)(simulate.routes.padded(along), np.array([total]))
     assert np.hypot(middle[0] - float(end.x[0]), middle[1] - float(end.y[0])) < aside
     forward = (middle[0] - end.x[0]) * np.cos(end.heading[0]) + (middle[1] - end.y[0]) * np.sin(end.heading[0])
     assert abs(float(forward)) < 1e-9
