@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from made.process import environment
 
 from jgait import io, simulate
 
@@ -21,8 +22,9 @@ def blocks(page):
 
 def run(code, folder):
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False, cwd=folder
-    )
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False, cwd=folder,
+        env=environment(),
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
 

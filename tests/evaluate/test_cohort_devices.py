@@ -1,32 +1,27 @@
 """A cohort on several devices, processes and machines gives what one device gives."""
 
 import logging
-import os
 import socket
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import jax
 import numpy as np
 import pandas as pd
 import pytest
 from made.cohort import FAKE, read, read_or_die, walk
+from made.process import environment
 
 from jgait import evaluate
 from jgait.evaluate import devices
 
-TESTS = Path(__file__).parents[1]
+WIDE = {"JAX_ENABLE_X64": "1"}
 
 
 def close(one, two):
     for name in one._fields:
         pd.testing.assert_frame_equal(getattr(one, name), getattr(two, name), rtol=1e-9, atol=1e-9)
-
-
-def environment(**settings: str) -> dict[str, str]:
-    return {**os.environ, "JAX_ENABLE_X64": "1", "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(TESTS), **settings}
 
 
 def test_devices_share_each_batch(tmp_path):
@@ -48,7 +43,7 @@ print(len(result.distance.sharding.device_set), result.distance.addressable_shar
 """
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False,
-        env=environment(XLA_FLAGS=f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4"),
+        env=environment(4, **WIDE),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["4", "17", "True", "4", "1"]
@@ -95,7 +90,7 @@ for name, table in tables._asdict().items():
     running = [
         subprocess.Popen(
             [sys.executable, "-c", script, f"127.0.0.1:{port}", str(number), *arguments],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(),
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(**WIDE),
         )
         for number in range(2)
     ]  # fmt: skip
@@ -137,10 +132,9 @@ def test_processes_wait_for_those_that_are_late(monkeypatch):
 def client(monkeypatch):
     """Two worker processes on this machine."""
     distributed = pytest.importorskip("distributed")
+    # What JAX computes with comes with the task and not from here.
     for name, value in environment().items():
         monkeypatch.setenv(name, value)
-    # What JAX computes with comes with the task and not from here.
-    monkeypatch.delenv("JAX_ENABLE_X64")
     with warnings.catch_warnings():
         # Workers that are killed leave sockets and event loops behind, and say so late.
         warnings.simplefilter("ignore", ResourceWarning)

@@ -1,20 +1,18 @@
 """A fit whose items are spread over devices or processes finds what one device finds."""
 
-import os
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import optax
 import pytest
 from made.people import OWN, PEOPLE, READINGS, START, likelihood
+from made.process import environment
 
 from jgait import tune
 
-TESTS = Path(__file__).parents[1]
 MESH = """
 import os, sys
 import jax, numpy as np, optax
@@ -39,11 +37,6 @@ if jax.process_index() == 0:
     np.savez(sys.argv[1], *map(np.asarray, jax.tree.leaves(tuple(f[:8] for f in (fit, more)))))
 print(jax.device_count())
 """
-
-
-def environment(devices: int) -> dict[str, str]:
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    return {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(TESTS), "XLA_FLAGS": flags}
 
 
 def alone(**more):

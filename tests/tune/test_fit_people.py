@@ -13,6 +13,7 @@ import numpy as np
 import optax
 import pytest
 from made.people import OWN, PEOPLE, READINGS, START, TRUE, Leg, likelihood
+from made.process import environment
 
 from jgait import tune
 from jgait.params import fixed, interval, lognormal, normal, per_subject, positive, real
@@ -235,7 +236,8 @@ def test_killed_by_force_it_ends_with_the_same_bits(tmp_path):
     )
     draw, kills = np.random.default_rng(1), 0
     while not out.exists():
-        with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        command = [sys.executable, "-c", script]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment()) as process:
             left = int(draw.integers(50, 250)) if kills < 3 else 10**9
             for _ in process.stdout:
                 left -= 1
