@@ -213,7 +213,7 @@ def as_vector(values):
     ids=["exponential", "logarithm", "rotation"],
 )
 def test_gradients_equal_finite_differences(function, at):
-    found = jax.jacrev(function)(jnp.asarray(at))
+    found = jax.jit(jax.jacrev(function))(jnp.asarray(at))
     close(found, finite_differences(jax.jit(function), at), 1e-8)
 
 
@@ -221,9 +221,9 @@ def test_derivatives_at_no_rotation_worked_by_hand():
     def near(v):
         return as_array(exponential(as_vector(v)))
 
-    close(jax.jacfwd(near)(jnp.zeros(3)), np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)]), 1e-15)
-    close(jax.hessian(lambda v: near(v)[0])(jnp.zeros(3)), -0.25 * np.eye(3), 1e-15)
-    slope = jax.jacfwd(lambda q: jnp.stack(logarithm(Quaternion(*q))))(jnp.asarray([1.0, 0.0, 0.0, 0.0]))
+    close(jax.jit(jax.jacfwd(near))(jnp.zeros(3)), np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)]), 1e-15)
+    close(jax.jit(jax.hessian(lambda v: near(v)[0]))(jnp.zeros(3)), -0.25 * np.eye(3), 1e-15)
+    slope = jax.jit(jax.jacfwd(lambda q: jnp.stack(logarithm(Quaternion(*q)))))(jnp.asarray([1.0, 0.0, 0.0, 0.0]))
     close(slope, np.concatenate([np.zeros((3, 1)), 2.0 * np.eye(3)], axis=1), 1e-15)
 
 
@@ -236,13 +236,13 @@ def test_gradient_of_between_equals_finite_differences(b):
     def turned(b):
         return as_array(between(as_vector(a), as_vector(b)))
 
-    close(jax.jacrev(turned)(jnp.asarray(b)), finite_differences(jax.jit(turned), b), 1e-8)
+    close(jax.jit(jax.jacrev(turned))(jnp.asarray(b)), finite_differences(jax.jit(turned), b), 1e-8)
 
 
 def test_gradient_of_between_is_finite_where_it_jumps():
     """At opposite directions the shortest way is any: no gradient is right, but none is lost."""
     for sign in (1.0, -1.0):
-        slope = jax.jacrev(lambda b: as_array(between(Vector(0.6, 0.0, 0.8), as_vector(b))))
+        slope = jax.jit(jax.jacrev(lambda b: as_array(between(Vector(0.6, 0.0, 0.8), as_vector(b)))))
         assert np.isfinite(slope(sign * jnp.asarray([0.6, 0.0, 0.8]))).all()
 
 
