@@ -24,6 +24,10 @@ NEAR_S, FAR_S = 0.1, 0.9
 STILL = 0.25
 """[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is still."""
 
+RESTS = 1.5
+"""[rad/s] Largest norm of the rate in a valley; shanks of recorded walks reach 1.4. In tight turns the sagittal rate
+can be least while the leg swings."""
+
 CUTOFF_HZ = 4.0
 """[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
 
@@ -74,7 +78,7 @@ def stances(
         if low is not None and high is not None and high - low <= PAUSE_S * sampling_rate_hz:
             span = high - low
             a, b = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
-            after[k - 1] = before[k] = a + int(np.argmin(x[a : max(b, a + 1)]))
+            after[k - 1] = before[k] = _valley(x, norm, a, max(b, a + 1))
             continue
         if low is not None:
             after[k - 1] = _still(norm, low, 1, sampling_rate_hz, limit=high)
@@ -83,6 +87,12 @@ def stances(
             before[k] = _still(norm, high, -1, sampling_rate_hz, limit=low)
             standing[k, 0] = True
     return ShankStances(before, after, standing)
+
+
+def _valley(x: np.ndarray, norm: np.ndarray, first: int, last: int) -> int:
+    """The sample of the valley of the sagittal rate, or of the norm of the rate in a turn that hides the valley."""
+    at = first + int(np.argmin(x[first:last]))
+    return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
 
 
 def _still(norm: np.ndarray, swing: int, way: int, rate_hz: float, limit: int | None) -> int:

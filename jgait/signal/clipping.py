@@ -27,6 +27,15 @@ CUT_OFF = 0.02
 PEAKS = 2
 """[1] Fewer flat peaks in a recording are chance."""
 
+AGAIN = 3
+"""[samples] Least number of equal largest readings of impacts that are cut off."""
+
+FINE = 1e-3
+"""[1] Largest step of a sensor over its largest reading with which separate impacts do not reach equal readings."""
+
+STEEP = 0.1
+"""[1] Least change beside such a reading, over it: a peak that is not cut off is round."""
+
 UNSURE = 0.5
 """[1] Standard deviation of a restored peak over what was restored; one error for all samples of a peak."""
 
@@ -42,6 +51,24 @@ def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2)
                 if last - first + 1 >= least:
                     flags[first : last + 1] = True
     return flags
+
+
+def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
+    """Samples of impacts that a sensor's range, if `above` a limit, cuts off for one or two samples.
+
+    All axes have one range: `AGAIN` readings or more of exactly the same size, the largest of all, between which the
+    signal changes steeply. Without fine steps separate peaks can be equal, and none are found.
+    """
+    signal = as_float(values)
+    size = np.abs(signal)
+    top = float(size.max(initial=0.0))
+    steps = np.abs(np.diff(signal, axis=0))
+    if top <= above or not steps[steps > 0.0].min(initial=top) < FINE * top:
+        return np.zeros(len(signal), bool)
+    edge = np.zeros((1, signal.shape[1]))
+    steep = np.maximum(np.vstack([edge, steps]), np.vstack([steps, edge])) > STEEP * top
+    found = (size >= top - 1e-9) & steep
+    return np.asarray(found.any(axis=1) & (found.sum() >= AGAIN))
 
 
 class Restored(NamedTuple):

@@ -167,6 +167,19 @@ def test_bias_at_rest():
     assert shank_axes.rest_bias(biased._replace(gyr=biased.gyr + 1.0), RATE) is None
 
 
+def test_a_swing_in_which_the_sagittal_rate_is_least_is_no_stance():
+    time = np.arange(0.0, 3.0, 1.0 / RATE)
+    rate = 0.5 + np.zeros(time.size)  # rolls over the foot
+    start, end = (np.rint(RATE * np.array(at)).astype(int) for at in ([0.6, 1.9], [0.9, 2.2]))
+    at = [int(RATE * seconds) for seconds in (1.3, 1.6)]
+    rate[at] = 0.2, -0.5  # the valley, and a leg that leaves the ground in a tight turn
+    speed = np.abs(rate)
+    assert shank_stance.stances(rate, speed, start, end, RATE).end[0] == at[1]
+    speed[at[1]] = 3.0
+    stood = shank_stance.stances(rate, speed, start, end, RATE)
+    assert stood.end[0] == stood.begin[1] == at[0]
+
+
 def test_stances_lie_between_swings_and_in_standing():
     told = swings(sagittal(TIME), RATE)
     start, end = (np.rint(np.asarray(v)[np.asarray(told.stride)] * RATE) for v in (told.start, told.end))

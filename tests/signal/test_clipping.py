@@ -52,3 +52,22 @@ def test_equal_readings_at_the_limit():
     np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0)), [1, 2, 4, 5, 6])
     np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0, 3)), [4, 5, 6])
     assert not clipping.at_limit(values, 9.5).any() and not clipping.at_limit(np.zeros((0, 2)), 1.0).any()
+
+
+def impacts(resolution):
+    """Ten impacts of different sizes, of which one sample each is above 40 [m/s²]."""
+    signal = np.random.default_rng(0).normal(size=(1000, 3))
+    signal[50::100, 0] += np.linspace(42.0, 80.0, 10)
+    return resolution * np.round(signal / resolution)
+
+
+def test_impacts_that_a_range_cuts_off_for_single_samples():
+    true = impacts(0.001)
+    found = clipping.cut_short(np.clip(true, -39.2, 39.2), 18.0)
+    np.testing.assert_array_equal(np.flatnonzero(found), np.arange(50, 1000, 100))
+    assert not clipping.cut_short(true, 18.0).any()
+    assert not clipping.cut_short(np.clip(true, -39.2, 39.2), 50.0).any()
+    assert not clipping.cut_short(np.clip(impacts(1.0), -39.0, 39.0), 18.0).any()  # equal peaks can be chance
+    round_peaks = 30.0 * np.sin(np.arange(1000.0) * 2.0 * np.pi / 100.0)[:, None]
+    assert not clipping.cut_short(round_peaks, 18.0).any()
+    assert not clipping.cut_short(np.zeros((0, 3)), 18.0).any()

@@ -44,7 +44,7 @@ PER_STRIDE = (*FLAGS, "stride_nis", "doubtful")
 
 _LEVER = ("lever_ankle", "lever_shank", "lever_forward", "lever_left")
 _PENDULUM = ("leg_length", "angle_gain", "time_gain")
-_STATED = ("stride_noise", "distance_noise")
+_STATED = ("stride_noise", "lever_turn_sd", "distance_noise")
 _FILTER = tuple(n for n in AnkleParams._fields if n not in (*_LEVER, *_PENDULUM, *_STATED, "cutoff_hz"))
 UNUSED = {
     "filter": (*_PENDULUM, "height_noise"),

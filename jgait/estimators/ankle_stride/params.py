@@ -63,6 +63,9 @@ class AnkleParams(NamedTuple):
     stride_noise: Annotated[Param, Parameter(
         positive, "m", "error of a stride that the model knows nothing of; enters the stated deviations only",
     )] = 0.012  # fmt: skip
+    lever_turn_sd: Annotated[Param, Parameter(
+        positive, "m", "how far the sensor may be beside the ankle, for strides that turn; stated deviations only",
+    )] = 0.035  # fmt: skip
     distance_noise: Annotated[Param, Parameter(
         positive, "1", "error that all strides of a walk share, of lever and scale, over the distance; enters the "
         "distance's stated deviation only",

@@ -139,6 +139,7 @@ def _leg(
         clipping.at_limit(values, above, CLIPS_FOR)
         for values, above in ((read_gyr, CLIPS_ABOVE_RATE), (read_acc, CLIPS_ABOVE_FORCE))
     )
+    forced |= clipping.cut_short(read_acc, CLIPS_ABOVE_FORCE)
     equal &= ~peaks.clipped
     turned = equal | peaks.clipped
     still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)

@@ -87,7 +87,9 @@ def heading(state: AnkleState, cov: Covariance) -> Heading:
 
 def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:
     """Standard deviations of strides, given the headings at their begin and end and their duration [s]."""
-    length_sd = root(way.length_variance + p.stride_noise**2)
+    # a sensor beside the ankle moves, relative to the ankle, by the chord of the leg's turn
+    chord = p.lever_turn_sd * 2.0 * jnp.sin(0.5 * strides.turn)
+    length_sd = root(way.length_variance + p.stride_noise**2 + chord**2)
     speed_sd = root((length_sd / duration) ** 2 + (way.length * TIMING / duration**2) ** 2)
     return strides._replace(
         start=None, final_contact=None, end=None, length=length_sd, width=jnp.full_like(way.length, jnp.nan),

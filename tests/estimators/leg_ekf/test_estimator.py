@@ -93,6 +93,20 @@ def test_ideal_sensors_give_the_true_angles_and_foot_path(walk):
     assert bool(np.all(result.valid))
 
 
+def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
+    recording, truth = walk
+    p = parameters(truth)
+    known = p._replace(standing_hip_sd=1e-6, standing_knee_sd=1e-6)
+    stated, rest = (leg_ekf.estimate(one, recording).stddev.right for one in (p, known))
+    for joint, pose in (("hip_angle", p.standing_hip_sd), ("knee_angle", p.standing_knee_sd)):
+        whole, moving = np.asarray(getattr(stated, joint)), np.asarray(getattr(rest, joint))
+        np.testing.assert_allclose(whole**2 - moving**2, pose**2, rtol=1e-6)
+        assert moving.max() > 1.5 * moving[:50].mean()
+    # an error of the hip turns the whole leg: of the standing foot, which is below the hip, mostly forward
+    length = float(p.thigh_length.right + p.shank_length.right)
+    assert np.asarray(stated.x)[:50].mean() > 0.9 * p.standing_hip_sd * length
+
+
 def test_a_recording_of_another_length_compiles_nothing(walk, compiled):
     recording, truth = walk
     p = parameters(truth)

@@ -61,3 +61,16 @@ def test_a_rate_that_is_too_low_is_refused(walk):
     slow = {p: Imu(*(part[::4] for part in imu)) for p, imu in walk.sensors.items()}
     with pytest.raises(RecordingError, match="needs 40 Hz or more; the recording has 25 Hz"):
         estimate(walk._replace(sensors=slow, sampling_rate_hz=25.0))
+
+
+def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk):
+    half = {p: Imu(*(part[::2] for part in imu)) for p, imu in walk.sensors.items()}
+    lost = {}
+    for number, (placement, imu) in enumerate(half.items()):
+        mask = np.asarray(imu.mask) & (np.random.default_rng(number).random(imu.time.size) > 0.01)
+        lost[placement] = imu._replace(gyr=np.where(mask[:, None], imu.gyr, 0.0), mask=mask)
+    whole = estimate(walk)
+    knee = np.rad2deg(whole.legs.right.knee_angle)[::2]
+    for sensors, least in ((half, 1.0), (lost, 1.5)):
+        slow = estimate(walk._replace(sensors=sensors, sampling_rate_hz=50.0))
+        assert np.sqrt(np.mean((np.rad2deg(slow.legs.right.knee_angle) - knee) ** 2)) < least
