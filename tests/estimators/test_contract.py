@@ -226,13 +226,17 @@ def test_single_precision_stays_single_and_is_near_to_double(name):
 
 @functools.cache
 def derivative_program(name: str) -> Callable[..., Any]:
+    """Rows of parameters and directions (K, n) → an estimate and its derivative for each row."""
     case, run = case_of(name), run_of(name)
     tree = jax.tree.structure(case.params)
 
     def f(v: Any, i: Any) -> dict[str, Any]:
         return numbers(run(jax.tree.unflatten(tree, list(v)), i, case.light))
 
-    return jax.jit(lambda v, w, i: jax.jvp(lambda x: f(x, i), (v,), (w,)))
+    def slope(v: Any, w: Any, i: Any) -> Any:
+        return jax.jvp(lambda x: f(x, i), (v,), (w,))
+
+    return jax.jit(jax.vmap(slope, (0, 0, None)))
 
 
 def numbers(result: Any) -> dict[str, Any]:
@@ -257,15 +261,15 @@ def parameters(name: str) -> tuple[list[str], np.ndarray, np.ndarray]:
     return names, values, np.where(values != 0.0, values, 0.01)
 
 
-def along(name: str, values: np.ndarray, way: np.ndarray, number: int = 0) -> tuple[dict[str, Any], dict[str, Any]]:
-    return derivative_program(name)(values, way, case_of(name).inputs[number])
+def along(name: str, values: np.ndarray, ways: np.ndarray, number: int = 0) -> tuple[dict[str, Any], ...]:
+    return jax.tree.map(np.asarray, derivative_program(name)(values, ways, case_of(name).inputs[number]))
 
 
 @functools.cache
-def slope_along(name: str, number: int, k: int) -> dict[str, np.ndarray]:
-    """The derivative of the estimate of a walk along the parameter with number k, for a change of its own size."""
-    names, values, size = parameters(name)
-    return along(name, values, size * (np.arange(len(names)) == k), number)[1]
+def slopes(name: str, number: int) -> dict[str, np.ndarray]:
+    """Derivatives of the estimate of a walk: a row for each parameter, for a change of its own size."""
+    _, values, size = parameters(name)
+    return along(name, np.tile(values, (len(size), 1)), np.diag(size), number)[1]
 
 
 def without_effect(name: str) -> set[str]:
@@ -275,34 +279,31 @@ def without_effect(name: str) -> set[str]:
     return {n for n in names if any(n == group or n.startswith(f"{group}.") for group in record.unused)}
 
 
-def moves(slope: dict[str, Any]) -> bool:
-    return any(np.any(np.asarray(value) != 0.0) for value in slope.values())
+def moving(name: str, number: int) -> np.ndarray:
+    """Which parameters move anything."""
+    return np.any([np.any(v.reshape(len(v), -1) != 0.0, axis=1) for v in slopes(name, number).values()], axis=0)
 
 
 @every_estimator
 def test_the_gradient_is_zero_for_the_listed_parameters_and_no_others(name):
     names = parameters(name)[0]
-    moving = {n for k, n in enumerate(names) if any(moves(slope_along(name, number, k)) for number in (0, 1))}
+    found = {n for n, moves in zip(names, moving(name, 0) | moving(name, 1), strict=True) if moves}
     idle = {n for n in names if n.startswith(case_of(name).idle)} if case_of(name).idle else set()
-    assert moving == set(names) - without_effect(name) - idle
+    assert found == set(names) - without_effect(name) - idle
 
 
 @every_estimator
 def test_gradients_are_finite_and_equal_to_finite_differences(name):
     names, values, size = parameters(name)
-    for k, parameter in enumerate(names):
-        slope = slope_along(name, 0, k)
-        assert all(np.all(np.isfinite(value)) for value in slope.values()), parameter
-        if not moves(slope):
-            continue
-        h = 1e-5
-        step = h * size * (np.arange(len(names)) == k)
-        up, down = (along(name, values + sign * step, 0.0 * step)[0] for sign in (1.0, -1.0))
-        for path, value in slope.items():
-            by_hand = (np.asarray(up[path]) - np.asarray(down[path])) / (2.0 * h)
-            rounding = 1e-6 * max(1.0, float(np.max(np.abs(up[path]), initial=0.0)))
-            most = 2e-4 * float(np.max(np.abs(value), initial=0.0)) + rounding
-            np.testing.assert_allclose(value, by_hand, rtol=0.0, atol=most, err_msg=f"{path} by {parameter}")
+    h = 1e-5
+    up, down = (along(name, values + sign * h * np.diag(size), np.zeros((len(size),) * 2))[0] for sign in (1.0, -1.0))
+    for path, slope in slopes(name, 0).items():
+        assert np.all(np.isfinite(slope)), path
+        for k in np.flatnonzero(moving(name, 0)):
+            by_hand = (up[path][k] - down[path][k]) / (2.0 * h)
+            rounding = 1e-6 * max(1.0, float(np.max(np.abs(up[path][k]), initial=0.0)))
+            most = 2e-4 * float(np.max(np.abs(slope[k]), initial=0.0)) + rounding
+            np.testing.assert_allclose(slope[k], by_hand, rtol=0.0, atol=most, err_msg=f"{path} by {names[k]}")
 
 
 # --- what an estimator states about itself ---
