@@ -7,6 +7,7 @@ from jgait.version import __version__
 
 if TYPE_CHECKING:
     from jgait.estimators.combined import Analysis, analyse
+    from jgait.estimators.online import News, Online, online
     from jgait.types import (
         PLACEMENTS,
         SIDES,
@@ -34,6 +35,8 @@ __all__ = [
     "Imu",
     "LegTrajectory",
     "Legs",
+    "News",
+    "Online",
     "RangeReadings",
     "Recording",
     "RecordingError",
@@ -42,13 +45,16 @@ __all__ = [
     "__version__",
     "analyse",
     "leg_of",
+    "online",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `jgait.types` or `jgait.estimators.combined`, imported, and JAX with it, when it is first asked for."""
+    """A public name or `types`, imported, and JAX with it, when it is first asked for."""
     if name in ("Analysis", "analyse"):
         return getattr(importlib.import_module("jgait.estimators.combined"), name)
+    if name in ("News", "Online", "online"):
+        return getattr(importlib.import_module("jgait.estimators.online"), name)
     if name == "types" or name in __all__:
         module = importlib.import_module("jgait.types")
         return module if name == "types" else getattr(module, name)

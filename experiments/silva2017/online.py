@@ -24,6 +24,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.ankle_stride.online import ONLINE
+from jgait.estimators.online.device import Structure, packed, unpacked
 from jgait.filtering.compile import compiler_options
 from jgait.types import Imu, Recording, Strides
 
@@ -46,27 +47,6 @@ def made() -> Recording:
 def in_dtype(tree: Any, dtype: Any) -> Any:
     """The tree with floats of a type."""
     return jax.tree.map(lambda v: jnp.asarray(v, dtype if np.result_type(v) == np.float64 else np.result_type(v)), tree)
-
-
-def packed(state: Any) -> list[Any]:
-    """A state as one array a type."""
-    leaves = jax.tree.leaves(state)
-    kinds = sorted({leaf.dtype for leaf in leaves}, key=str)
-    return [jnp.concatenate([leaf.ravel() for leaf in leaves if leaf.dtype == kind]) for kind in kinds]
-
-
-def unpacked(parts: list[Any], like: Any) -> Any:
-    """Inverse of `packed`, for a state of the shapes of another."""
-    leaves: Any
-    leaves, structure = jax.tree.flatten(like)
-    at = {part.dtype: 0 for part in parts}
-    found = []
-    for leaf in leaves:
-        part = next(part for part in parts if part.dtype == leaf.dtype)
-        first = at[leaf.dtype]
-        at[leaf.dtype] = first + leaf.size
-        found.append(part[first : first + leaf.size].reshape(leaf.shape))
-    return jax.tree.unflatten(structure, found)
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
@@ -113,10 +93,12 @@ def calls_us(p: AnkleParams, worn: Any, state: Any, gyr: Any, acc: Any, calls: i
         state, now = ankle_online.one(p, worn, state, gyr, acc)
         return state, (now.stride, now.distance, now.strides.length)
 
+    structure = Structure.of(state)
+
     def small(parts: Any, gyr: Any, acc: Any, times: Any) -> Any:
         # in a loop, even one that turns once, the step is one compiled function, as in a scan
         def turn(_: Any, carried: Any) -> Any:
-            after, told = plain(unpacked(carried[0], state), gyr, acc)
+            after, told = plain(unpacked(carried[0], structure), gyr, acc)
             return packed(after), told
 
         zero = jnp.zeros_like(gyr[0])

@@ -18,13 +18,13 @@ Deviations from `ankle_stride` without smoothing, which integrates signals filte
     6. Nothing is known of a reading's range, so that clipped swings are not noticed.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.ankle_stride import model as ankle_model
@@ -52,7 +52,8 @@ from jgait.filtering import Belief
 from jgait.filtering.compile import compiled
 from jgait.geometry.vectors import Vector, vector, wrapped
 from jgait.signal import butterworth
-from jgait.types import Flags, Strides, Values
+from jgait.signal.loop import scanned
+from jgait.types import Counts, Flags, Strides, Values
 
 __all__ = [
     "ONLINE",
@@ -71,7 +72,7 @@ __all__ = [
 
 
 class _Delayed(NamedTuple):
-    """A row of the history, with the field names that `ankle_stride.estimator.control` uses."""
+    """Rows of the history (T,), with the field names that `ankle_stride.estimator.control` uses."""
 
     gyr_jump: Values
     acc_jump: Values
@@ -83,50 +84,34 @@ class _Delayed(NamedTuple):
     gyr_bias: Values
 
 
-def _filter_step(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, row: PyTree, stands: Flags, options: AnkleOptions
-) -> tuple[Belief, Values, Values]:
-    """The filter's step over the oldest row of the history: belief, whether the filter has started, and is valid."""
-    stands = stands & (row[8] == 0.0)
-    started = state.started | stands
-    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, level_prior(p, worn, row[:6]))
-    dt = jnp.where(state.started, 1.0 / worn.rate_hz, 0.0)
-    mean = 0.5 * (row[:6] + state.before)
-    now = _Delayed(row[6], row[7], row[8], row[9], dt, state.restart, worn.rate_hz, worn.gyr_bias)
-    driven = control(p, now, vector(row[:3]), vector(mean[:3]), vector(mean[3:]))
-    zero, seen = jnp.zeros_like(row[:1]), stands[None]
-    speed, still = Vector(zero, zero, zero), Vector(seen, seen, seen)
-    told = filtering.kalman_filter(
-        ankle_model.MODEL,
-        model_params(p),
-        AnkleObservation(speed, zero),
-        controls=jax.tree.map(lambda leaf: leaf[None], driven),
-        dt=dt,
-        mask=AnkleObservation(still, seen if options.level else False),
-        method=options.method,
-        initial=initial,
-        keep=("mean", "cov", "valid"),
-    )
-    after = jax.tree.map(lambda leaf: leaf[0], Belief(told.mean, told.cov))
-    return after, started, told.valid[0]
+class _Event(NamedTuple):
+    """What is decided at the filter's sample, before the filter runs.
 
+    Attributes:
+        row: (11,) the sample, see `AnkleOnlineState.history`.
+        before: (6,) the sample before it.
+        stands: bool, zero velocity is observed.
+        began: bool, the filter had started before the sample.
+        restart: 1 if positions count from the sample before, else 0.
+        instant: bool, the middle of a stance or standing: positions count from here.
+        half: bool, an instant of standing, not of a valley.
+        ends: bool, a swing ends here.
+        swung: the swings since the last instant.
+        landed: end of the swing before them [s].
+        still: bool, the person stands at the newest sample.
+    """
 
-def _stride(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, swung: OnlineSwing, belief: Belief, stood: PyTree
-) -> tuple[Strides, Strides, dict[str, Values], Heading]:
-    """The stride that ends at the filter's sample, its standard deviations and flags, and the heading at the sample."""
-    way = ankle_strides.measured(belief.mean.position, ankle_strides.across(belief.cov))
-    there = ankle_strides.heading(belief.mean, belief.cov)
-    follows = swung.leaves - state.landed <= shank_stance.PAUSE_S
-    start = jnp.where(follows, state.landed, swung.leaves)
-    duration = jnp.maximum(swung.lands - start, 1e-3)
-    times = (start, swung.leaves, swung.lands)
-    turn = wrapped(there.angle - state.heading.angle)
-    strides = ankle_strides.table(0, times, duration, way.length, way.height, turn, jnp.ones((), bool))
-    strides = strides._replace(side=jnp.asarray(worn.side))
-    stddev = ankle_strides.deviations(p, strides, way, state.heading, there, duration)
-    flags = ankle_strides.flags(strides, half=~follows | stood)
-    return strides, stddev, flags, there
+    row: Values
+    before: Values
+    stands: Flags
+    began: Flags
+    restart: Values
+    instant: Flags
+    half: Flags
+    ends: Flags
+    swung: OnlineSwing
+    landed: Values
+    still: Flags
 
 
 def _seen(
@@ -174,11 +159,11 @@ def _seen(
     return after, jnp.concatenate([smooth, jump, doubt, calm[None]])
 
 
-def _advanced(
-    p: AnkleParams, worn: Worn, filters: Filters, state: AnkleOnlineState, sample: tuple[Values, Values, Values],
-    options: AnkleOptions,
-) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """One sample: detection of swing and stance, then the filter a lag behind, then the stride if a stride ends."""
+def _decided(
+    worn: Worn, filters: Filters, options: AnkleOptions, state: AnkleOnlineState, sample: tuple[Values, Values, Values]
+) -> tuple[AnkleOnlineState, _Event]:
+    """One sample: detection of swing and stance at the newest sample, and what follows for the filter's sample."""
+    before = state
     state, newest = _seen(worn, filters, state, *sample, options)
     rows, index = state.history.shape[0], state.index
     row = state.history[index % rows]
@@ -187,28 +172,127 @@ def _advanced(
     # the sample of the stance rates that was measured at the time of the filter's sample
     looked = index - rows + worn.shift
     near = full & (jnp.abs(looked - state.stood) <= worn.reach)
-    belief, started, sound = _filter_step(p, worn, state, row, near | (calm & full), options)
+    stands = (near | (calm & full)) & (row[8] == 0.0)
+    started = state.started | stands
     passed = near & (looked == state.stood + worn.reach)
     instant = started & (passed | (calm & full))
     ends = instant & state.swung.any & (looked >= state.swung.known)
-    strides, stddev, flags, heading = _stride(p, worn, state, state.swung, belief, ~passed)
-    stride = ends & state.started & strides.valid
-    walked = jnp.where(stride, strides.length, 0.0)
+    event = _Event(
+        row, before.before, stands, before.started, before.restart, instant, ~passed, ends, state.swung, state.landed,
+        state.slow >= worn.calm,
+    )  # fmt: skip
     after = state._replace(
         history=state.history.at[index % rows].set(newest),
         before=row[:6],
-        belief=belief,
         started=started,
         restart=instant.astype(newest.dtype),
-        heading=Heading(*(jnp.where(instant, new, old) for new, old in zip(heading, state.heading, strict=True))),
         swung=state.swung._replace(any=state.swung.any & ~ends),
         landed=jnp.where(ends, state.swung.lands, state.landed),
-        count=state.count + stride.astype(jnp.int32),
-        distance=state.distance + walked,
     )
-    strides, flags = strides._replace(valid=stride), {name: flag & stride for name, flag in flags.items()}
-    stands = state.slow >= worn.calm
-    return after, Now(stride, strides, stddev._replace(valid=stride), flags, after.count, after.distance, stands, sound)
+    return after, event
+
+
+def _filtered(
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, event: _Event, real: Flags, options: AnkleOptions
+) -> filtering.Posterior:
+    """The filter over the samples of events (T,), those with `real` alone."""
+    begins = real & ~event.began & event.stands
+    own = level_prior(p, worn, event.row[jnp.argmax(begins), :6])
+    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, own)
+    dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
+    mean = 0.5 * (event.row[:, :6] + event.before)
+    jumps = (event.row[:, 6], event.row[:, 7])
+    now = _Delayed(*jumps, event.row[:, 8], event.row[:, 9], dt, event.restart, worn.rate_hz, worn.gyr_bias)
+    driven = control(p, now, vector(event.row[:, :3]), vector(mean[:, :3]), vector(mean[:, 3:]))
+    zero, seen = jnp.zeros_like(dt), event.stands & real
+    return filtering.kalman_filter(
+        ankle_model.MODEL,
+        model_params(p),
+        AnkleObservation(Vector(zero, zero, zero), zero),
+        controls=driven,
+        dt=dt,
+        mask=AnkleObservation(Vector(seen, seen, seen), seen if options.level else False),
+        method=options.method,
+        initial=initial,
+        keep=("mean", "cov", "valid"),
+    )
+
+
+def _strides(
+    p: AnkleParams, worn: Worn, event: _Event, told: filtering.Posterior, here: Heading
+) -> tuple[Strides, Strides, dict[str, Values]]:
+    """The strides that would end at each of the filter's samples (T,), standard deviations, flags; `here` is the
+    heading at which each begins.
+    """
+    way = ankle_strides.measured(told.mean.position, ankle_strides.across(told.cov))
+    there = ankle_strides.heading(told.mean, told.cov)
+    swung = event.swung
+    follows = swung.leaves - event.landed <= shank_stance.PAUSE_S
+    start = jnp.where(follows, event.landed, swung.leaves)
+    duration = jnp.maximum(swung.lands - start, 1e-3)
+    times = (start, swung.leaves, swung.lands)
+    turn = wrapped(there.angle - here.angle)
+    ends = event.ends & event.began
+    strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
+    stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
+    return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half)
+
+
+def _latest(first: Heading, there: Heading, instant: Flags) -> tuple[Heading, Heading]:
+    """The heading at the last instant before each sample (T,), and the heading at the last instant of all.
+
+    `first` is the heading at the last instant before the samples, `there` the headings at them.
+    """
+    count = instant.shape[0]
+    number = lax.cummax(jnp.where(instant, jnp.arange(1, count + 1, dtype=jnp.int32), 0))
+    all_ = [jnp.concatenate([old[None], new]) for old, new in zip(first, there, strict=True)]
+    before = jnp.concatenate([jnp.zeros_like(number[:1]), number[:-1]])
+    return Heading(*(values[before] for values in all_)), Heading(*(values[number[-1]] for values in all_))
+
+
+def over(
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
+    options: AnkleOptions = ONLINE, count: Counts | None = None,
+) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
+    """The same as `step` over many samples, not compiled, for use in another compiled program.
+
+    First a scan decides on swings and stances, then the filter runs over the samples, then the strides are read: the
+    filter does not influence the decisions.
+
+    Args:
+        p: parameters.
+        worn: from `worn`.
+        state: from `begin` or the samples before.
+        gyr: (T, 3) in the sensor's axes [rad/s].
+        acc: (T, 3) [m/s²].
+        measured: (T,) False where a sample was lost; None: all are measured.
+        options: as of `step`.
+        count: number of samples; later ones are ignored. None: T.
+
+    Returns:
+        The state after the last sample, and the results after each sample.
+    """
+    check_options(options)
+    filters = filters_of(p, worn, options, state.last.dtype)
+    samples = gyr.shape[0]
+    there = jnp.ones(samples, bool) if measured is None else measured
+    newest = samples - 1 if count is None else count - 1
+    real = jnp.arange(samples, dtype=jnp.int32) <= newest
+    decide = partial(_decided, worn, filters, options)
+    after, event = scanned(decide, state, (gyr, acc, there), count)
+    told = _filtered(p, worn, state, event, real, options)
+    here, last = _latest(state.heading, ankle_strides.heading(told.mean, told.cov), event.instant & real)
+    strides, stddev, flags = _strides(p, worn, event, told, here)
+    stride = strides.valid
+    number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
+    distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
+    after = after._replace(
+        belief=jax.tree.map(lambda leaf: leaf[newest], Belief(told.mean, told.cov)),
+        heading=last,
+        count=number[-1],
+        distance=distance[-1],
+    )
+    return after, Now(stride, strides, stddev, flags, number, distance, event.still, told.valid)
 
 
 def one(
@@ -216,24 +300,9 @@ def one(
     options: AnkleOptions = ONLINE,
 ) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
     """`step`, not compiled, for use in another compiled program."""
-    check_options(options)
-    filters = filters_of(p, worn, options, state.last.dtype)
-    return _advanced(p, worn, filters, state, (gyr, acc, measured), options)
-
-
-def over(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
-    options: AnkleOptions = ONLINE,
-) -> tuple[AnkleOnlineState, Now]:  # fmt: skip
-    """The same step over many samples in one scan, not compiled, for use in another compiled program.
-
-    `gyr` [rad/s] and specific force `acc` [m/s²] are (T, 3) in the sensor's axes; `measured` (T,) is False where a
-    sample was lost. Returns the state after the last sample, and the results after each sample.
-    """
-    check_options(options)
-    filters = filters_of(p, worn, options, state.last.dtype)
-    there = jnp.ones(gyr.shape[0], bool) if measured is None else measured
-    return lax.scan(lambda s, x: _advanced(p, worn, filters, s, x, options), state, (gyr, acc, there))
+    rate, force, there = (jnp.asarray(values)[None] for values in (gyr, acc, measured))
+    after, now = over(p, worn, state, rate, force, there, options)
+    return after, jax.tree.map(lambda leaf: leaf[0], now)
 
 
 step = compiled(one, static_argnames=("options",))

@@ -99,10 +99,10 @@ def _leg(p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, options: Du
     )
     if found.thigh is None or found.shank is None:
         return _DutyLegResult(thigh, shank, None, None)
-    return _DutyLegResult(thigh, shank, *_joints(p, found.thigh, found.shank))
+    return _DutyLegResult(thigh, shank, *joints(p, found.thigh, found.shank))
 
 
-def _joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
+def joints(p: DutyCycledParams, thigh: SegmentEstimate, shank: SegmentEstimate) -> tuple[LegTrajectory, LegTrajectory]:
     """Hip and knee angle and ankle position, with standard deviations for independent errors of both segments."""
     sin1, cos1, sin2, cos2 = jnp.sin(thigh.angle), jnp.cos(thigh.angle), jnp.sin(shank.angle), jnp.cos(shank.angle)
     a1, a2 = p.thigh_length, p.shank_length

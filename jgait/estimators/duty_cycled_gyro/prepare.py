@@ -48,7 +48,7 @@ def worn(recording: Recording) -> list[str]:
     return names
 
 
-def _checked(recording: Recording, names: list[str], options: DutyCycledOptions) -> np.ndarray:
+def checked(recording: Recording, names: list[str], options: DutyCycledOptions) -> np.ndarray:
     """The common time of the sensors; arrays and options are checked as well."""
     schedule_of(options.schedule, options.gyroscope)
     check_filler(options.filler)
@@ -158,7 +158,7 @@ def prepare(
         ValueError: a schedule that the gyroscope cannot follow, a mask of the wrong shape, an unknown filler.
     """
     names = worn(recording)
-    time = _checked(recording, names, options)
+    time = checked(recording, names, options)
     used = gyroscope_masks(
         recording, names, schedule=options.schedule, gyro_on=gyro_on, asleep=options.asleep, warm_up=options.warm_up,
         sensor=options.gyroscope,

@@ -72,7 +72,7 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
             or no stance of a foot.
     """
     sides = worn_sides(recording)
-    time = _checked_clock(recording, sides)
+    time = checked_clock(recording, sides)
     feet: dict[str, FootSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
     standing = None
@@ -83,7 +83,7 @@ def prepare(recording: Recording, detector: str = "adaptive") -> Prepared[FootIn
     return Prepared(FootInputs(time, feet["right"], feet["left"]), None, tuple(notes), standing)
 
 
-def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
+def checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
     """The common time of all feet; the signals are checked as well."""
     time = as_float(recording.sensors[f"foot_{sides[0]}"].time)
     if time.size < 3:
@@ -96,7 +96,7 @@ def _checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
     return time
 
 
-def _filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def filled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The signals, with lost samples interpolated linearly."""
     if mask.all():
         return values
@@ -123,14 +123,14 @@ def _foot(
     """Inputs of one foot, notes, and the longest rest as a half-open range of samples."""
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
-    gyr, acc = (_filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
+    gyr, acc = (filled(np.asarray(values, np.float64), mask) for values in (imu.gyr, imu.acc))
     peaks = clipping.restored(gyr)
     gyr = peaks.gyr
     step = np.diff(time, prepend=time[0])
     nominal = float(np.median(step[1:]))
     hz = 1.0 / nominal
     at_rest = rest(gyr, acc, mask, hz)
-    scale, acc_bias = _errors(at_rest, name, notes)
+    scale, acc_bias = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
     found = events.stances(gyr - at_rest.gyr_bias, acc, hz)
     if not len(found.start):
@@ -190,7 +190,7 @@ def _foot(
     return signals, notes, longest
 
 
-def _errors(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
+def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, float]:
     """Scale factor of the accelerometer, and its bias along the vertical [m/s²].
 
     One attitude cannot separate scale from bias; the difference is divided by the usual sizes of both errors.

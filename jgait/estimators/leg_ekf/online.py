@@ -4,7 +4,6 @@ The filter steps and results are those of `leg_ekf.run` without smoothing; senso
 from a calibration recording, see `leg_ekf.prepare`.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -18,7 +17,7 @@ from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import LegOptions, LegParams
 from jgait.filtering import Belief
 from jgait.geometry.vectors import Vector, vector
-from jgait.types import LegTrajectory, Values
+from jgait.types import Counts, Flags, LegTrajectory, Values
 
 
 class LegOnlineState(NamedTuple):
@@ -37,12 +36,12 @@ class LegOnlineState(NamedTuple):
     rates: tuple[Vector, Vector]
 
 
-class OnlineStep(NamedTuple):
-    """The state for the next step, the leg at this sample, and its standard deviations."""
+class LegNow(NamedTuple):
+    """The leg at n samples, its standard deviations, and (n,) False where an update failed numerically."""
 
-    state: LegOnlineState
     leg: LegTrajectory
     stddev: LegTrajectory
+    valid: Flags
 
 
 def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegOnlineState:
@@ -60,45 +59,60 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
 
 
 def _incline(
-    p: LegParams, belief: Belief, before: Vector, segment: Segment, inputs: LegInputs, options: LegOptions
-) -> tuple[Belief, inclination.Inclination]:
+    p: LegParams, belief: Belief, before: Vector, segment: Segment, inputs: LegInputs, options: LegOptions,
+    newest: Counts,
+) -> tuple[Belief, inclination.Inclination]:  # fmt: skip
+    """Belief after the newest sample, and the inclination of one segment at all."""
     rate = vector(segment.gyr)
     measured = segment.measured
     still = inputs.still if options.standing else jnp.zeros_like(inputs.still)
-    mean = Vector(*(0.5 * (a + b) for a, b in zip(rate, before, strict=True)))
-    observation, mask = inclination.observe(rate, vector(segment.acc), still if options.standing else None, measured)
-    result = filtering.step(
-        inclination.MODEL, p.inclination, belief, observation,
-        control=inclination.InclinationControl(mean, still, measured, segment.lost), dt=inputs.dt, mask=mask,
+    mean = Vector(*(0.5 * (b + jnp.concatenate([a[None], b[:-1]])) for a, b in zip(before, rate, strict=True)))
+    observations, mask = inclination.observe(rate, vector(segment.acc), still if options.standing else None, measured)
+    found = filtering.kalman_filter(
+        inclination.MODEL, p.inclination, observations,
+        controls=inclination.InclinationControl(mean, still, measured, segment.lost), dt=inputs.dt, mask=mask,
+        initial=belief, keep=("mean", "cov"),
     )  # fmt: skip
-    return result.belief, inclination.read_out(result.belief.mean, result.belief.cov, rate)
+    return _belief(found, newest), inclination.read_out(found.mean, found.cov, rate)
 
 
-@partial(jax.jit, static_argnames=("options",))
-def step(p: LegParams, state: LegOnlineState, sample: LegSignals, inputs: LegInputs, options: LegOptions) -> OnlineStep:
-    """One sample of one leg: the state for the next step, the leg at this sample, and its standard deviations.
+def _belief(found: filtering.Posterior, at: Counts) -> Belief:
+    return jax.tree.map(lambda leaf: leaf[at], Belief(found.mean, found.cov))
+
+
+def over(
+    p: LegParams, state: LegOnlineState, leg: LegSignals, inputs: LegInputs, options: LegOptions,
+    count: Counts | None = None,
+) -> tuple[LegOnlineState, LegNow]:  # fmt: skip
+    """The samples (n,) of one leg that follow; not compiled, for use in a compiled program.
 
     Args:
         p: parameters of this leg, see `one_side`.
-        state: from `start` or the previous step.
-        sample: gyr (3,) [rad/s] and acc (3,) [m/s²] in segment axes, measured; bias and variance from the calibration.
-        inputs: dt [s], still and valid of this sample; its legs are not used.
+        state: from `start` or the samples before.
+        leg: signals (n, 3) [rad/s], [m/s²] in segment axes, measured, lost; bias and variance from the calibration.
+        inputs: dt [s], still and valid of the samples; its legs are not used.
         options: as of `leg_ekf`.
+        count: number of samples; later ones must not be measured, with a dt of 0. None: n.
+
+    Returns:
+        The state after the last sample, and the leg at every sample.
     """
+    newest = leg.thigh.gyr.shape[0] - 1 if count is None else count - 1
     thigh, shank, inclinations = state.thigh, state.shank, None
     if options.gravity:
-        thigh, upper = _incline(p, state.thigh, state.rates[0], sample.thigh, inputs, options)
-        shank, lower = _incline(p, state.shank, state.rates[1], sample.shank, inputs, options)
-        inclinations = (upper, lower)
-    observation, control, mask = observe(p, sample, inclinations, inputs, options)
-    result = filtering.step(
-        leg_model.MODEL, model_params(p, sample), state.leg, observation,
-        control=control, dt=inputs.dt, mask=mask, method=options.method,
+        beliefs, before, segments = (
+            jax.tree.map(lambda *both: jnp.stack(both), *pair) for pair in ((thigh, shank), state.rates, tuple(leg))
+        )
+        after, found = jax.vmap(
+            lambda belief, rate, segment: _incline(p, belief, rate, segment, inputs, options, newest)
+        )(beliefs, before, segments)
+        thigh, shank = (jax.tree.map(lambda v, k=k: v[k], after) for k in range(2))
+        inclinations = tuple(jax.tree.map(lambda v, k=k: v[k], found) for k in range(2))
+    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
+    told = filtering.kalman_filter(
+        leg_model.MODEL, model_params(p, leg), observations, controls=controls, dt=inputs.dt, mask=mask,
+        method=options.method, initial=state.leg, keep=("mean", "cov", "valid"),
     )  # fmt: skip
-    belief = result.belief
-    rates = (vector(sample.thigh.gyr), vector(sample.shank.gyr))
-    return OnlineStep(
-        LegOnlineState(thigh, shank, belief, rates),
-        trajectory_of(belief.mean),
-        deviation_of(p, belief.mean, belief.cov),
-    )
+    rates = (vector(leg.thigh.gyr[newest]), vector(leg.shank.gyr[newest]))
+    now = LegNow(trajectory_of(told.mean), deviation_of(p, told.mean, told.cov), told.valid)
+    return LegOnlineState(thigh, shank, _belief(told, newest), rates), now

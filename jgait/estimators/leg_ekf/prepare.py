@@ -5,6 +5,7 @@ This module detects quiet standing and finds the mediolateral axis of each senso
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
     return sides
 
 
-def _common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str, Imu], np.ndarray]:
+def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str, Imu], np.ndarray]:
     """The sensors of the measured legs and their common time, checked."""
     sensors = {f"{part}_{s}": recording.sensors[f"{part}_{s}"] for s in sides for part in ("thigh", "shank")}
     first = next(iter(sensors))
@@ -111,6 +112,51 @@ def _median(values: AnyArray, size: int) -> np.ndarray:
     return np.asarray(ndimage.median_filter(as_float(values), size=(size, 1), mode="mirror"))
 
 
+class SegmentMounting(NamedTuple):
+    """Mounting and errors of the sensor of one segment, from a recording.
+
+    Attributes:
+        placement: placement of the sensor; that of the other segment if the sensors are swapped.
+        axes: (3, 3) forward, left and up in the sensor's axes [1].
+        scale: factor on the accelerometer, so that it reads standard gravity in standing [1]; 0 without one.
+        bias: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
+        variance: sagittal gyroscope variance at rest [rad²/s²].
+    """
+
+    placement: str
+    axes: np.ndarray
+    scale: float
+    bias: np.ndarray
+    variance: np.ndarray
+
+
+def mounted(
+    sensors: Mapping[str, Imu],
+    side: str,
+    standing: slice,
+    still: np.ndarray,
+    rate: float,
+    *,
+    perpendicular: bool = True,
+    estimator: str = "leg_ekf",
+) -> tuple[dict[str, SegmentMounting], list[Note]]:
+    """The mounting of thigh and shank of one leg, and notes. Raises RecordingError if the shank never moves as in
+    walking.
+    """
+    worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
+    segments = {}
+    for segment, axes in worn.rows.items():
+        imu = sensors[worn.placements[segment]]
+        scale = 0.0
+        if imu.acc is not None:
+            scale = GRAVITY / float(np.linalg.norm(as_float(imu.acc)[standing].mean(axis=0)))
+        # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
+        variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[standing, 1]), SMALLEST_VARIANCE)
+        bias = axes @ worn.gyr_bias[segment]
+        segments[segment] = SegmentMounting(worn.placements[segment], axes, scale, bias, variance)
+    return segments, [SEGMENTS_SWAPPED(side=side)] if worn.swapped else []
+
+
 def orient(
     sensors: Mapping[str, Imu],
     side: str,
@@ -121,24 +167,16 @@ def orient(
     perpendicular: bool = True,
     estimator: str = "leg_ekf",
 ) -> tuple[LegSignals, list[Note]]:
-    """One leg's signals in segment axes, and notes. Raises RecordingError if the shank never moves as in walking."""
-    worn = leg_mounting(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
+    """One leg's signals in segment axes, and notes. Raises RecordingError as `mounted`."""
+    worn, notes = mounted(sensors, side, standing, still, rate, perpendicular=perpendicular, estimator=estimator)
     segments = {}
-    for segment, axes in worn.rows.items():
-        imu = sensors[worn.placements[segment]]
-        gyr = as_float(imu.gyr) @ axes.T
-        acc = np.zeros_like(gyr)
-        if imu.acc is not None:
-            raw = as_float(imu.acc)
-            acc = raw @ axes.T * (GRAVITY / np.linalg.norm(raw[standing].mean(axis=0)))
-        # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
-        variance = np.maximum(np.var(gyr[standing, 1]), SMALLEST_VARIANCE)
+    for segment, one in worn.items():
+        imu = sensors[one.placement]
+        gyr = as_float(imu.gyr) @ one.axes.T
+        acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ one.axes.T * one.scale
         measured = np.asarray(imu.mask, bool)
         lost = lost_time(np.asarray(imu.time), measured)
-        segments[segment] = Segment(gyr, acc, measured, axes @ worn.gyr_bias[segment], variance, lost)
-    notes: list[Note] = []
-    if worn.swapped:
-        notes.append(SEGMENTS_SWAPPED(side=side))
+        segments[segment] = Segment(gyr, acc, measured, one.bias, one.variance, lost)
     return LegSignals(segments["thigh"], segments["shank"]), notes
 
 
@@ -194,7 +232,7 @@ def prepare(
         RecordingError: missing placement, clocks that differ, no standing, no walking.
     """
     sides = worn_sides(recording)
-    sensors, time = _common_clock(recording, sides)
+    sensors, time = common_clock(recording, sides)
     sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
     time, sensors = resampled(time, sensors, rate_hz)
     if median > 1:

@@ -7,6 +7,10 @@ import jax.numpy as jnp
 
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
+MOVES_M, LEAST_SHARE = 1e-3, 0.2
+"""[m], [1] Displacement of a foot in an interval from which on the foot moves; least share of walking time in which a
+foot moves backward."""
+
 
 def _interval(values: Values) -> Values:
     return jnp.diff(values, prepend=values[:1])
@@ -45,10 +49,10 @@ def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
     if len(ways) == 2:
         return jnp.cumsum(jnp.where(still, 0.0, jnp.maximum(jnp.maximum(ways[0], ways[1]), 0.0)))
     back = jnp.where(still, 0.0, jnp.maximum(ways[0], 0.0))
-    moving = ~still & (jnp.abs(ways[0]) > 1e-3)  # more than 1 mm an interval
+    moving = ~still & (jnp.abs(ways[0]) > MOVES_M)
     count = jnp.maximum(jnp.sum(jnp.where(moving, 1.0, 0.0)), 1.0)
     share = jnp.sum(jnp.where(moving & (ways[0] > 0.0), 1.0, 0.0)) / count
-    return jnp.cumsum(back) / jnp.maximum(share, 0.2)
+    return jnp.cumsum(back) / jnp.maximum(share, LEAST_SHARE)
 
 
 def rescaled(way: Values, total: Values) -> Values:

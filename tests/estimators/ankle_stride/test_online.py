@@ -175,12 +175,3 @@ def test_a_recording_without_a_walk_of_that_leg_is_refused():
     still = Recording({"shank_right": imu._replace(gyr=0.0 * imu.gyr)}, 100.0)
     with pytest.raises(RecordingError, match="right sensor is worn; this one does not walk there"):
         ankle_online.worn(P, still, "right")
-
-
-def test_a_packed_state_is_the_state(load_experiment, calibrated):
-    timing = load_experiment("silva2017.online")
-    state = ankle_online.begin(P, calibrated, np.ones(3), np.array([0.0, 0.0, 9.8]))
-    parts = timing.packed(state)
-    assert len(parts) == len({leaf.dtype for leaf in jax.tree.leaves(state)})
-    for one, other in zip(*(jax.tree.leaves(s) for s in (state, timing.unpacked(parts, state))), strict=True):
-        np.testing.assert_array_equal(one, other)

@@ -1,0 +1,346 @@
+r"""The foot's estimator a sample at a time, in constant memory, for a device that counts strides during the walk.
+
+The filter runs a fixed lag, some 0.15 s, behind the newest sample: half a window of the stance detector, and `HOLD_S`,
+for which the sample of least movement must stay the stillest to be the foothold. At each foothold a stride is known,
+with length, height, turn, contacts and standard deviations.
+
+The host finds the sensor's errors and the axis about which the foot turns from a recording of a walk
+(`foot_ins.worn`).
+
+Deviations from `foot_ins` without smoothing, which knows the whole walk:
+    1. The threshold of a stance follows the stances before it, the lower of the last two, not the stance itself.
+    2. The foothold is the first sample of a stance that stays the stillest for `HOLD_S`, not the stillest of all.
+    3. A lost sample repeats the sample before it; the walk offline interpolates over the loss.
+    4. The vertical at the start is from 0.2 s, not 1 s; nothing is known of a sensor's range, so that clipped samples
+       are not noticed; the noise of the zero velocity is constant.
+    5. Contacts: pitch is the integral of the rate about one axis since the foot was still, without correction by the
+       next stance.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import PyTree
+
+from jgait import filtering
+from jgait.estimators.foot_ins import model as foot_model
+from jgait.estimators.foot_ins.estimator import controls, model_params
+from jgait.estimators.foot_ins.model import FootObservation
+from jgait.estimators.foot_ins.online_state import (
+    ONLINE,
+    FootNow,
+    FootOnlineState,
+    FootSwing,
+    StanceThreshold,
+    begin,
+    check_options,
+    lag,
+    level_prior,
+    reading,
+)
+from jgait.estimators.foot_ins.params import FootOptions, FootParams
+from jgait.estimators.foot_ins.prepare import LONGEST_LOSS, LOST_FORCE, LOST_RATE, REACH, REST_STEP
+from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, TURN_NOISE
+from jgait.estimators.foot_ins.worn import FootWorn, worn
+from jgait.events import foot as events
+from jgait.events.shank_stance import PAUSE_S
+from jgait.filtering import Belief
+from jgait.geometry.rotation import Quaternion, as_array
+from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.signal.loop import scanned
+from jgait.types import Counts, Flags, Strides, Values
+
+__all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "check_options", "lag", "over", "worn"]
+
+
+class _Delayed(NamedTuple):
+    """The filter's samples (T,), with the field names that `foot_ins.estimator` uses."""
+
+    gyr: Values
+    acc: Values
+    gyr_jump: Values
+    acc_jump: Values
+    gyr_doubt: Values
+    acc_doubt: Values
+    rate: Values
+    features: Values
+    restart: Values
+    dt: Values
+
+
+class _Event(NamedTuple):
+    """What is decided at the filter's sample, before the filter runs.
+
+    Attributes:
+        time: of the sample [s].
+        row: (7,) the sample, see `FootWorn.samples`.
+        before: (7,) the sample before it.
+        jumps: (2,) largest changes of rate [rad/s] and force [m/s²] about it.
+        force: (3,) mean specific force of the stored samples [m/s²].
+        stands: bool, zero velocity is observed.
+        began: bool, the filter had started before the sample.
+        restart: 1 if positions count from the sample before, else 0.
+        foothold: bool, positions count from here.
+        last: time of the foothold before [s].
+        swing: what happened since then.
+        landed: initial contact before [s].
+    """
+
+    time: Values
+    row: Values
+    before: Values
+    jumps: Values
+    force: Values
+    stands: Flags
+    began: Flags
+    restart: Values
+    foothold: Flags
+    last: Values
+    swing: FootSwing
+    landed: Values
+
+
+def _pushed(register: Values, value: Values) -> Values:
+    return jnp.concatenate([register[1:], value[None]])
+
+
+def _searched(state: StanceThreshold, value: Values) -> StanceThreshold:
+    """The search after one more value of the statistic; as `events.foot.stances` finds valleys and swings."""
+    ends = state.seeking & (value > jnp.maximum(events.RATIO * state.extreme, events.SWING))
+    begins = ~state.seeking & (value < state.extreme / events.RATIO)
+    beyond = jnp.where(state.seeking, value < state.extreme, value > state.extreme)
+    valley = ends & (state.extreme < events.STANCE)
+    return StanceThreshold(
+        seeking=(state.seeking & ~ends) | begins,
+        extreme=jnp.where(ends | begins | beyond, value, state.extreme),
+        depths=jnp.where(valley, jnp.stack([state.depths[1], state.extreme]), state.depths),
+    )
+
+
+def _detected(worn: FootWorn, samples: Values, threshold: StanceThreshold) -> tuple[Values, StanceThreshold]:
+    """Unrest at the middle of the newest window, see `events.foot.unrest`, and the search for its valleys."""
+    size = worn.window.shape[0]
+    rows = samples[-size:]
+    free = rows[:, :3] - worn.gyr_bias[None]
+    force = rows[:, 3:6] - jnp.mean(rows[:, 3:6], axis=0)[None]
+    turning, spread = (jnp.sum(values * values) / size for values in (free, force))
+    unrest = jnp.sqrt(turning + spread / events.JOLT**2)
+    return unrest, _searched(threshold, unrest)
+
+
+def _largest_change(values: Values, window: int, at: int) -> Values:
+    """Largest change between samples over a window about the sample `at` of (n, 3)."""
+    half = window // 2
+    near = values[at - half - 1 : at + half + 2]
+    change = 0.5 * (near[2:] - near[:-2])
+    return jnp.sqrt(jnp.max(jnp.sum(change * change, axis=1)))
+
+
+def _swung(
+    worn: FootWorn, swing: FootSwing, row: Values, before: Values, time: Values, unrest: Values, stands: Flags
+) -> FootSwing:
+    """What happened since the last foothold, after one more sample of the filter."""
+    dt = 1.0 / worn.rate_hz
+    swings = swing.any | (unrest >= events.SWING)
+    still = stands & ~swings
+    turned = jnp.sum((0.5 * (row + before)[:3] - worn.gyr_bias) * worn.axis) * dt
+    pitch = jnp.where(still, 0.0, swing.pitch + turned)
+    lower = still | (pitch < swing.lowest)
+    higher = lower | (pitch > swing.highest)
+    highest = jnp.where(higher, pitch, swing.highest)
+    falls = (swing.initial < 0.0) & (pitch < (1.0 - events.LANDED) * highest)
+    return FootSwing(
+        any=swings,
+        pitch=pitch,
+        lowest=jnp.where(lower, pitch, swing.lowest),
+        final=jnp.where(lower, time, swing.final),
+        highest=highest,
+        # a time below 0 says that the pitch has not fallen since it was highest
+        initial=jnp.where(higher, -1.0, jnp.where(falls, time, swing.initial)),
+        stood=jnp.where(still, time, swing.stood),
+        stands=jnp.where(stands & swing.any & (swing.stands <= swing.final), time, swing.stands),
+        lost=jnp.where(still, 0.0, swing.lost) + row[6] * dt,
+    )
+
+
+def _decided(
+    worn: FootWorn, state: FootOnlineState, sample: tuple[Values, Values, Flags]
+) -> tuple[FootOnlineState, _Event]:
+    """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
+    gyr, acc, there = sample
+    newest = jnp.where(there, reading(worn, gyr, acc, there), state.samples[-1].at[6].set(1.0))
+    index = state.index + 1
+    samples = _pushed(state.samples, newest)
+    statistic, threshold = _detected(worn, samples, state.threshold)
+    limit = jnp.maximum(events.STILL, events.ABOVE * jnp.min(threshold.depths))
+    quiet, unrest = _pushed(state.quiet, statistic - limit), _pushed(state.unrest, statistic)
+    # the filter's sample among the stored values of the detector, and among the stored samples
+    k, before_end = worn.after_start.shape[0], worn.before_end.shape[0]
+    at = samples.shape[0] - 1 - lag(worn)
+    row, before = samples[at], samples[at - 1]
+    time = (index - lag(worn)).astype(newest.dtype) / worn.rate_hz
+    stands = jnp.all(quiet[: k + before_end + 1] < 0.0) & (row[6] == 0.0) & (index >= lag(worn))
+    goes_on = jnp.all(quiet[1 : k + before_end + 2] < 0.0)
+    stillest = unrest[k] <= jnp.min(unrest[k + 1 :])
+    swing = _swung(worn, state.swing, row, before, time, unrest[k], stands)
+    since = time - state.foothold
+    ends = swing.any & (stillest | ~goes_on) & (since >= events.SHORTEST)
+    foothold = stands & (~state.started | ends | (~swing.any & (since >= REST_STEP)))
+    size = worn.jumps.shape[0]
+    jumps = jnp.stack([_largest_change(part, size, at) for part in (samples[:, :3], samples[:, 3:6])])
+    event = _Event(
+        time, row, before, jumps, jnp.mean(samples[:, 3:6], axis=0), stands, state.started, state.restart, foothold,
+        state.foothold, swing, state.landed,
+    )  # fmt: skip
+    none = jnp.zeros_like(time)
+    fresh = FootSwing(jnp.zeros((), bool), none, none, time, none, time, time, time, none)
+    after = state._replace(
+        index=index,
+        samples=samples,
+        quiet=quiet,
+        unrest=unrest,
+        threshold=threshold,
+        started=state.started | stands,
+        restart=foothold.astype(newest.dtype),
+        foothold=jnp.where(foothold, time, state.foothold),
+        swing=jax.tree.map(lambda new, old: jnp.where(foothold, new, old), fresh, swing),
+        landed=jnp.where(foothold & swing.any, _landing(swing, time), state.landed),
+    )
+    return after, event
+
+
+def _landing(swing: FootSwing, time: Values) -> Values:
+    """Time of the initial contact [s]; that of the foothold if the pitch never fell."""
+    return jnp.where(swing.initial < 0.0, time, swing.initial)
+
+
+def _filtered(
+    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _Event, real: Flags, options: FootOptions
+) -> filtering.Posterior:
+    """The filter over the samples of events (T,), those with `real` alone."""
+    begins = real & ~event.began & event.stands
+    own = level_prior(p, worn, event.force[jnp.argmax(begins)])
+    initial = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), state.belief, own)
+    dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
+    mean, lost = 0.5 * (event.row + event.before), event.row[:, 6]
+    rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
+    now: PyTree = _Delayed(
+        mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], LOST_RATE * lost, LOST_FORCE * lost, rate,
+        jnp.zeros_like(mean[:, :1]), event.restart, dt,
+    )  # fmt: skip
+    zero, seen = jnp.zeros_like(dt), event.stands & real
+    return filtering.kalman_filter(
+        foot_model.MODEL, model_params(p), FootObservation(Vector(zero, zero, zero), zero),
+        controls=controls(p, now, options), dt=dt,
+        mask=FootObservation(Vector(seen, seen, seen), seen if options.level is True else False),
+        method=options.method, initial=initial, keep=("mean", "cov", "nis", "count", "valid"),
+    )  # fmt: skip
+
+
+def _summed(since: Values, told: filtering.Posterior, event: _Event, count: Counts | None) -> tuple[Values, Values]:
+    """`FootOnlineState.since` after the last sample, and (T, 3) before each foothold is reset."""
+    used = event.began | event.stands
+    columns = (told.mean.position.z, told.nis, told.count.astype(told.nis.dtype))
+    rows = jnp.stack([jnp.where(used, column, 0.0) for column in columns], axis=1)
+
+    def add(total: Values, sample: tuple[Values, Flags]) -> tuple[Values, Values]:
+        row, foothold = sample
+        whole = jnp.concatenate([jnp.maximum(total[:1], row[:1]), total[1:] + row[1:]])
+        return jnp.where(foothold, 0.0, whole), whole
+
+    return scanned(add, since, (rows, event.foothold), count)
+
+
+def _strides(
+    p: FootParams, worn: FootWorn, event: _Event, told: filtering.Posterior, since: Values, turn: Values, yaw: Values
+) -> tuple[Strides, Strides]:
+    """The strides that would end at each of the filter's samples (T,), and their standard deviations.
+
+    `turn` is the change of the heading since the last foothold [rad], `yaw` that of its variance [rad²].
+    """
+    way, cov, swing = told.mean.position, told.cov, event.swing
+    length = root(way.x * way.x + way.y * way.y)
+    initial = _landing(swing, event.time)
+    follows = swing.final - event.landed <= PAUSE_S
+    start = jnp.where(follows, event.landed, swing.final)
+    departs = jnp.maximum(event.last, swing.stood - REACH)
+    lands = jnp.minimum(event.time, jnp.maximum(swing.stands, initial) + REACH)
+    duration = jnp.maximum(jnp.where(follows, initial - start, lands - departs), 1e-3)
+    x, y = way.x / jnp.maximum(length, 1e-6), way.y / jnp.maximum(length, 1e-6)
+    xx, xy, yy, zz = (cov[f"position.{a}", f"position.{b}"] for a, b in ("xx", "xy", "yy", "zz"))
+    along = x * x * xx + 2.0 * x * y * xy + y * y * yy
+    unknown = (p.stride_noise * length) ** 2
+    nis = since[:, 1] / jnp.maximum(since[:, 2], 1.0)
+    spread = root((along + unknown) * jnp.maximum(nis, 1.0) + (TURN_NOISE * turn) ** 2)
+    nothing = jnp.full_like(length, jnp.nan)
+    valid = event.foothold & event.began & swing.any & (length > SHORTEST) & (swing.lost <= LONGEST_LOSS)
+    sides = jnp.full(length.shape, worn.side, jnp.int32)
+    strides = Strides(
+        side=sides, start=start, final_contact=swing.final, end=initial, length=length, width=nothing, height=way.z,
+        valid=valid, standing=departs, standing_end=lands, speed=length / duration, turn=turn,
+        lift=since[:, 0] - jnp.maximum(way.z, 0.0),
+    )  # fmt: skip
+    stddev = Strides(
+        side=sides, start=None, final_contact=None, end=None, length=spread, width=nothing, height=root(zz + unknown),
+        valid=valid, speed=root((spread / duration) ** 2 + (length / duration**2 * TIMING) ** 2),
+        turn=root(jnp.abs(yaw)),
+    )  # fmt: skip
+    return strides, stddev
+
+
+def over(
+    p: FootParams, worn: FootWorn, state: FootOnlineState, gyr: Values, acc: Values, measured: Flags | None = None,
+    options: FootOptions = ONLINE, count: Counts | None = None,
+) -> tuple[FootOnlineState, FootNow]:  # fmt: skip
+    """The samples (T,) that follow; not compiled, for use in a compiled program.
+
+    First a scan decides on stances and footholds, then the filter runs over the samples, then the strides are read: the
+    filter does not influence the decisions.
+
+    Args:
+        p: parameters.
+        worn: from `worn`.
+        state: from `begin` or the samples before.
+        gyr: (T, 3) in the sensor's axes [rad/s].
+        acc: (T, 3) [m/s²].
+        measured: (T,) False where a sample was lost; None: all are measured.
+        options: `ONLINE`.
+        count: number of samples; later ones are ignored. None: T.
+
+    Returns:
+        The state after the last sample, and the results after each sample.
+    """
+    check_options(options)
+    samples = gyr.shape[0]
+    there = jnp.ones(samples, bool) if measured is None else measured
+    newest = samples - 1 if count is None else count - 1
+    real = jnp.arange(samples, dtype=jnp.int32) <= newest
+    after, event = scanned(partial(_decided, worn), state, (gyr, acc, there), count)
+    told = _filtered(p, worn, state, event, real, options)
+    foothold = event.foothold & real
+    q: Quaternion = told.mean.attitude
+    yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    headings = jnp.stack([yaw, told.cov["attitude.z", "attitude.z"]], axis=1)
+    since, before = _summed(state.since, told, event, count)
+    at = lax.cummax(jnp.where(foothold, jnp.arange(1, samples + 1, dtype=jnp.int32), 0))
+    all_ = jnp.concatenate([state.heading[None], headings])
+    change = headings - all_[jnp.concatenate([jnp.zeros_like(at[:1]), at[:-1]])]
+    strides, stddev = _strides(p, worn, event, told, before, wrapped(change[:, 0]), change[:, 1])
+    stride = strides.valid & real
+    number = state.count + jnp.cumsum(stride, dtype=jnp.int32)
+    distance = state.distance + jnp.cumsum(jnp.where(stride, strides.length, 0.0))
+    after = after._replace(
+        belief=jax.tree.map(lambda leaf: leaf[newest], Belief(told.mean, told.cov)),
+        heading=all_[at[-1]],
+        since=since,
+        count=number[-1],
+        distance=distance[-1],
+    )
+    position, velocity = (jnp.stack(list(v), axis=1) for v in (told.mean.position, told.mean.velocity))
+    return after, FootNow(
+        stride, strides, stddev, number, distance, event.stands, foothold, event.began | event.stands, position,
+        velocity, as_array(q), told.valid,
+    )  # fmt: skip

@@ -1,0 +1,194 @@
+"""State of the foot's online estimator between samples, and its results after each sample."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import PyTree
+
+from jgait.estimators.foot_ins.estimator import prior_of
+from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams
+from jgait.estimators.foot_ins.worn import FootWorn
+from jgait.events import foot as events
+from jgait.filtering import Belief
+from jgait.geometry.rotation import as_array, between
+from jgait.geometry.vectors import Vector, vector
+from jgait.types import Counts, Flags, Strides, Values
+
+ONLINE = DEFAULT._replace(smooth=False)
+"""The options of the online estimator."""
+
+
+class StanceThreshold(NamedTuple):
+    """Search for the valleys of the foot's unrest: extreme since the last turning point, and the last two valleys."""
+
+    seeking: Flags
+    extreme: Values
+    depths: Values
+
+
+class FootSwing(NamedTuple):
+    """What happened since the last foothold; times [s].
+
+    Attributes:
+        any: bool, the foot swung.
+        pitch: pitch since the foot was still, toes up positive [rad].
+        lowest: least pitch, at the final contact.
+        final: its time.
+        highest: largest pitch since then.
+        initial: time at which the pitch has fallen by `events.foot.LANDED` from it.
+        stood: time of the last sample of the stance before the swing.
+        stands: time of the first sample of the stance after it.
+        lost: duration of lost samples.
+    """
+
+    any: Flags
+    pitch: Values
+    lowest: Values
+    final: Values
+    highest: Values
+    initial: Values
+    stood: Values
+    stands: Values
+    lost: Values
+
+
+class FootOnlineState(NamedTuple):
+    """State between samples; every field has a fixed size.
+
+    Attributes:
+        index: index of the newest sample.
+        samples: (n, 7) the newest samples, see `FootWorn`.
+        quiet: (m,) margin of the newest samples of the detector [rad/s], below 0 in a stance.
+        unrest: (m,) the detector's statistic [rad/s].
+        threshold: search for the valleys of the statistic.
+        started: whether the foot has stood, so that the filter has started.
+        restart: 1 if positions count from the filter's sample, else 0.
+        belief: belief of the filter.
+        foothold: time of the last foothold [s].
+        heading: heading there [rad], and variance [rad²].
+        swing: what happened since then.
+        since: of the filter since then: largest height of the sensor [m], sum of the normalised innovations squared,
+            number of observations.
+        landed: initial contact of the last stride [s]; −∞ before the first.
+        count: number of strides so far.
+        distance: sum of their lengths [m].
+    """
+
+    index: Counts
+    samples: PyTree
+    quiet: PyTree
+    unrest: PyTree
+    threshold: StanceThreshold
+    started: Flags
+    restart: Values
+    belief: Belief
+    foothold: Values
+    heading: Values
+    swing: FootSwing
+    since: Values
+    landed: Values
+    count: Counts
+    distance: Values
+
+
+class FootNow(NamedTuple):
+    """Results after a sample; those of the filter are `lag` samples behind.
+
+    Attributes:
+        stride: bool, a stride has become known; `strides` and `stddev` have a meaning only if True.
+        strides: the stride, its fields scalars; times count from the first sample [s].
+        stddev: standard deviations of the stride.
+        count: number of strides so far.
+        distance: sum of their lengths [m].
+        stands: bool, zero velocity was observed.
+        foothold: bool, positions count from this sample on.
+        started: bool, the filter runs.
+        position: (3,) since the last foothold [m].
+        velocity: (3,) [m/s].
+        attitude: (4,) q_ws, w first, its heading arbitrary.
+        valid: False if the filter's update failed numerically and the filter kept its prediction.
+    """
+
+    stride: Flags
+    strides: Strides
+    stddev: Strides
+    count: Counts
+    distance: Values
+    stands: Flags
+    foothold: Flags
+    started: Flags
+    position: Values
+    velocity: Values
+    attitude: Values
+    valid: Flags
+
+
+class _Start(NamedTuple):
+    """What the filter's prior needs, with the field names that `foot_ins.estimator` uses."""
+
+    gyr: Values
+    attitude: Values
+    gyr_bias: Values
+    acc_bias: Values
+    up: Values
+    still_time: Values
+
+
+def check_options(options: FootOptions) -> None:
+    """Raise an error for options that the online estimator does not support.
+
+    Raises:
+        ValueError: naming what there is and what came.
+    """
+    if options.smooth or options.soft or options.detector != DEFAULT.detector or options.noise != DEFAULT.noise:
+        raise ValueError(f"online there is foot_ins with smooth=False and otherwise default options; got {options}")
+
+
+def lag(worn: FootWorn) -> int:
+    """Number of samples by which the filter is behind the newest sample."""
+    half = worn.window.shape[-1] // 2
+    return half + worn.quiet.shape[-1] - worn.after_start.shape[-1] - 1
+
+
+def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values, options: FootOptions = ONLINE) -> FootOnlineState:
+    """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
+    check_options(options)
+    row = reading(worn, gyr, acc, jnp.ones((), bool))
+    zero, none, no = jnp.zeros_like(row[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
+    rate = jnp.sqrt(jnp.sum((row[:3] - worn.gyr_bias) ** 2))
+    quiet = jnp.zeros_like(worn.quiet)
+    start = zero - lag(worn) / worn.rate_hz
+    swing = FootSwing(no, zero, zero, start, zero, start, start, start, zero)
+    return FootOnlineState(
+        index=none - 1,
+        samples=jnp.zeros_like(worn.samples) + row[None],
+        quiet=quiet + rate - events.STILL,
+        unrest=quiet + rate,
+        threshold=StanceThreshold(~no, rate, jnp.zeros_like(row[:2])),
+        started=no,
+        restart=zero,
+        belief=jax.tree.map(lambda leaf: jnp.asarray(leaf, row.dtype), level_prior(p, worn, row[3:6])),
+        foothold=start,
+        heading=jnp.zeros_like(row[:2]),
+        swing=swing,
+        since=jnp.zeros_like(row[:3]),
+        landed=zero - jnp.inf,
+        count=none,
+        distance=zero,
+    )
+
+
+def reading(worn: FootWorn, gyr: Values, acc: Values, measured: Flags) -> Values:
+    """(7,) a sample as it is stored, see `FootWorn.samples`."""
+    lost = jnp.where(measured, 0.0, 1.0).astype(jnp.asarray(gyr).dtype)
+    return jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc) * worn.scale, lost[None]])
+
+
+def level_prior(p: FootParams, worn: FootWorn, force: Values) -> Belief:
+    """The belief of a foot that stands, with the tilt from the mean specific force (3,)."""
+    up = force / jnp.sqrt(jnp.sum(force * force))
+    zero, one = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
+    attitude = as_array(between(vector(up), Vector(zero, zero, one)))
+    foot: PyTree = _Start(force, attitude, worn.gyr_bias, worn.acc_bias * up, up, worn.still_time)
+    return prior_of(p, foot)

@@ -1,0 +1,171 @@
+"""Joint angles and distance sample by sample: `leg_ekf` as a device.
+
+Deviations from `leg_ekf` without smoothing, with `distance="stance"`:
+    1. The person stands when all gyroscopes on the legs have been slow for half a second, not within a quarter of a
+       second before and after.
+    2. With sensors on one leg, the share of walking time in which the foot moves backward is that up to now.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jgait.estimators.leg_ekf import online as leg_online
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
+from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, common_clock, mounted, worn_sides
+from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M
+from jgait.estimators.online.device import Device, Sample
+from jgait.estimators.online.standing import lost_for, standing_samples, stood
+from jgait.events.rest import LEGS_RATE, standing_of_legs
+from jgait.notes import Note
+from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
+
+KINEMATICS = DEFAULT._replace(smooth=False, distance="stance")
+"""The options of the device."""
+
+
+class LegsConstants(NamedTuple):
+    """Parameters and mounting of n legs.
+
+    Attributes:
+        p: parameters of the person.
+        own: parameters of each leg, leaves (n,).
+        axes: (n, 2, 3, 3) axes of thigh and shank in their sensors' axes [1].
+        scale: (n, 2) factor on the accelerometer [1].
+        bias: (n, 2, 3) gyroscope bias at rest, in the segment's axes [rad/s].
+        variance: (n, 2) sagittal gyroscope variance at rest [rad²/s²].
+        window: samples for which all gyroscopes must be slow in standing.
+        start_variance: variance of the pose at the first sample [rad²].
+    """
+
+    p: LegParams
+    own: LegParams
+    axes: Values
+    scale: Values
+    bias: Values
+    variance: Values
+    window: Counts
+    start_variance: Values
+
+
+class LegsState(NamedTuple):
+    """State between samples.
+
+    Attributes:
+        legs: states of the filters, leaves (n, …).
+        lost: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
+        slow: samples for which all gyroscopes have been slow.
+        before: trajectories at the last sample, leaves (n,).
+        begun: whether there was a sample.
+        way: displacement of the hip by the feet in stance [m].
+        back: number of samples in which the foot of a single leg moved backward.
+        moving: number of samples in which it moved.
+    """
+
+    legs: leg_online.LegOnlineState
+    lost: Values
+    slow: Counts
+    before: LegTrajectory
+    begun: Flags
+    way: Values
+    back: Values
+    moving: Values
+
+
+class LegsNow(NamedTuple):
+    """Results after samples (b,): legs (b, n), their deviations, distance [m], standing, trust in the angles."""
+
+    legs: LegTrajectory
+    stddev: LegTrajectory
+    distance: Values
+    stands: Flags
+    valid: Flags
+
+
+def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]]:
+    """The device for a person whose legs' sensors walk in a recording, and notes on how they are worn.
+
+    Raises:
+        RecordingError: as `leg_ekf.prepare.prepare`.
+    """
+    sides = worn_sides(recording)
+    sensors, time = common_clock(recording, sides)
+    sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
+    rate = 1.0 / float(np.median(np.diff(time)))
+    still, (start, stop), notes = standing_of_legs([imu.gyr for imu in sensors.values()], rate, "leg_ekf")
+    worn: list[SegmentMounting] = []
+    for side in sides:
+        segments, more = mounted(sensors, side, slice(start, stop), still, rate)
+        worn += [segments["thigh"], segments["shank"]]
+        notes += more
+    legs = len(sides)
+    numbers = tuple(SIDES.index(side) for side in sides)
+    constants = LegsConstants(
+        p=p,
+        own=jax.tree.map(lambda *v: np.stack([as_float(x) for x in v]), *(one_side(p, number) for number in numbers)),
+        axes=np.stack([one.axes for one in worn]).reshape(legs, 2, 3, 3),
+        scale=as_float([one.scale for one in worn]).reshape(legs, 2),
+        bias=np.stack([one.bias for one in worn]).reshape(legs, 2, 3),
+        variance=as_float([one.variance for one in worn]).reshape(legs, 2),
+        window=standing_samples(rate),
+        start_variance=as_float(0.1),
+    )
+    gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
+    options = KINEMATICS._replace(gravity=gravity)
+    placements = tuple(one.placement for one in worn)
+    return Device("legs", "leg_ekf", placements, constants, begin, advance, options, numbers), tuple(notes)
+
+
+def _signals(c: LegsConstants, samples: Sample, lost: Values) -> LegSignals:
+    """Signals of b samples in the segments' axes, leaves (n, b, …), bias and variance (n, …)."""
+    shape = (-1, *c.axes.shape[:2], 3)
+    gyr = jnp.einsum("nsij,bnsj->snbi", c.axes, samples.gyr.reshape(shape))
+    acc = jnp.einsum("nsij,bnsj->snbi", c.axes, samples.acc.reshape(shape)) * c.scale.T[:, :, None, None]
+    measured, lost = (jnp.moveaxis(v, 0, 2).swapaxes(0, 1) for v in (samples.turned.reshape(lost.shape), lost))
+    return LegSignals(
+        *(Segment(gyr[s], acc[s], measured[s], c.bias[:, s], c.variance[:, s], lost[s]) for s in range(2))
+    )
+
+
+def begin(c: LegsConstants, sample: Sample, options: LegOptions) -> LegsState:
+    """The state before the first sample, see `Device`."""
+    zero, each = jnp.zeros_like(c.start_variance), jnp.zeros_like(c.scale[:, 0])
+    first = _signals(c, jax.tree.map(lambda v: v[None], sample), jnp.zeros_like(c.scale)[None])
+    start = jax.vmap(lambda own, leg: leg_online.start(own, leg, c.start_variance, options))
+    return LegsState(
+        start(c.own, first), jnp.zeros_like(c.scale), jnp.zeros((), jnp.int32), LegTrajectory(each, each, each, each),
+        jnp.zeros((), bool), zero, zero, zero,
+    )  # fmt: skip
+
+
+def advance(
+    c: LegsConstants, state: LegsState, samples: Sample, count: Counts, options: LegOptions
+) -> tuple[LegsState, LegsNow]:
+    """A block of samples, see `Device`."""
+    real = jnp.arange(samples.dt.shape[0], dtype=jnp.int32) < count
+    lost = lost_for(state.lost, samples.turned.reshape(-1, *c.scale.shape), samples.dt, count)
+    slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
+    inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, c.start_variance)
+    run = jax.vmap(lambda own, leg, one: leg_online.over(own, leg, one, inputs, options, count), out_axes=(0, 1))
+    legs, found = run(c.own, state.legs, _signals(c, samples, lost))
+    leg = found.leg
+    before = jax.tree.map(
+        lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg
+    )
+    shank, shank_before = leg.hip_angle - leg.knee_angle, before.hip_angle - before.knee_angle
+    backward = before.x - leg.x - c.p.rollover_radius * (shank - shank_before)
+    most = jnp.max(backward, axis=1)
+    way = state.way + jnp.cumsum(jnp.where(still | ~real, 0.0, jnp.maximum(most, 0.0)))
+    moves = real & ~still & (jnp.abs(most) > MOVES_M)
+    counts = (jnp.where(flags, jnp.ones_like(way), 0.0) for flags in (moves, moves & (most > 0.0)))
+    moving, back = (old + jnp.cumsum(new) for old, new in zip((state.moving, state.back), counts, strict=True))
+    share = back / jnp.maximum(moving, 1.0) if backward.shape[1] == 1 else jnp.ones_like(way)
+    at = count - 1
+    last = jax.tree.map(lambda v: v[at], leg)
+    after = LegsState(legs, lost[at], slow, last, jnp.ones((), bool), way[at], back[at], moving[at])
+    distance = c.p.distance_scale * way / jnp.maximum(share, LEAST_SHARE)
+    valid = jnp.all(found.valid, axis=1) & jnp.all(lost < LONG_GAP, axis=(1, 2))
+    return after, LegsNow(leg, found.stddev, distance, still, valid)

@@ -1,0 +1,287 @@
+"""A person's sensors, sample by sample: what each new block of samples tells."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import PyTree
+
+from jgait.estimators import get
+from jgait.estimators.combined.sources import MEASURES
+from jgait.estimators.online import ankles, duty, feet, legs
+from jgait.estimators.online.clock import Clock
+from jgait.estimators.online.device import Device, Results, Runner
+from jgait.estimators.proportions import gives
+from jgait.notes import Note
+from jgait.params import check_params
+from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides
+
+CAUSAL = ("foot_ins", "ankle_stride", "leg_ekf", "duty_cycled_gyro")
+"""Estimators with a form sample by sample."""
+
+OFFLINE = {
+    "waist": "its contacts come from wavelets over the whole walk",
+    "waist_ofdri": "it integrates each step forward and backward",
+    "stride_width_ekf": "it needs the smoothed paths of both feet",
+}
+"""Estimators without such a form, and why."""
+
+PREFERRED = ("feet", "ankles", "shanks")
+"""Sources of strides, in the order in which their contacts are preferred."""
+
+
+class NewStrides(NamedTuple):
+    """Strides that have become known, in order; times are those of the samples that were pushed [s].
+
+    Attributes:
+        strides: the strides (n,).
+        stddev: their standard deviations.
+        flags: name → (n,) bool, as of the estimator offline.
+    """
+
+    strides: Strides
+    stddev: Strides
+    flags: dict[str, np.ndarray]
+
+
+class NewContacts(NamedTuple):
+    """Contacts that have become known, in order.
+
+    Attributes:
+        time: (n,) [s].
+        side: (n,) 0 right, 1 left.
+        initial: (n,) bool, True for an initial, False for a final contact.
+    """
+
+    time: np.ndarray
+    side: np.ndarray
+    initial: np.ndarray
+
+
+NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
+
+
+class News(NamedTuple):
+    """What a block of n samples tells.
+
+    Attributes:
+        time: (n,) of the samples [s].
+        legs: joint angles and foot positions (n,), or None without sensors on thigh and shank.
+        stddev: their standard deviations, or None.
+        angles: placement → (n,) angle of the segment from the vertical [rad]; of duty_cycled_gyro alone.
+        valid: (n,) bool; False in long gaps, where angles are not usable.
+        stands: (n,) bool, the person stands still.
+        strides: source → strides that have become known.
+        contacts: their contacts, from the first of `PREFERRED` that has sensors.
+        distance: source → distance since the start [m].
+    """
+
+    time: np.ndarray
+    legs: Legs | None
+    stddev: Legs | None
+    angles: dict[str, np.ndarray]
+    valid: np.ndarray
+    stands: np.ndarray
+    strides: dict[str, NewStrides]
+    contacts: NewContacts
+    distance: dict[str, float]
+
+
+class Online:
+    """Estimators that run while a person walks, in constant memory; made by `jgait.online`.
+
+    Attributes:
+        placements: placements of the sensors whose samples it takes.
+        sampling_rate_hz: rate of the samples [Hz].
+        sources: names of its sources, "feet", "ankles", "shanks" and "legs".
+        notes: notes about how the sensors are worn.
+    """
+
+    def __init__(self, devices: Sequence[Device], sampling_rate_hz: float, notes: tuple[Note, ...]) -> None:
+        self._runners = [Runner(device) for device in devices]
+        self.placements = tuple(sorted({name for device in devices for name in device.placements}))
+        self.sampling_rate_hz = sampling_rate_hz
+        self.sources = tuple(device.source for device in devices)
+        self.notes = notes
+        self._clock = Clock(self.placements, sampling_rate_hz)
+        self._none: dict[str, NewStrides] = {}
+        rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
+        self._columns = [
+            np.concatenate([[0], *(np.arange(rows[name], rows[name] + 8) for name in device.placements)])
+            for device in devices
+        ]
+
+    @property
+    def state_bytes(self) -> int:
+        """Memory of all states between two samples [bytes]; it does not grow."""
+        return sum(runner.state_bytes for runner in self._runners)
+
+    def push(self, time: AnyArray | float, signals: Mapping[str, tuple[AnyArray, AnyArray | None]]) -> News:
+        """What one sample or a block of n samples tells.
+
+        Args:
+            time: (n,) or one number [s]; must increase from sample to sample and from block to block. Where samples
+                are missing, the filters bridge the gap by their predictions; of a gap of more than
+                `clock.LONGEST_GAP_S` only that time is bridged.
+            signals: placement → (gyr, acc) in the sensor's axes, (n, 3) or (3,) [rad/s], [m/s²]; exactly the
+                placements of `placements`. A sample with NaN is lost. acc is None for a sensor without accelerometer.
+
+        Returns:
+            What is new, see `News`. Angles are those of the newest sample; strides become known at the next stance.
+
+        Raises:
+            ValueError: wrong sensors, wrong shapes, times that do not increase, another sampling rate. The state is
+                then as before the call.
+        """
+        block = self._clock.block(time, signals)
+        found = [
+            runner.push(block.rows[:, columns]) for runner, columns in zip(self._runners, self._columns, strict=True)
+        ]
+        self._clock.accept(block)
+        news: dict[str, PyTree] = {
+            "legs": None, "stddev": None, "angles": {}, "valid": np.ones(block.time.size, bool),
+            "stands": np.ones(block.time.size, bool),
+        }  # fmt: skip
+        strides: dict[str, NewStrides] = {}
+        distance: dict[str, float] = {}
+        for runner, now in zip(self._runners, found, strict=True):
+            device = runner.device
+            if device.source != "legs":
+                strides[device.source] = self._strides(device.source, now, block.offset)
+                distance[device.source] = float(now.field("distance", slice(-1, None)).mean())
+                continue
+            if (legs := now.field("legs")) is not None:
+                parts = (legs, now.field("stddev"))
+                news["legs"], news["stddev"] = (_legs(part, device.sides, block.kept) for part in parts)
+            news["valid"], news["stands"] = now.field("valid")[block.kept], now.field("stands")[block.kept]
+            if "angle" in now:
+                angles = now.field("angle")
+                news["angles"] = {name: angles[block.kept, k] for k, name in enumerate(device.placements)}
+            else:
+                distance["legs"] = float(now.field("distance", slice(-1, None))[0])
+        return News(block.time, strides=strides, contacts=_contacts(strides), distance=distance, **news)
+
+    def _strides(self, source: str, now: Results, offset: float) -> NewStrides:
+        """The strides in a block of results; the same empty table wherever there are none."""
+        if source in self._none and not now.field("stride").any():
+            return self._none[source]
+        found = _strides(now, offset)
+        if not len(found.strides.end):
+            self._none[source] = found
+        return found
+
+
+def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice) -> Legs:
+    """Trajectories (n, legs) as both legs, at the samples that were pushed."""
+    both: list[LegTrajectory | None] = [None, None]
+    for number, side in enumerate(sides):
+        both[side] = LegTrajectory(*(values[kept, number] for values in part))
+    return Legs(*both)
+
+
+_TIMES = ("start", "final_contact", "end", "standing", "standing_end")
+
+
+def _strides(now: Results, offset: float) -> NewStrides:
+    """The strides in the results of n samples of k sensors, in the order in which they became known."""
+    samples, sensors = np.nonzero(now.field("stride"))
+
+    def rows(table: PyTree) -> PyTree:
+        return jax.tree.map(lambda column: column[np.arange(samples.size), sensors], table)
+
+    strides, stddev = (rows(now.field(name, samples)) for name in ("strides", "stddev"))
+    moved = {name: getattr(strides, name) + offset for name in _TIMES if getattr(strides, name) is not None}
+    flags = rows(now.field("flags", samples)) if "flags" in now else {}
+    return NewStrides(strides._replace(**moved), stddev, flags)
+
+
+def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
+    """Contacts of the strides of the preferred source."""
+    name = next((name for name in PREFERRED if name in strides), None)
+    if name is None:
+        return NO_CONTACTS
+    table = strides[name].strides
+    if not len(table.end):
+        return NO_CONTACTS
+    time = np.concatenate([table.final_contact, table.end])
+    initial = np.arange(time.size) >= len(table.end)
+    order = np.argsort(time, kind="stable")
+    return NewContacts(time[order], np.concatenate([table.side, table.side])[order], initial[order])
+
+
+def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tuple[str, str]]:
+    """Estimator and source of each device; every one that has its sensors, or those that are asked for."""
+    there = {
+        "foot_ins": ["feet"] * any(f"foot_{side}" in recording.sensors for side in SIDES),
+        "ankle_stride": [
+            f"{site}s" for site in ("ankle", "shank") if any(f"{site}_{side}" in recording.sensors for side in SIDES)
+        ],
+        "leg_ekf": ["legs"] * any({f"thigh_{s}", f"shank_{s}"} <= set(recording.sensors) for s in SIDES),
+        "duty_cycled_gyro": ["legs"],
+    }  # fmt: skip
+    asked = (names,) if isinstance(names, str) else names
+    for name in asked or ():
+        if name in OFFLINE:
+            raise ValueError(f"{name} has no form sample by sample: {OFFLINE[name]}; there is {', '.join(CAUSAL)}")
+        if name not in CAUSAL:
+            raise ValueError(f"estimators online are {', '.join(CAUSAL)}; got {name!r}")
+        if not there[name]:
+            raise RecordingError(f"{name} has no sensors; the recording has {sorted(recording.sensors)}")
+    if asked is not None and {"leg_ekf", "duty_cycled_gyro"} <= set(asked):
+        raise ValueError("leg_ekf and duty_cycled_gyro give the same angles: take one of them")
+    usual = ("foot_ins", "ankle_stride", "leg_ekf")
+    found = [(name, source) for name in (usual if asked is None else asked) for source in there[name]]
+    if not found:
+        raise RecordingError(
+            "online there are feet, ankles, shanks, and thighs with shanks; the recording has "
+            f"{sorted(recording.sensors)}"
+        )
+    return found
+
+
+def online(
+    calibration: Recording,
+    person: Mapping[str, PyTree] | None = None,
+    estimators: str | Sequence[str] | None = None,
+    params: Mapping[str, PyTree] | None = None,
+) -> Online:
+    """The estimators of a person's sensors, sample by sample: push a sample or a block, get what is new.
+
+    Each is the filter of its estimator without smoothing; events are detected causally. Axes, signs and errors of the
+    sensors come from a recording of the same person with the same sensors, in which they stand still for a second and
+    then walk a few strides.
+
+    Args:
+        calibration: that recording; estimators whose sensors it has are run, at its sampling rate.
+        person: measures of the person, as of `jgait.analyse`.
+        estimators: names of estimators, of "foot_ins", "ankle_stride", "leg_ekf" (every one that has its sensors by
+            default) and "duty_cycled_gyro" (instead of "leg_ekf", for gyroscopes that are off at times: push NaN).
+        params: name of an estimator → its parameters, for example tuned ones; default: the usual ones.
+
+    Returns:
+        An `Online`; its `push` takes the samples.
+
+    Raises:
+        RecordingError: no sensors of these estimators, or a recording that does not show how they are worn.
+        ValueError: an estimator without such a form, or a parameter outside its range.
+    """
+    body, own = dict(person or {}), dict(params or {})
+    devices: list[Device] = []
+    notes: list[Note] = []
+    for name, source in _chosen(estimators, calibration):
+        record = get(name)
+        wanted = MEASURES.get(name, ("thigh_length", "shank_length"))
+        takes = (*wanted, "height") if gives(wanted) else wanted
+        p = record.own(own.get(name, record.params), {k: value for k, value in body.items() if k in takes})
+        if name != "duty_cycled_gyro" or name in own:
+            check_params(p, record.transforms)
+        if source == "legs":
+            device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)
+            notes += more
+        elif source == "feet":
+            device = feet.device(p, calibration)
+        else:
+            device = ankles.device(p, calibration, source.removesuffix("s"))
+        devices.append(device)
+    return Online(devices, calibration.sampling_rate_hz, tuple(dict.fromkeys(notes)))

@@ -1,0 +1,51 @@
+"""Standing of a person from the gyroscopes on the legs, and lost samples, in a block of samples."""
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jgait.estimators.online.device import Sample
+from jgait.events.rest import LEGS_WINDOW_S
+from jgait.types import Counts, Flags, Values
+
+
+def standing_samples(sampling_rate_hz: float) -> np.ndarray:
+    """Number of samples for which all gyroscopes must be slow: the window of `events.rest.standing_of_legs`."""
+    return np.asarray(2 * max(1, round(LEGS_WINDOW_S * sampling_rate_hz)) + 1, np.int32)
+
+
+def stood(slow: Counts, samples: Sample, limit: float, window: Counts, count: Counts) -> tuple[Counts, Flags]:
+    """Number of samples for which the legs have been slow, and (n,) whether the person stands.
+
+    Args:
+        slow: that number before the samples.
+        samples: n samples; gyroscopes that were off or whose reading is lost do not count, but at least one must.
+        limit: threshold on the rate [rad/s].
+        window: number of slow samples from which on the person stands.
+        count: number of samples; for later ones the person does not stand.
+    """
+    fast = jnp.sum(samples.gyr * samples.gyr, axis=2) >= limit**2
+    quiet = jnp.any(samples.turned, axis=1) & ~jnp.any(fast & samples.turned, axis=1)
+    number = jnp.arange(1, quiet.shape[0] + 1, dtype=jnp.int32)
+    # the last sample that moved; a block that is quiet so far goes on with the number before it
+    moved = lax.cummax(jnp.where(quiet, 0, number))
+    ended = jnp.where(lax.cummin(quiet.astype(jnp.int32)) > 0, -slow, moved)
+    since = number - ended
+    stands = (since >= window) & (number <= count)
+    return jnp.minimum(since[count - 1], window), stands
+
+
+def lost_for(before: Values, there: Flags, dt: Values, count: Counts) -> Values:
+    """(n, …) time since the last measured sample [s], 0 where a sample is measured and after `count` samples.
+
+    Args:
+        before: (…) that time before the samples.
+        there: (n, …) bool, measured samples.
+        dt: (n,) time since the previous sample [s].
+        count: number of samples.
+    """
+    axes = tuple(range(1, there.ndim))
+    elapsed = jnp.broadcast_to(jnp.expand_dims(jnp.cumsum(jnp.maximum(dt, 1e-6)), axes), there.shape)
+    last = jnp.maximum(lax.cummax(jnp.where(there, elapsed, -jnp.inf)), -before[None])
+    real = jnp.expand_dims(jnp.arange(dt.shape[0], dtype=jnp.int32) < count, axes)
+    return jnp.where(real & ~there, elapsed - last, 0.0)

@@ -1,0 +1,318 @@
+"""Estimators sample by sample: equal to the filter over the whole walk, whatever the blocks; gaps; what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made.notes import texts
+
+import jgait
+from jgait import simulate
+from jgait.estimators import duty_cycled_gyro, leg_ekf
+from jgait.estimators.ankle_stride import AnkleParams
+from jgait.estimators.ankle_stride import online as ankle_online
+from jgait.estimators.duty_cycled_gyro import DutyCycledOptions
+from jgait.estimators.foot_ins import FootParams, prepared
+from jgait.estimators.foot_ins import online as foot_online
+from jgait.estimators.foot_ins.estimator import _foot
+from jgait.estimators.online.clock import LONGEST_GAP_S
+from jgait.estimators.online.device import BLOCK, Structure, packed, unpacked
+from jgait.estimators.online.legs import KINEMATICS
+from jgait.geometry.rotation import level
+from jgait.simulate.sensors import OPAL
+from jgait.types import RecordingError
+
+PERSON = {"height": 1.75}
+ANGLES = ("hip_angle", "knee_angle", "x", "y")
+
+
+@pytest.fixture(scope="module")
+def walked():
+    route = simulate.straight(7.0)
+    ((recording, truth),) = simulate.cohort(jax.random.key(11), 1, route, OPAL, 100.0, simulate.SEVEN)
+    return recording, truth
+
+
+def signals_of(recording, placements):
+    sensors = recording.sensors
+    return np.asarray(sensors[placements[0]].time), {
+        name: (np.array(sensors[name].gyr), np.array(sensors[name].acc)) for name in placements
+    }
+
+
+def pushed(live, time, signals, size=10):
+    """The news of a whole walk, pushed in blocks."""
+    return [
+        live.push(time[k : k + size], {name: (gyr[k : k + size], acc[k : k + size])
+                                       for name, (gyr, acc) in signals.items()})
+        for k in range(0, len(time), size)
+    ]  # fmt: skip
+
+
+def lengths(news, source):
+    return np.concatenate([one.strides[source].strides.length for one in news])
+
+
+def joined(news, part, side="right"):
+    legs = [getattr(getattr(one, part), side) for one in news]
+    return jax.tree.map(lambda *v: np.concatenate(v), *legs)
+
+
+def test_angles_and_distance_are_those_of_the_filter(walked):
+    live = jgait.online(walked[0], PERSON, "leg_ekf")
+    news = pushed(live, *signals_of(walked[0], live.placements))
+    own = leg_ekf.with_body(leg_ekf.LegParams(), PERSON)
+    made = leg_ekf.prepared(walked[0], KINEMATICS)
+    stands = np.concatenate([one.stands for one in news])
+    assert not stands[:50].any()
+    assert stands[60:90].all()
+    assert 0.1 < stands.mean() < 0.6
+    inputs = made.inputs._replace(still=stands, start_variance=np.asarray(0.1))
+    offline = jax.jit(leg_ekf.run, static_argnames=("options",))(own, inputs, options=made.options)
+    for side in ("right", "left"):
+        for part, other in (("legs", offline.legs), ("stddev", offline.stddev)):
+            for field in ANGLES:
+                mine = getattr(joined(news, part, side), field)
+                np.testing.assert_allclose(mine, getattr(getattr(other, side), field), rtol=0.0, atol=1e-6)
+    distance = [one.distance["legs"] for one in news[:-1]]
+    np.testing.assert_allclose(distance, offline.distance[9::10][: len(distance)], rtol=1e-6, atol=1e-9)
+
+
+def test_angles_with_sleeping_gyroscopes_are_those_of_the_filter_that_holds(walked):
+    recording = walked[0]
+    live = jgait.online(recording, PERSON, "duty_cycled_gyro")
+    time, signals = signals_of(recording, live.placements)
+    on = (np.arange(len(time)) % 40 < 25) | (time < 3.0)
+    for side in ("right", "left"):
+        signals[f"shank_{side}"][0][~on] = np.nan
+    news = pushed(live, time, signals)
+    options = DutyCycledOptions(filler="hold")
+    own = duty_cycled_gyro.with_body(duty_cycled_gyro.params_of(options), PERSON)
+    gyro_on = {f"shank_{side}": on for side in ("right", "left")}
+    whole, made = duty_cycled_gyro.prepared(recording, options), duty_cycled_gyro.prepared(recording, options, gyro_on)
+
+    def asleep(leg, all_on):
+        # mounting from the whole recording, as calibrated
+        shank = all_on.shank._replace(on=on, gyr=np.where(on, all_on.shank.gyr, 0.0))
+        return leg._replace(shank=shank, thigh=all_on.thigh)
+
+    stands = np.concatenate([one.stands for one in news])
+    inputs = made.inputs._replace(
+        right=asleep(made.inputs.right, whole.inputs.right), left=asleep(made.inputs.left, whole.inputs.left),
+        still=stands, start_variance=np.asarray(0.1),
+    )  # fmt: skip
+    offline = jax.jit(duty_cycled_gyro.run, static_argnames=("options",))(own, inputs, options=made.options)
+    for side in ("right", "left"):
+        for field in ANGLES:
+            mine = getattr(joined(news, "legs", side), field)
+            np.testing.assert_allclose(mine, getattr(getattr(offline.legs, side), field), rtol=0.0, atol=1e-6)
+    mine = np.concatenate([one.angles["shank_right"] for one in news])
+    np.testing.assert_allclose(mine, offline.diagnostics["angle_shank_right"], rtol=0.0, atol=1e-6)
+
+
+def test_strides_of_feet_are_those_of_the_filter(walked):
+    """The filter over the whole walk, at the stances and footholds that were detected sample by sample."""
+    recording, truth = walked
+    live = jgait.online(recording, PERSON, "foot_ins")
+    time, signals = signals_of(recording, live.placements)
+    news = pushed(live, time, signals)
+    own, mounting = FootParams(), foot_online.worn(recording, "right")
+    gyr, acc = signals["foot_right"]
+    start = foot_online.begin(own, mounting, gyr[0], acc[0])
+    now = jax.jit(foot_online.over)(own, mounting, start, gyr, acc)[1]
+    late = foot_online.lag(mounting)
+    stands, foothold = (np.append(np.asarray(v)[late:], np.zeros(late, bool)) for v in (now.stands, now.foothold))
+    first = int(np.argmax(stands))
+    around = np.arange(first + late + 1 - mounting.samples.shape[0], first + late + 1)
+    up = (acc[np.maximum(around, 0)] * mounting.scale).mean(axis=0)
+    up = up / np.linalg.norm(up)
+    inputs = prepared(recording).inputs.right
+    samples = np.arange(len(time))
+    # at the first sample the change is half that to the second, since the foot is taken to have been at rest
+    jumps = [np.linalg.norm(np.gradient(np.append(v[:1], v, axis=0), axis=0)[1:], axis=1) for v in (gyr, acc)]
+    largest = [np.append(np.full(2, own_jump[:3].max()), offline[2:]) for own_jump, offline in
+               zip((jumps[0], jumps[1] * mounting.scale), (inputs.gyr_jump, inputs.acc_jump), strict=True)]  # fmt: skip
+    foot = inputs._replace(
+        stands=stands, restart=np.append(0.0, foothold[:-1].astype(float)), valid=samples >= first,
+        dt=np.where(samples > first, 0.01, 0.0), attitude=level(up), up=up, acc_bias=mounting.acc_bias * up,
+        features=np.zeros((len(time), 1)), gyr_doubt=np.zeros(len(time)), acc_doubt=np.zeros(len(time)),
+        gyr_jump=largest[0], acc_jump=largest[1],
+    )  # fmt: skip
+    found = jax.jit(lambda p, one: _foot(p, one, foot_online.ONLINE))(own, foot)
+    at = np.flatnonzero(foothold)
+    way = [np.asarray(part)[at] for part in found.mean.position]
+    offline = np.hypot(way[0], way[1])
+    offline, rise = offline[offline > 0.1], way[2][offline > 0.1]
+    side = np.concatenate([one.strides["feet"].strides.side for one in news])
+    mine = lengths(news, "feet")[side == 0]
+    assert len(mine) >= 4
+    np.testing.assert_allclose(mine, offline, rtol=0.0, atol=1e-6)
+    height = np.concatenate([one.strides["feet"].strides.height for one in news])[side == 0]
+    np.testing.assert_allclose(height, rise, rtol=0.0, atol=1e-6)
+    assert_near_the_truth(news, "feet", truth, 0.03)
+
+
+def assert_near_the_truth(news, source, truth, largest):
+    """Every true stride is there, with its length, contacts and a deviation of the right size."""
+    tables = [one.strides[source] for one in news]
+    rows = {name: np.concatenate([getattr(t.strides, name) for t in tables]) for name in ("side", "end", "length")}
+    spread = np.concatenate([table.stddev.length for table in tables])
+    true, valid = truth.strides, np.asarray(truth.strides.valid)
+    assert len(rows["end"]) == valid.sum()
+    found = []
+    for side, end, length in zip(*rows.values(), strict=True):
+        apart = np.where(valid & (np.asarray(true.side) == side), np.abs(np.asarray(true.end) - end), np.inf)
+        assert apart.min() < 0.3
+        found.append(length - true.length[int(np.argmin(apart))])
+    assert np.mean(np.abs(found)) < largest
+    assert np.mean((found / spread) ** 2) < 3.0
+
+
+def test_strides_of_shanks_are_those_of_the_whole_walk(walked):
+    recording, truth = walked
+    live = jgait.online(recording, PERSON, "ankle_stride")
+    assert live.sources == ("shanks",)
+    time, signals = signals_of(recording, live.placements)
+    news = pushed(live, time, signals, size=17)
+    own = live_params(AnkleParams())
+    for number, side in enumerate(("right", "left")):
+        mounting = ankle_online.worn(own, recording, side)
+        whole = ankle_online.walk(own, mounting, *signals[f"shank_{side}"])
+        sides = np.concatenate([one.strides["shanks"].strides.side for one in news])
+        np.testing.assert_allclose(
+            lengths(news, "shanks")[sides == number], ankle_online.table(whole)[0].length, rtol=0.0, atol=1e-6
+        )
+    assert_near_the_truth(news, "shanks", truth, 0.05)
+    assert news[-1].distance["shanks"] == pytest.approx(float(truth.estimate.distance[-1]), rel=0.05)
+
+
+def live_params(p):
+    return jgait.estimators.get("ankle_stride").own(p, {"height": PERSON["height"]})
+
+
+@pytest.fixture(scope="module")
+def feet(walked):
+    live = jgait.online(walked[0], PERSON, "foot_ins")
+    return walked[0], pushed(live, *signals_of(walked[0], live.placements))
+
+
+def test_blocks_of_any_size_give_the_same_and_the_memory_is_constant(feet):
+    recording, news = feet
+    live = jgait.online(recording, PERSON, "foot_ins")
+    time, signals = signals_of(recording, live.placements)
+    size, k, other = 0, 0, []
+    for count in (1, 2, BLOCK + 3, 5 * BLOCK, len(time)):
+        here = slice(k, min(k + count, len(time)))
+        k = here.stop
+        other.append(live.push(time[here], {name: (g[here], a[here]) for name, (g, a) in signals.items()}))
+        assert size in (0, live.state_bytes)
+        size = live.state_bytes
+    assert k == len(time)
+    assert 0 < size < 8000
+    np.testing.assert_allclose(lengths(other, "feet"), lengths(news, "feet"), rtol=0.0, atol=1e-9)
+    contacts = [np.concatenate([one.contacts.time for one in every]) for every in (news, other)]
+    assert len(contacts[0]) == 2 * len(lengths(news, "feet"))
+    np.testing.assert_allclose(np.sort(contacts[0]), np.sort(contacts[1]), atol=1e-9)
+
+
+def test_one_sample_at_a_time(walked):
+    live = jgait.online(walked[0], PERSON, ("leg_ekf",))
+    time, signals = signals_of(walked[0], live.placements)
+    for k in range(3):
+        news = live.push(time[k], {name: (gyr[k], acc[k]) for name, (gyr, acc) in signals.items()})
+        assert news.time.tolist() == [time[k]]
+        assert news.legs.right.knee_angle.shape == (1,)
+    assert not news.strides
+    assert news.contacts.time.size == 0
+
+
+def test_a_gap_is_bridged_and_a_long_one_costs_its_strides_alone(feet):
+    recording, news = feet
+    live = jgait.online(recording, PERSON, "foot_ins")
+    time, signals = signals_of(recording, live.placements)
+    kept = np.ones(len(time), bool)
+    kept[505:510] = False  # never sent
+    for gyr, _ in signals.values():
+        gyr[700:703] = np.nan  # sent, and lost
+    parts = {name: (gyr[kept], acc[kept]) for name, (gyr, acc) in signals.items()}
+    bridged = pushed(live, time[kept], parts)
+    np.testing.assert_allclose(lengths(bridged, "feet"), lengths(news, "feet"), atol=0.25)
+    assert sum(len(one.time) for one in bridged) == kept.sum()
+
+    again = pushed(live, time + time[-1] + 100.0, signals)  # of the pause only a part is bridged
+    assert live._clock._samples < 2 * len(time) + (LONGEST_GAP_S + 1.0) * 100.0
+    ends = np.concatenate([one.strides["feet"].strides.end for one in again])
+    before = np.concatenate([one.strides["feet"].strides.end for one in news])
+    assert len(ends) == len(before)
+    np.testing.assert_allclose(ends - time[-1] - 100.0, before, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("time", "change", "message"),
+    [
+        (2.0, {"foot_left": None}, r"push needs the samples of foot_left, foot_right; got \['foot_right'\]"),
+        (2.0, {"waist": (np.zeros(3), np.zeros(3))}, "push needs the samples of foot_left, foot_right; got"),
+        (2.0, {"foot_left": (np.zeros(4), np.zeros(3))}, r"gyr of 'foot_left' must have the shape \(3,\); got \(4,\)"),
+        (2.0, {"foot_left": np.zeros(6)}, r"the samples of 'foot_left' must be \(gyr, acc\); got ndarray"),
+        (0.5, {}, "time must increase; 0.5 s follows 1 s"),
+        (np.nan, {}, "time must be one finite number"),
+        ([1.5, 1.4], {}, "time must increase; 1.4 s follows 1.5 s"),
+        ([2.0, 2.1, 2.2, 2.3, 2.4], {}, "samples come at 10 Hz; the calibration has 100 Hz"),
+    ],
+    ids=["missing", "more", "shape", "pair", "backwards", "nan", "inside", "rate"],
+)
+def test_wrong_samples_are_refused_and_change_nothing(walked, time, change, message):
+    live = jgait.online(walked[0], PERSON, "foot_ins")
+    count = np.shape(time)
+    good = {name: (np.zeros((*count, 3)), np.full((*count, 3), 5.6)) for name in live.placements}
+    live.push(1.0, {name: (np.zeros(3), np.full(3, 5.6)) for name in live.placements})
+    bad = {name: value for name, value in {**good, **change}.items() if value is not None}
+    with pytest.raises(ValueError, match=message):
+        live.push(time, bad)
+    assert live.push(1.01, {name: (np.zeros(3), np.full(3, 5.6)) for name in live.placements}).time.tolist() == [1.01]
+
+
+@pytest.mark.parametrize(
+    ("names", "error", "message"),
+    [
+        ("waist", ValueError, "waist has no form sample by sample: its contacts come from wavelets"),
+        (("stride_width_ekf",), ValueError, "stride_width_ekf has no form sample by sample"),
+        ("pedometer", ValueError, "estimators online are foot_ins, ankle_stride, leg_ekf, duty_cycled_gyro; got"),
+        (("leg_ekf", "duty_cycled_gyro"), ValueError, "give the same angles: take one of them"),
+    ],
+    ids=["waist", "width", "unknown", "twice"],
+)
+def test_what_has_no_form_sample_by_sample_is_refused(walked, names, error, message):
+    with pytest.raises(error, match=message):
+        jgait.online(walked[0], PERSON, names)
+
+
+def test_a_recording_that_does_not_walk_cannot_calibrate(walked):
+    recording = walked[0]
+    up = np.array([0.0, 0.0, 9.81])
+    still = {
+        name: imu._replace(gyr=0.0 * np.asarray(imu.gyr), acc=0.0 * np.asarray(imu.acc) + up)
+        for name, imu in recording.sensors.items()
+    }
+    only = {name: imu for name, imu in still.items() if name.startswith("foot")}
+    with pytest.raises(RecordingError, match="a recording of walking is needed to know how 'foot_right' is worn"):
+        jgait.online(recording._replace(sensors=only))
+    with pytest.raises(RecordingError, match="online there are feet, ankles, shanks, and thighs with shanks"):
+        jgait.online(recording._replace(sensors={"pelvis": recording.sensors["pelvis"]}))
+    with pytest.raises(RecordingError, match="ankle_stride has no sensors; the recording has"):
+        jgait.online(recording._replace(sensors=only), estimators="ankle_stride")
+
+
+def test_notes_say_how_the_sensors_are_worn(walked):
+    recording = walked[0]
+    sensors = dict(recording.sensors)
+    sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
+    live = jgait.online(recording._replace(sensors=sensors), PERSON, "leg_ekf")
+    assert any("left" in text for text in texts(live.notes))
+
+
+def test_a_packed_state_is_the_state():
+    state = {"a": jnp.arange(6.0).reshape(2, 3), "b": (jnp.asarray(3, jnp.int32), jnp.asarray(True)), "c": jnp.ones(2)}
+    parts = packed(state)
+    assert len(parts) == 3
+    jax.tree.map(np.testing.assert_array_equal, unpacked(parts, Structure.of(state)), state)
