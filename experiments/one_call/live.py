@@ -1,4 +1,4 @@
-"""Estimators sample by sample: the time of a sample from Python, in blocks of ten, for each estimator that has such a form.
+"""Estimators sample by sample: the time of a sample from Python, in blocks of ten.
 
 Both sides have sensors. The median is over blocks, after a walk to warm up; a block's time includes the checks of the
 samples and the tables of what is new.
@@ -31,14 +31,10 @@ def microseconds(name: str, recording: Recording, rounds: int) -> np.ndarray:
     live = jgait.online(recording, {"height": 1.75}, name)
     stamps = np.asarray(recording.sensors[live.placements[0]].time)
     signals = {one: tuple(map(np.asarray, recording.sensors[one][1:3])) for one in live.placements}
-    ends = np.arange(BLOCK, len(stamps), BLOCK)
-    blocks: list[tuple[np.ndarray, dict[str, Any]]] = [
-        (
-            stamps[end - BLOCK : end],
-            {one: (g[end - BLOCK : end], a[end - BLOCK : end]) for one, (g, a) in signals.items()},
-        )
-        for end in ends
-    ]
+    blocks: list[tuple[np.ndarray, dict[str, Any]]] = []
+    for start in range(0, len(stamps) - BLOCK + 1, BLOCK):
+        at = slice(start, start + BLOCK)
+        blocks.append((stamps[at], {one: (gyr[at], acc[at]) for one, (gyr, acc) in signals.items()}))
     took = []
     for number in range(rounds + 1):
         for at, block in blocks:

@@ -84,7 +84,7 @@ class _Delayed(NamedTuple):
     gyr_bias: Values
 
 
-class _Event(NamedTuple):
+class _AnkleEvent(NamedTuple):
     """What is decided at the filter's sample, before the filter runs.
 
     Attributes:
@@ -161,7 +161,7 @@ def _seen(
 
 def _decided(
     worn: Worn, filters: Filters, options: AnkleOptions, state: AnkleOnlineState, sample: tuple[Values, Values, Values]
-) -> tuple[AnkleOnlineState, _Event]:
+) -> tuple[AnkleOnlineState, _AnkleEvent]:
     """One sample: detection of swing and stance at the newest sample, and what follows for the filter's sample."""
     before = state
     state, newest = _seen(worn, filters, state, *sample, options)
@@ -177,7 +177,7 @@ def _decided(
     passed = near & (looked == state.stood + worn.reach)
     instant = started & (passed | (calm & full))
     ends = instant & state.swung.any & (looked >= state.swung.known)
-    event = _Event(
+    event = _AnkleEvent(
         row, before.before, stands, before.started, before.restart, instant, ~passed, ends, state.swung, state.landed,
         state.slow >= worn.calm,
     )  # fmt: skip
@@ -193,7 +193,7 @@ def _decided(
 
 
 def _filtered(
-    p: AnkleParams, worn: Worn, state: AnkleOnlineState, event: _Event, real: Flags, options: AnkleOptions
+    p: AnkleParams, worn: Worn, state: AnkleOnlineState, event: _AnkleEvent, real: Flags, options: AnkleOptions
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
@@ -219,7 +219,7 @@ def _filtered(
 
 
 def _strides(
-    p: AnkleParams, worn: Worn, event: _Event, told: filtering.Posterior, here: Heading
+    p: AnkleParams, worn: Worn, event: _AnkleEvent, told: filtering.Posterior, here: Heading
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, flags; `here` is the
     heading at which each begins.

@@ -56,7 +56,7 @@ from jgait.types import Counts, Flags, Strides, Values
 __all__ = ["ONLINE", "FootNow", "FootOnlineState", "FootWorn", "begin", "check_options", "lag", "over", "worn"]
 
 
-class _Delayed(NamedTuple):
+class _DelayedFoot(NamedTuple):
     """The filter's samples (T,), with the field names that `foot_ins.estimator` uses."""
 
     gyr: Values
@@ -71,7 +71,7 @@ class _Delayed(NamedTuple):
     dt: Values
 
 
-class _Event(NamedTuple):
+class _FootEvent(NamedTuple):
     """What is decided at the filter's sample, before the filter runs.
 
     Attributes:
@@ -168,7 +168,7 @@ def _swung(
 
 def _decided(
     worn: FootWorn, state: FootOnlineState, sample: tuple[Values, Values, Flags]
-) -> tuple[FootOnlineState, _Event]:
+) -> tuple[FootOnlineState, _FootEvent]:
     """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
     gyr, acc, there = sample
     newest = jnp.where(there, reading(worn, gyr, acc, there), state.samples[-1].at[6].set(1.0))
@@ -191,7 +191,7 @@ def _decided(
     foothold = stands & (~state.started | ends | (~swing.any & (since >= REST_STEP)))
     size = worn.jumps.shape[0]
     jumps = jnp.stack([_largest_change(part, size, at) for part in (samples[:, :3], samples[:, 3:6])])
-    event = _Event(
+    event = _FootEvent(
         time, row, before, jumps, jnp.mean(samples[:, 3:6], axis=0), stands, state.started, state.restart, foothold,
         state.foothold, swing, state.landed,
     )  # fmt: skip
@@ -218,7 +218,7 @@ def _landing(swing: FootSwing, time: Values) -> Values:
 
 
 def _filtered(
-    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _Event, real: Flags, options: FootOptions
+    p: FootParams, worn: FootWorn, state: FootOnlineState, event: _FootEvent, real: Flags, options: FootOptions
 ) -> filtering.Posterior:
     """The filter over the samples of events (T,), those with `real` alone."""
     begins = real & ~event.began & event.stands
@@ -227,7 +227,7 @@ def _filtered(
     dt = jnp.where(real & event.began, 1.0 / worn.rate_hz, 0.0)
     mean, lost = 0.5 * (event.row + event.before), event.row[:, 6]
     rate = jnp.sqrt(jnp.sum((event.row[:, :3] - worn.gyr_bias[None]) ** 2, axis=1))
-    now: PyTree = _Delayed(
+    now: PyTree = _DelayedFoot(
         mean[:, :3], mean[:, 3:6], event.jumps[:, 0], event.jumps[:, 1], LOST_RATE * lost, LOST_FORCE * lost, rate,
         jnp.zeros_like(mean[:, :1]), event.restart, dt,
     )  # fmt: skip
@@ -240,7 +240,7 @@ def _filtered(
     )  # fmt: skip
 
 
-def _summed(since: Values, told: filtering.Posterior, event: _Event, count: Counts | None) -> tuple[Values, Values]:
+def _summed(since: Values, told: filtering.Posterior, event: _FootEvent, count: Counts | None) -> tuple[Values, Values]:
     """`FootOnlineState.since` after the last sample, and (T, 3) before each foothold is reset."""
     used = event.began | event.stands
     columns = (told.mean.position.z, told.nis, told.count.astype(told.nis.dtype))
@@ -255,7 +255,13 @@ def _summed(since: Values, told: filtering.Posterior, event: _Event, count: Coun
 
 
 def _strides(
-    p: FootParams, worn: FootWorn, event: _Event, told: filtering.Posterior, since: Values, turn: Values, yaw: Values
+    p: FootParams,
+    worn: FootWorn,
+    event: _FootEvent,
+    told: filtering.Posterior,
+    since: Values,
+    turn: Values,
+    yaw: Values,
 ) -> tuple[Strides, Strides]:
     """The strides that would end at each of the filter's samples (T,), and their standard deviations.
 

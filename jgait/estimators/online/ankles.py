@@ -9,7 +9,7 @@ from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.ankle_stride.online_state import AnkleOnlineState, Now
 from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
-from jgait.estimators.online.device import Device, Sample
+from jgait.estimators.online.device import Device, Readings
 from jgait.types import SIDES, Counts, Flags, Recording, Values
 
 
@@ -35,7 +35,7 @@ def device(p: AnkleParams, recording: Recording, site: str) -> Device:
     return Device(f"{site}s", "ankle_stride", names, constants, begin, advance, ONLINE, tuple(sides))
 
 
-def begin(c: AnklesConstants, sample: Sample, options: AnkleOptions) -> AnkleOnlineState:
+def begin(c: AnklesConstants, sample: Readings, options: AnkleOptions) -> AnkleOnlineState:
     """The state before the first sample, see `Device`."""
     return jax.vmap(lambda one, gyr, acc: ankle_online.begin(c.p, one, gyr, acc, options))(
         c.worn, sample.gyr, sample.acc
@@ -43,7 +43,7 @@ def begin(c: AnklesConstants, sample: Sample, options: AnkleOptions) -> AnkleOnl
 
 
 def advance(
-    c: AnklesConstants, state: AnkleOnlineState, samples: Sample, count: Counts, options: AnkleOptions
+    c: AnklesConstants, state: AnkleOnlineState, samples: Readings, count: Counts, options: AnkleOptions
 ) -> tuple[AnkleOnlineState, Now]:
     """A block of samples, see `Device`."""
 

@@ -36,7 +36,7 @@ class Block(NamedTuple):
     offset: float
 
 
-class Clock:
+class Pushes:
     """Times and shapes of pushed samples."""
 
     def __init__(self, placements: tuple[str, ...], sampling_rate_hz: float) -> None:

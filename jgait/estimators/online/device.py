@@ -21,7 +21,7 @@ BLOCK = 32
 """[samples] Most samples of one call of the compiled program; longer blocks are divided."""
 
 
-class Sample(NamedTuple):
+class Readings(NamedTuple):
     """One sample of k sensors, or n samples with an axis in front.
 
     Attributes:
@@ -58,8 +58,8 @@ class Device(NamedTuple):
     estimator: str
     placements: tuple[str, ...]
     constants: PyTree
-    begin: Callable[[PyTree, Sample, PyTree], PyTree]
-    advance: Callable[[PyTree, PyTree, Sample, Counts, PyTree], tuple[PyTree, PyTree]]
+    begin: Callable[[PyTree, Readings, PyTree], PyTree]
+    advance: Callable[[PyTree, PyTree, Readings, Counts, PyTree], tuple[PyTree, PyTree]]
     options: PyTree
     sides: tuple[int, ...]
 
@@ -96,10 +96,10 @@ def unpacked(parts: list[PyTree], structure: Structure) -> PyTree:
     return jax.tree.unflatten(structure.tree, found)
 
 
-def _samples(rows: Values) -> Sample:
+def _samples(rows: Values) -> Readings:
     """Rows (n, 1 + 8 k), or one row, as samples."""
     sensors = rows[..., 1:].reshape(*rows.shape[:-1], -1, 8)
-    return Sample(rows[..., 0], sensors[..., :3], sensors[..., 3:6], sensors[..., 6] > 0.5, sensors[..., 7] > 0.5)
+    return Readings(rows[..., 0], sensors[..., :3], sensors[..., 3:6], sensors[..., 6] > 0.5, sensors[..., 7] > 0.5)
 
 
 def _like(tree: PyTree, other: PyTree) -> PyTree:

@@ -24,7 +24,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledParams, filter_params, one_side
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, NAME, checked, worn
 from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
-from jgait.estimators.online.device import Device, Sample
+from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import lost_for, standing_samples, stood
 from jgait.events.rest import LEGS_RATE, standing_of_legs
 from jgait.filtering import Belief, Model
@@ -127,7 +127,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     return Device("legs", NAME, placements, constants, begin, advance, options, tuple(numbers)), tuple(notes)
 
 
-def begin(c: DutyConstants, sample: Sample, options: DutyDeviceOptions) -> DutyState:
+def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> DutyState:
     """The state before the first sample, see `Device`."""
     del sample
     beliefs: dict[int, Belief] = {}
@@ -186,7 +186,7 @@ def _leg(
 
 
 def advance(
-    c: DutyConstants, state: DutyState, samples: Sample, count: Counts, options: DutyDeviceOptions
+    c: DutyConstants, state: DutyState, samples: Readings, count: Counts, options: DutyDeviceOptions
 ) -> tuple[DutyState, DutyNow]:
     """A block of samples, see `Device`."""
     gyr = -jnp.einsum("kij,bkj->bki", c.axes, samples.gyr)[:, :, 1]

@@ -10,7 +10,7 @@ from jgait.estimators.foot_ins.online import ONLINE, FootNow, FootOnlineState
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.foot_ins.prepare import worn_sides
 from jgait.estimators.foot_ins.worn import FootWorn, worn
-from jgait.estimators.online.device import Device, Sample
+from jgait.estimators.online.device import Device, Readings
 from jgait.types import SIDES, Counts, Flags, Recording, Values
 
 
@@ -33,7 +33,7 @@ def device(p: FootParams, recording: Recording) -> Device:
     return Device("feet", "foot_ins", names, FeetConstants(p, stacked), begin, advance, ONLINE, numbers)
 
 
-def begin(c: FeetConstants, sample: Sample, options: FootOptions) -> FootOnlineState:
+def begin(c: FeetConstants, sample: Readings, options: FootOptions) -> FootOnlineState:
     """The state before the first sample, see `Device`."""
     return jax.vmap(lambda one, gyr, acc: foot_online.begin(c.p, one, gyr, acc, options))(
         c.worn, sample.gyr, sample.acc
@@ -41,7 +41,7 @@ def begin(c: FeetConstants, sample: Sample, options: FootOptions) -> FootOnlineS
 
 
 def advance(
-    c: FeetConstants, state: FootOnlineState, samples: Sample, count: Counts, options: FootOptions
+    c: FeetConstants, state: FootOnlineState, samples: Readings, count: Counts, options: FootOptions
 ) -> tuple[FootOnlineState, FootNow]:
     """A block of samples, see `Device`."""
 

@@ -17,7 +17,7 @@ from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
 from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, common_clock, mounted, worn_sides
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M
-from jgait.estimators.online.device import Device, Sample
+from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import lost_for, standing_samples, stood
 from jgait.events.rest import LEGS_RATE, standing_of_legs
 from jgait.notes import Note
@@ -119,7 +119,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     return Device("legs", "leg_ekf", placements, constants, begin, advance, options, numbers), tuple(notes)
 
 
-def _signals(c: LegsConstants, samples: Sample, lost: Values) -> LegSignals:
+def _signals(c: LegsConstants, samples: Readings, lost: Values) -> LegSignals:
     """Signals of b samples in the segments' axes, leaves (n, b, …), bias and variance (n, …)."""
     shape = (-1, *c.axes.shape[:2], 3)
     gyr = jnp.einsum("nsij,bnsj->snbi", c.axes, samples.gyr.reshape(shape))
@@ -130,7 +130,7 @@ def _signals(c: LegsConstants, samples: Sample, lost: Values) -> LegSignals:
     )
 
 
-def begin(c: LegsConstants, sample: Sample, options: LegOptions) -> LegsState:
+def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
     """The state before the first sample, see `Device`."""
     zero, each = jnp.zeros_like(c.start_variance), jnp.zeros_like(c.scale[:, 0])
     first = _signals(c, jax.tree.map(lambda v: v[None], sample), jnp.zeros_like(c.scale)[None])
@@ -142,7 +142,7 @@ def begin(c: LegsConstants, sample: Sample, options: LegOptions) -> LegsState:
 
 
 def advance(
-    c: LegsConstants, state: LegsState, samples: Sample, count: Counts, options: LegOptions
+    c: LegsConstants, state: LegsState, samples: Readings, count: Counts, options: LegOptions
 ) -> tuple[LegsState, LegsNow]:
     """A block of samples, see `Device`."""
     real = jnp.arange(samples.dt.shape[0], dtype=jnp.int32) < count

@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 from jgait.estimators import get
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.online import ankles, duty, feet, legs
-from jgait.estimators.online.clock import Clock
+from jgait.estimators.online.clock import Pushes
 from jgait.estimators.online.device import Device, Results, Runner
 from jgait.estimators.proportions import gives
 from jgait.notes import Note
@@ -104,7 +104,7 @@ class Online:
         self.sampling_rate_hz = sampling_rate_hz
         self.sources = tuple(device.source for device in devices)
         self.notes = notes
-        self._clock = Clock(self.placements, sampling_rate_hz)
+        self._clock = Pushes(self.placements, sampling_rate_hz)
         self._none: dict[str, NewStrides] = {}
         rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
         self._columns = [

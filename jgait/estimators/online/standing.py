@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jgait.estimators.online.device import Sample
+from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
 from jgait.types import Counts, Flags, Values
 
@@ -14,7 +14,7 @@ def standing_samples(sampling_rate_hz: float) -> np.ndarray:
     return np.asarray(2 * max(1, round(LEGS_WINDOW_S * sampling_rate_hz)) + 1, np.int32)
 
 
-def stood(slow: Counts, samples: Sample, limit: float, window: Counts, count: Counts) -> tuple[Counts, Flags]:
+def stood(slow: Counts, samples: Readings, limit: float, window: Counts, count: Counts) -> tuple[Counts, Flags]:
     """Number of samples for which the legs have been slow, and (n,) whether the person stands.
 
     Args:
