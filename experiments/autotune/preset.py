@@ -21,9 +21,9 @@ def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarra
     files = [registry.file(SET, f"{pyshoe_vicon.ROOT}/{name}.mat")[0] for name in pyshoe_vicon.names()]
     held = {
         "error": "3-D error of the foot's path", "unit": "m", "n": before.size, "split": vicon.SPLIT,
-        "before": float(np.median(before)), "after": float(np.median(after)),
+        "before": _median(before), "after": _median(after),
         "by_kind": {
-            name: {"before": float(np.median(before[kinds == name])), "after": float(np.median(after[kinds == name]))}
+            name: {"before": _median(before[kinds == name]), "after": _median(after[kinds == name])}
             for name in KINDS if (kinds == name).any()
         },
     }  # fmt: skip
@@ -34,6 +34,10 @@ def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarra
     }  # fmt: skip
     rounded = jax.tree.map(lambda v: float(f"{float(v):.5g}"), p)
     return io.write_params(folder / f"{NAME}.json", rounded, estimator="foot_ins", made=made)
+
+
+def _median(errors: np.ndarray) -> float:
+    return float(f"{np.median(errors):.3g}")
 
 
 def main() -> None:
