@@ -80,12 +80,19 @@ def held(*values: PyTree) -> PyTree:
     return lax.optimization_barrier(values if len(values) > 1 else values[0])
 
 
+ENTRIES = 6
+"""Rows of the largest matrix that is inverted number by number."""
+
+
 def inverse(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
     """The inverses of symmetric matrices (m, m, B), log-determinants (B,), and whether all pivots are positive (B,).
 
-    A pivot that is not positive is replaced by 1.
+    A pivot that is not positive is replaced by 1. A matrix of more than `ENTRIES` rows is inverted by halves, with the
+    same pivots: number by number, its program would take long to compile.
     """
     size = s.shape[0]
+    if size > ENTRIES:
+        return _inverse_by_halves(s)
     factor: list[list[PyTree]] = [[None] * size for _ in range(size)]
     pivots: list[PyTree] = []
     good: PyTree = True
@@ -117,6 +124,17 @@ def inverse(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
             rows[i][j] = rows[j][i] = value
     log_det = sum(jnp.log(pivot) for pivot in pivots)
     return jnp.stack([jnp.stack(row) for row in rows]), log_det, good
+
+
+def _inverse_by_halves(s: PyTree) -> tuple[PyTree, PyTree, PyTree]:
+    half = s.shape[0] // 2
+    first, log_det, good = inverse(s[:half, :half])
+    beside = product(s[half:, :half], first)
+    last, log_det_last, good_last = inverse(s[half:, half:] - product_transposed(beside, s[half:, :half]))
+    corner = product(last, beside)
+    first = first + product(transposed(beside), corner)
+    rows = [jnp.concatenate([first, -transposed(corner)], axis=1), jnp.concatenate([-corner, last], axis=1)]
+    return symmetrised(jnp.concatenate(rows)), log_det + log_det_last, good & good_last
 
 
 def lifted(value: PyTree, like: PyTree) -> PyTree:
