@@ -14,14 +14,18 @@ from jgait.commands import recordings
 from jgait.commands.console import Bar, console, count, note, progress, say_failures, stop, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.commands.own_options import own_options, with_own_options
+from jgait.commands.person import PersonFile, person_in, person_of
 from jgait.commands.pipeline import Choice, chosen, measures_of, pipeline_of, start_of
-from jgait.types import Estimate, Recording, reason_of
+from jgait.types import Estimate, Recording, Walk, reason_of
 
 if TYPE_CHECKING:
     from jgait.report import Report
 
 ENDINGS = (".html", ".htm")
 """Endings of the name of a page."""
+
+COHORTS_BY = "leg_ekf"
+"""The estimator of a cohort if none is named."""
 
 
 @with_own_options
@@ -38,9 +42,10 @@ def report(
     recording: Annotated[
         str | None, typer.Option(help="Only this recording of --dataset, with its reference in the figures.")
     ] = None,
-    estimator: cohorts.EstimatorName = "leg_ekf",
+    estimator: cohorts.OneEstimator = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
+    person: PersonFile = None,
     rate: recordings.Rate = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
@@ -55,6 +60,9 @@ def report(
     **own: Any,
 ) -> None:
     """One self-contained HTML page about a recording or a cohort: summary, warnings in plain words, figures, tables.
+
+    Of one recording, every estimator that has its sensors runs, and the page compares them; with --estimator, one
+    method runs alone. Of a cohort, one estimator runs, leg_ekf if none is named.
 
     The page loads nothing from other addresses and names no folder. Exit code 0: success; 1: some recordings of a
     cohort could not be used; 2: no page could be made.
@@ -74,14 +82,21 @@ def report(
     if what is not None and dataset is None and simulated is None and what.is_dir():
         page, failures = _of_folder(what, command)
     elif recording is not None or (what is not None and not (dataset or simulated) and not is_cohort(what)):
-        choice = chosen(estimator, paper, params, own)
-        page = _of_one(what, dataset, recording, choice, files, command)
+        walk = _walk(what, dataset, recording, files)
+        data = str(what or f"{dataset}: {recording}")
+        if estimator is None and not paper and params is None:
+            page = _of_all(walk, data, person_of(person, own), command)
+        else:
+            choice = chosen(estimator or COHORTS_BY, paper, params, own)
+            page = _of_one(walk, data, choice, person_in(person), command)
     else:
+        if person is not None:
+            stop("--person is of one recording; for a cohort put columns into its table")
         given = [option.option.name for option in own_options().values() if own[option.variable] is not None]
         if given:
             stop(f"{given[0]} is of one recording; for a cohort put a column into its table")
         page, failures = _of_cohort(
-            what, dataset, simulated, seed, estimator, paper, params, files, command, (out, json_file)
+            what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
         )
     _write(page, out, json_file)
     if show:
@@ -118,44 +133,60 @@ def is_cohort(path: Path) -> bool:
     return "file" in (name.strip().strip('"').lower() for name in header.splitlines())
 
 
-def _of_one(
-    file: Path | None, dataset: str | None, name: str | None, choice: Choice, files: dict[str, Any], command: str
-) -> "Report":
-    """The page of one recording, of a file or of a data set; exits with code 2 if it cannot be used."""
+def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
+    """One recording of a file or of a data set; exits with code 2 if it cannot be used."""
     from jgait import datasets
-    from jgait import report as reports
-    from jgait.params import check_params
 
-    estimator = choice.estimator
-    reference, known = None, {}
     try:
-        if dataset is not None:
-            if file is not None:
-                stop("give one of: a file, --dataset NAME; got both")
-            walks = datasets.load(dataset, only=(str(name),))
-            if not walks:
-                stop(walks.failures[0].reason if walks.failures else f"{dataset} has no recording {name!r}")
-            walked, reference = walks[0].recording, walks[0].reference
-            known = cohorts.body(walks[0], measures_of(estimator))
-        else:
-            walked = recordings.recording_of(Path(str(file)), **files)
+        if dataset is None:
+            return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
+        if file is not None:
+            stop("give one of: a file, --dataset NAME; got both")
+        walks = datasets.load(dataset, only=(str(name),))
+        if not walks:
+            stop(walks.failures[0].reason if walks.failures else f"{dataset} has no recording {name!r}")
+        return walks[0]
     except typer.Exit:
         raise
     except Exception as error:
         stop(f"{file or dataset}: {reason_of(error)}")
-    p, missing = choice.personal(known)
+
+
+def _of_one(walk: Walk, data: str, choice: Choice, person: dict[str, PyTree], command: str) -> "Report":
+    """The page of one recording by one estimator; exits with code 2 if it cannot be used."""
+    from jgait import report as reports
+    from jgait.params import check_params
+
+    estimator = choice.estimator
+    p, missing = choice.personal({**cohorts.body(walk, measures_of(estimator)), **person})
     for line in missing:
         note(line)
     try:
         check_params(p, estimator.transforms)
-        result = _estimated(choice, p, walked)
+        result = _estimated(choice, p, walk.recording)
     except Exception as error:
-        stop(f"{file or name}: {reason_of(error)}")
+        stop(f"{data}: {reason_of(error)}")
     for line in result.diagnostics["notes"]:
         note(line)
-    pipeline, data = "the paper's" if choice.paper else "", str(file or f"{dataset}: {name}")
+    pipeline = "the paper's" if choice.paper else ""
     made = reports.Made(estimator.name, p, estimator.params, pipeline, data, command, tuple(missing))
-    return reports.of_estimate(result, walked, reference=reference, made=made)
+    return reports.of_estimate(result, walk.recording, reference=walk.reference, made=made)
+
+
+def _of_all(walk: Walk, data: str, person: dict[str, PyTree], command: str) -> "Report":
+    """The page of one recording by all its sensors; exits with code 2 if it cannot be used."""
+    from jgait import report as reports
+    from jgait.estimators.combined import MEASURES, analyse
+
+    known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
+    try:
+        found = analyse(walk.recording, {**known, **person})
+    except Exception as error:
+        stop(f"{data}: {reason_of(error)}")
+    for line in found.notes:
+        note(line)
+    made = reports.Made("all sensors together", file=data, command=command)
+    return reports.of_analysis(found, walk.recording, reference=walk.reference, made=made)
 
 
 def _estimated(choice: Choice, p: PyTree, walked: Recording) -> Estimate:

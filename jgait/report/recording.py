@@ -1,5 +1,6 @@
 """The page of one recording."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,9 @@ CURVES = {
 
 
 def of_estimate(
-    estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
-) -> Report:
+    estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
+    more: Sequence[Section] = (),
+) -> Report:  # fmt: skip
     """The page of one recording: summary, warnings, means by side, figures with bands, all strides, settings.
 
     Args:
@@ -31,6 +33,7 @@ def of_estimate(
         recording: the signals.
         reference: an independent measurement, drawn dashed and compared, or None.
         made: settings of the computation; None leaves this out.
+        more: further sections, after the means of the strides.
 
     Raises:
         ValueError: if the estimate is not of one recording.
@@ -54,6 +57,7 @@ def of_estimate(
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
     drawn = pictures(estimate, reference, about.figures, sources)
     sections = [*_strides(of, rows), *([Section("Figures", "", drawn)] if drawn else []), *_all_strides(of)]
+    sections[1:1] = more
     if reference is not None:
         sections.insert(1, _against(estimate, recording, reference))
     sections.append(_details(estimate, recording, made))

@@ -427,14 +427,19 @@ def test_a_missing_measure_of_a_person_is_noted():
         ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N"),
         (("nowhere.csv",), "No such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
-        (("{file}", "--lever", "0.1"), "--lever is an option of ankle_stride; got --estimator leg_ekf"),
+        (("{file}", "--duty", "0.4"), "--duty is an option of duty_cycled_gyro; give --estimator as well"),
+        (("{file}", "--lever", "0.1", "--paper"), "--lever is an option of ankle_stride; got --estimator leg_ekf"),
+        (("--simulated", "2", "--person", "p.json"), "--person is of one recording"),
         (("{file}", "--estimator", "mine"), "estimator must be one of"),
         (("{file}", "--recording", "a"), "--recording names a recording of a --dataset"),
         (("--simulated", "2", "--thigh", "0.4"), "--thigh is of one recording"),
         (("{folder}",), "is no folder that jgait evaluate wrote"),
         (("{file}", "--estimator", "ankle_stride", "--out", "{file}/page.html"), "could not be written"),
     ],
-    ids=["nothing", "no file", "no page", "option", "estimator", "recording", "measure", "folder", "no place"],
+    ids=[
+        "nothing", "no file", "no page", "one", "option", "person", "estimator", "recording", "measure", "folder",
+        "no place",
+    ],
 )  # fmt: skip
 def test_bad_usage(walk_file, tmp_path, monkeypatch, words, expected):
     monkeypatch.chdir(tmp_path)

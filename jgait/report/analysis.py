@@ -1,0 +1,68 @@
+"""The page of one recording by all its sensors together."""
+
+from jgait.estimators.combined import Analysis
+from jgait.report.made import Made
+from jgait.report.page import Cell, Report, Section, Table, number
+from jgait.report.recording import of_estimate
+from jgait.types import Estimate, Recording
+
+QUANTITIES = {
+    "strides": ("strides", "", 0), "distance": ("distance", "m", 2), "stride_length": ("stride length", "m", 3),
+    "walking_speed": ("walking speed", "m/s", 2),
+}  # fmt: skip
+"""Quantity of a comparison → its words, unit and digits."""
+
+
+def of_analysis(
+    analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None
+) -> Report:
+    """The page of one recording by all its sensors: as `of_estimate`, with what each source says and walking bouts.
+
+    Contradictions between the sources are among the warnings.
+
+    Args:
+        analysis: of `jgait.analyse`.
+        recording: the signals.
+        reference: an independent measurement, drawn dashed and compared, or None.
+        made: settings of the computation; None leaves this out.
+
+    Raises:
+        ImportError: without the extra `cli`.
+    """
+    more = [_sources(analysis), *_bouts(analysis)]
+    return of_estimate(analysis.estimate, recording, reference=reference, made=made, more=more)
+
+
+def _sources(analysis: Analysis) -> Section:
+    """Every quantity as each group of sensors measures it, and combined."""
+    rows = []
+    for one in analysis.comparisons:
+        words, unit, digits = QUANTITIES[one.quantity]
+        spread = "–" if one.stddev is None else number(one.stddev, digits)
+        many = str(one.strides) if one.strides and one.quantity != "strides" else "–"
+        rows.append([
+            Cell(words), Cell(one.source), Cell(number(one.value, digits)), Cell(spread), Cell(many), Cell(unit),
+        ])  # fmt: skip
+    used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
+    caption = (
+        f"Sources: {used}. Medians over whole strides, ± one standard deviation of one stride or of the distance, as "
+        "stated; the combined value is weighted by the variances of the sources that agree."
+    )
+    columns = ("", "source", "value", "± SD", "strides", "unit")
+    return Section("What each sensor says", "", [Table(caption, columns, rows)])
+
+
+def _bouts(analysis: Analysis) -> list[Section]:
+    """The bouts of walking; none without strides."""
+    from jgait import io
+
+    table = io.analysis_to_dataframes(analysis).get("bouts")
+    if table is None or not len(table):
+        return []
+    rows = [[Cell(_shown(value)) for value in row] for row in table.itertuples(index=False)]
+    caption = "Bouts of walking, between pauses; units are in the names."
+    return [Section("Bouts of walking", "", [Table(caption, tuple(map(str, table.columns)), rows)])]
+
+
+def _shown(value: object) -> str:
+    return number(value, 2) if isinstance(value, float) else str(value)
