@@ -1,10 +1,11 @@
 """Notes: every kind of the library is complete and used, and no code reads facts out of sentences."""
 
 import ast
+import collections
+import functools
 import json
 import re
 import string
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +25,17 @@ def fields(kind: Kind) -> set[str]:
     return {name for _, name, _, _ in string.Formatter().parse(kind.text) if name}
 
 
-def calls() -> Iterator[tuple[str, str, set[str] | None]]:
-    """File, name of the function and keywords (None where a mapping is unpacked) of every call in the library."""
-    for path in sorted(ROOT.rglob("*.py")):
+@functools.cache
+def keywords_of() -> dict[str, list[set[str] | None]]:
+    """Name of a function → keywords (None where a mapping is unpacked) of each of its calls in the library."""
+    found = collections.defaultdict(list)
+    for path in ROOT.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
                 name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
-                keywords = [keyword.arg for keyword in node.keywords]
-                known = {keyword for keyword in keywords if keyword is not None}
-                yield str(path.relative_to(ROOT)), name, known if None not in keywords else None
-
-
-CALLS = list(calls())
+                keywords = {keyword.arg for keyword in node.keywords}
+                found[name].append(None if None in keywords else keywords)
+    return found
 
 
 def test_codes_are_unique_and_snake_case():
@@ -51,7 +51,7 @@ def test_a_kind_is_complete_and_is_called_with_its_values(name):
     assert kind.severity in SEVERITIES
     assert re.match(r"[A-Z].*\.$", kind.meaning), kind.meaning
     own = name.rpartition(".")[2]
-    given = [keywords for _, called, keywords in CALLS if called == own]
+    given = keywords_of().get(own)
     assert given, f"{own} is never called"
     for keywords in given:
         assert keywords is None or keywords == fields(kind)
