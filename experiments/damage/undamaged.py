@@ -9,13 +9,13 @@ from experiments.common import recordings
 from experiments.common.row import Row, show
 from experiments.damage.harm import read, rows_of
 from jgait import datasets, simulate
-from jgait.io.damage import agreement, delays, samples, splices
+from jgait.io.damage import agreement, delays, samples, splices, turns
 from jgait.notes import Kind
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
 
 CODES = {
-    kind.code for module in (agreement, delays, samples, splices) for kind in vars(module).values()
+    kind.code for module in (agreement, delays, samples, splices, turns) for kind in vars(module).values()
     if isinstance(kind, Kind)
 }  # fmt: skip
 """Codes of the notes about damage."""

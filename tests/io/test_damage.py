@@ -7,12 +7,12 @@ import pytest
 
 from experiments.damage import harm
 from jgait import io, simulate
-from jgait.io.damage import agreement, damage_notes, delays, samples, splices
+from jgait.io.damage import agreement, damage_notes, delays, samples, splices, turns
 from jgait.io.names import states_milliseconds
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
-NEW = {kind.code for module in (agreement, delays, samples, splices) for kind in vars(module).values()
+NEW = {kind.code for module in (agreement, delays, samples, splices, turns) for kind in vars(module).values()
        if type(kind).__name__ == "Kind"}  # fmt: skip
 """Codes of the notes about damage."""
 
@@ -105,6 +105,41 @@ def test_a_wrapped_gyroscope_is_named(rows):
 def test_sensors_that_contradict_themselves_or_others_are_named(rows, name, placement, code):
     texts = found(damaged(rows, name, placement), code)
     assert any(placement in text for text in texts)
+
+
+@pytest.fixture(scope="module")
+def turning():
+    walk = simulate.cohort(jax.random.key(6), 1, simulate.u_turn(6.0), OPAL)[0][0]
+    return harm.rows_of(walk, tuple(walk.sensors))
+
+
+@pytest.mark.parametrize(
+    ("name", "placement"),
+    [
+        ("gyroscope's sign", "thigh_left"),
+        ("gyroscope's z turned round", "pelvis"),
+        ("gyroscope by 0.5", "pelvis"),
+        ("gyroscope by 2", "shank_left"),
+        ("gyroscope in rad/s", "pelvis"),
+        ("accelerometer's sign", "foot_right"),
+    ],
+)
+def test_sensors_that_do_not_turn_with_the_person_are_named(turning, name, placement):
+    assert not found(harm.read(turning, "walk"), "turns_apart")
+    (text,) = found(damaged(turning, name, placement), "turns_apart")
+    assert text.startswith(f"{placement}: in a turn by ")
+
+
+def test_of_two_sensors_that_turn_apart_both_are_named(turning):
+    feet = turning._replace(sensors={p: s for p, s in turning.sensors.items() if p.startswith("foot")})
+    assert not found(harm.read(feet, "walk"), "turns_apart")
+    assert len(found(damaged(feet, "gyroscope's sign", "foot_left"), "turns_apart")) == 2
+    alone = feet._replace(sensors={"foot_left": feet.sensors["foot_left"]})
+    assert not found(damaged(alone, "gyroscope's sign", "foot_left"), "turns_apart")
+
+
+def test_the_mean_acceleration_of_the_trunk_is_gravity(rows):
+    assert "pelvis" in found(damaged(rows, "accelerometer by 0.85", "pelvis"), "gyroscope_disagrees")[0]
 
 
 def test_the_cause_of_a_disagreement_is_guessed(rows):

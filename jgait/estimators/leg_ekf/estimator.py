@@ -15,6 +15,7 @@ from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment, has_gravity
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
+from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, TRANSFORMS, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, prepare
 from jgait.filtering import Belief, Covariance, Model
@@ -23,6 +24,9 @@ from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, 
 
 SHORT_GAP = 0.1
 """[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
+
+STEPS_APART, APART = 1.6, 0.1
+"""[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
 
 DISTANCES = ("strapdown", "stance", "accumulate", "forward")
 """Values of `LegOptions.distance`."""
@@ -192,8 +196,11 @@ def soft_tissue_variances(p: LegParams, state: LegState) -> tuple[Values, Values
     )
 
 
-def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> tuple[Values, Values]:
-    """Distance walked and its standard deviation, both (T,) [m]; see `LegOptions.distance` and `leg_ekf.readout`."""
+def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> tuple[Values, dict[str, Values]]:
+    """Distance walked (T,) [m], see `LegOptions.distance` and `leg_ekf.readout`, and its diagnostics: its standard
+    deviation (T,) [m], and by strapdown the sum of the strides of each shank [m].
+    """
+    diagnostics = {}
     if options.distance not in DISTANCES:
         raise ValueError(f"distance must be one of {', '.join(DISTANCES)}; got {options.distance!r}")
     if options.distance in ("strapdown", "stance"):
@@ -210,7 +217,10 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
         strides = reduce(jnp.logical_and, [leg.count > 0 for leg in inputs.shanks[1:] if leg is not None])
         way = jnp.where(strides, leg_distance.rescaled(way, shanks.distance[-1]), way)
         spread = jnp.where(strides, shanks.diagnostics["distance_stddev"], spread)
-    return p.distance_scale * way, p.distance_scale * spread
+        lengths = jnp.where(shanks.strides.valid, shanks.strides.length, 0.0)
+        for side, name in enumerate(SIDES):
+            diagnostics[f"shank_distance_{name}"] = jnp.sum(jnp.where(shanks.strides.side == side, lengths, 0.0))
+    return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
 
 def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: Model = leg_model.MODEL) -> Estimate:
@@ -236,7 +246,8 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
         diagnostics[f"nis_{SIDES[side]}"] = leg.nis
     legs = Legs(*trajectories)
     valid = inputs.valid & jnp.all(results.valid, axis=0)
-    distance, diagnostics["distance_stddev"] = walked(p, legs, inputs, options)
+    distance, more = walked(p, legs, inputs, options)
+    diagnostics |= more
     return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
 
 
@@ -260,6 +271,17 @@ def _one_leg(worn: tuple[LegParams, LegSignals], inputs: LegInputs, options: Leg
     )  # fmt: skip
 
 
+def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
+    """The estimate with a note if both shanks walk different distances."""
+    if made.inputs.right is None or made.inputs.left is None or "shank_distance_right" not in result.diagnostics:
+        return result
+    right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
+    if abs(right - left) <= max(STEPS_APART, APART * max(right, left)):
+        return result
+    notes = (*result.diagnostics.get("notes", ()), SHANKS_APART(right=right, left=left))
+    return result._replace(diagnostics={**result.diagnostics, "notes": notes})
+
+
 def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
     """This estimator as a record of functions; without accelerometers it does not use gravity."""
 
@@ -271,7 +293,7 @@ def estimator(options: LegOptions = DEFAULT) -> Estimator[LegParams, LegInputs]:
         gravity = options.gravity and has_gravity(found.inputs)
         return found._replace(options=options._replace(gravity=gravity))
 
-    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, run, with_body, ABOUT)
+    return Estimator("leg_ekf", LegParams(), TRANSFORMS, ready, run, with_body, ABOUT, finish=_finished)
 
 
 def prepared(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:

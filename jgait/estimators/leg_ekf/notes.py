@@ -28,3 +28,11 @@ ONE_LEG = Kind(
     "with one leg too",
     "The steps of the other leg are not measured; the distance is the less certain for it.",
 )
+
+SHANKS_APART = Kind(
+    "shanks_apart",
+    "check",
+    "by its accelerometer shank_right walks {right:.3g} m and shank_left {left:.3g} m; one of the two sensors is wrong",
+    "Both legs of a person walk the same way, but for a step. Likely a wrong axis, unit or scale of a sensor, or lost "
+    "samples: neither the distance nor the angles of that leg can be trusted.",
+)

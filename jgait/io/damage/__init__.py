@@ -4,6 +4,7 @@ from jgait.io.damage.agreement import agreement_notes
 from jgait.io.damage.delays import delay_notes
 from jgait.io.damage.samples import without_damage
 from jgait.io.damage.splices import splice_notes
+from jgait.io.damage.turns import turn_notes
 from jgait.notes import Note
 from jgait.types import Recording
 
@@ -17,4 +18,5 @@ def damage_notes(recording: Recording) -> tuple[Note, ...]:
         *agreement_notes(sensors, rate_hz),
         *delay_notes(sensors, rate_hz),
         *splice_notes(sensors, rate_hz),
+        *turn_notes(sensors, rate_hz),
     )

@@ -107,6 +107,17 @@ def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
     assert np.asarray(stated.x)[:50].mean() > 0.9 * p.standing_hip_sd * length
 
 
+def test_shanks_that_walk_different_distances_are_noted(walk):
+    recording, truth = walk
+    imu = recording.sensors["shank_right"]
+    wrong = {**recording.sensors, "shank_right": imu._replace(acc=imu.acc * np.array([0.2, 0.2, 1.0]))}
+    for sensors, noted in ((recording.sensors, False), (wrong, True)):
+        result = leg_ekf.estimate(parameters(truth), recording._replace(sensors=sensors))
+        assert any(note.code == "shanks_apart" for note in result.diagnostics["notes"]) == noted
+        right, left = (float(result.diagnostics[f"shank_distance_{side}"]) for side in SIDES)
+        assert (abs(right - left) > 1.6) == noted
+
+
 def test_a_recording_of_another_length_compiles_nothing(walk, compiled):
     recording, truth = walk
     p = parameters(truth)
