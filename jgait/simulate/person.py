@@ -57,6 +57,7 @@ class Gait(NamedTuple):
         pelvis_drop: amplitude of the pelvis' drop on the side of the swing leg [rad].
         pelvis_nod: amplitude of the pelvis' forward and backward tilt, twice a stride [rad].
         pelvis_shock: downward motion of the pelvis from the impact at landing [m].
+        pelvis_harmonics: size of higher harmonics of the pelvis' motion, over those of recorded people; 0: none [1].
         hip_ahead: distance of the hips ahead of the middle of the feet at initial contact [m].
         standing_hip: hip flexion in standing [rad].
         standing_knee: knee flexion in standing [rad].
@@ -90,6 +91,7 @@ class Gait(NamedTuple):
     pelvis_drop: Values = 4.0 * DEGREE
     pelvis_nod: Values = 1.5 * DEGREE
     pelvis_shock: Values = 0.0015
+    pelvis_harmonics: Values = 0.0
     hip_ahead: Values = 0.045
     standing_hip: Values = 2.0 * DEGREE
     standing_knee: Values = 4.0 * DEGREE

@@ -17,6 +17,7 @@ from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
+from jgait.simulate.pelvis import harmonics
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump, smooth_curve
@@ -144,7 +145,9 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     both = feet(body, gait, origin, target, moves, part(r, None) + before.astype(dtype))
     curves = jnp.stack([plan.x_curve, plan.y_curve, plan.z_curve, plan.heading_curve, plan.walking_curve])
     x, y, z, heading, walking = parts(smooth_curve(curves, entry, r))
-    ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * _oscillation(gait, side, r)))
+    # No foot has landed at the start of the first step: the harmonics of a landing come late.
+    higher = part(walking * walking, None) * (harmonics(side, r) * gait.pelvis_harmonics)
+    ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * (_oscillation(gait, side, r) + higher)))
     s, c = sin_cos(heading)
     height = z - _dip(r) * plan.dip[entry] + up
     sways = _turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))

@@ -183,7 +183,8 @@ def test_loads_pass_from_heel_to_toe_and_someone_always_stands(walked):
 FREE = (
     "stride_length", "stride_time", "stance_fraction", "step_width", "toe_out", "toe_up", "heel_up", "foot_flat",
     "heel_off", "swing_lift", "landing_speed", "knee_stance", "pelvis_rise", "pelvis_sway", "pelvis_surge",
-    "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "hip_ahead", "standing_hip", "standing_knee",
+    "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "pelvis_harmonics",
+    "hip_ahead", "standing_hip", "standing_knee",
     "length_asymmetry", "time_asymmetry", "length_variability", "time_variability", "width_variability",
 )  # fmt: skip
 
@@ -306,3 +307,11 @@ def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
         simulate.recording(jax.random.key(0), person(), wall)
     with pytest.raises(ValueError, match=r"gyr and acc must both be \(T, 3\)"):
         strapdown.integrate(jnp.zeros((5, 3)), jnp.zeros((4, 3)), 0.01, jnp.eye(3))
+
+
+def test_harmonics_shake_the_pelvis_and_leave_the_feet():
+    plain, shaken = (simulated(1, person(pelvis_harmonics=size))[0].sensors for size in (0.0, 1.0))
+    np.testing.assert_allclose(shaken["foot_right"].gyr, plain["foot_right"].gyr, atol=1e-12)
+    fast = np.diff(shaken["pelvis"].gyr, 4, axis=0), np.diff(plain["pelvis"].gyr, 4, axis=0)
+    assert np.std(fast[0]) > 10.0 * np.std(fast[1])
+    assert np.abs(shaken["pelvis"].gyr[:250]).max() < 1e-9  # standing
