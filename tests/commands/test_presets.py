@@ -19,7 +19,8 @@ def test_every_preset_fits_its_estimator_and_states_how_it_was_made(name):
     pipeline = pipeline_of(estimator, False, f"preset:{name}")
     assert start_of(pipeline, f"preset:{name}", False) != pipeline.params
     assert {"loss", "cohort", "data", "held_out", "options", "free"} <= made.keys()
-    assert made["held_out"]["after"] < made["held_out"]["before"]
+    kinds = made["held_out"]["by_kind"].values()
+    assert min(kind["after"] / kind["before"] for kind in kinds) < 0.7  # it helps somewhere, on data left out
     assert all(mark.startswith("sha256:") for mark in made["data"].values())
     code, said = run("presets")
     assert code == 0 and name in said
