@@ -11,7 +11,7 @@ gait assessment using wearable sensors", Wireless Health 2010; tests/estimators/
 
 Sensors:
     `thigh_right` or `shank_right` or both, or those of the left leg, or all four; gyroscopes, and accelerometers for
-    most fillers; on one clock, 25 to 400 Hz, half a second of quiet standing with all gyroscopes on. The times at
+    most fillers; on one clock, 40 to 400 Hz, half a second of quiet standing with all gyroscopes on. The times at
     which they are on come from the mask of the recording, a mask of the gyroscope, or a schedule that hides samples.
 
 Outputs:

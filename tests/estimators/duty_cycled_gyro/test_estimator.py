@@ -241,6 +241,13 @@ def test_what_no_gyroscope_can_follow_is_refused(walk, options, message):
         duty_cycled_gyro.prepared(walk[0], DutyCycledOptions(**options))
 
 
+def test_a_rate_at_which_angles_are_wrong_is_refused(walk):
+    slow = {name: imu._replace(**{f: getattr(imu, f)[::2] for f in imu._fields}) for name, imu in
+            walk[0].sensors.items()}  # fmt: skip
+    with pytest.raises(RecordingError, match="needs 40 to 400 Hz; the recording has 25 Hz: .* a shank turns by up to"):
+        duty_cycled_gyro.prepared(walk[0]._replace(sensors=slow, sampling_rate_hz=25.0))
+
+
 def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
     recording = walk[0]
     with pytest.raises(
