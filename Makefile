@@ -81,10 +81,10 @@ summary: $(STAMP) ## write the table of all experiments into experiments/README.
 build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find jgait -name '*.py') | $(STAMP)
 	@mkdir -p $(@D)
 	@cp $< $@
-	@$(BIN)/python -m nbconvert --to notebook --execute --inplace --ExecutePreprocessor.timeout=1200 $@
+	@$(BIN)/jupyter-execute --inplace --timeout=1200 $@
 
 docs: $(STAMP) $(NOTEBOOKS:%=build/%) ## run the notebooks, write the documentation: build/site; NOTEBOOKS= runs none
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet $(ARGS)
+	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/site $(ARGS)
 	@echo "build/site/index.html"
 
 $(BENCH_STAMP): pyproject.toml .ci/setup

@@ -101,8 +101,12 @@ def declared(of: type[Any]) -> dict[str, Parameter]:
 
 
 def documented[C](of: type[C]) -> type[C]:
-    """A decorator that adds the declared parameters and their units to the docstring of a class."""
-    lines = [f"    {name}: {one.meaning}{f' [{one.unit}]' if one.unit else ''}." for name, one in declared(of).items()]
+    """A decorator that adds the declared parameters, their units and ranges to the docstring of a class."""
+    lines = [
+        f"    {name}: {one.meaning}" + (f" [{one.unit}]" if one.unit else "")
+        + (f"; {one.transform.name}." if one.transform else ".")
+        for name, one in declared(of).items()
+    ]  # fmt: skip
     of.__doc__ = "\n".join([of.__doc__ or "", "", "Attributes:", *lines])
     return of
 

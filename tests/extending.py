@@ -88,7 +88,7 @@ def extended(root: Path, folder: Path) -> None:
     ignored = shutil.ignore_patterns("__pycache__")
     for name in ("jgait", "docs", "experiments"):
         shutil.copytree(root / name, folder / name, ignore=ignored)
-    for name in ("README.md", "CHANGELOG.md", "mkdocs.yml"):
+    for name in ("README.md", "CHANGELOG.md"):
         shutil.copy(root / name, folder)
     for toy in TOYS:
         for name in toy.new:

@@ -35,11 +35,10 @@ said["hello"] = jg("toy-hello", "--name", "anna")
 said["sets"] = jg("datasets", "list")
 from experiments.__main__ import main
 main(["toy_speed", "--quick", "--json", "rows.json"])
-sys.path.insert(0, "docs/_hooks")
-import api, sources
-said["pages"] = sources.pages_of_methods()
+sys.path.insert(0, "docs/_ext")
+import pages, sources
 said["documents"] = [sources.methods(), sources.formats(), sources.command_line()]
-said["api"] = [name for name in api.modules() if "toy" in name]
+said["api"] = [name for name in pages.modules() if "toy" in name]
 Path("said.json").write_text(json.dumps(said))
 """
 
@@ -86,7 +85,6 @@ def test_a_new_estimator_and_its_figure_are_in_estimates_cohorts_and_reports(che
 def test_a_new_data_set_format_and_command_are_in_the_commands_and_the_documentation(checkout):
     said = json.loads((checkout / "said.json").read_text())
     assert "toy_walks" in said["sets"] and said["hello"] == "hello anna\n"
-    assert "methods/toy_speed.md" in said["pages"]
     methods, formats, helps = said["documents"]
     assert "[toy_speed](toy_speed.md)" in methods and "Toy text" in formats and "jgait toy-hello" in helps
     assert len(said["api"]) == 6

@@ -13,7 +13,9 @@ far enough; with a rate filtered both ways it needs no push-off, so it also work
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
 unit", 2017, section II-A and figure 1 (`phases`).
 
-Readings of the paper, and deviations from it:
+Deviations from the paper:
+    Some are readings where the paper leaves a choice.
+
     1. The figure's "else" out of TO is read as a local minimum. Other readings count the same healthy strides.
     2. Event times have the filter's delay (54–56 ms) removed, and are interpolated to the zero crossing.
     3. A foot that stops has no zero crossing for 0.5 to 0.8 s. A swing also ends where its rate has stayed under a

@@ -19,7 +19,9 @@ Outputs:
     stride whether it is one of a turn, of stairs, from or to standing (`half`), or its swing was clipped; for each leg
     the lever and the gyroscope's bias that the filter estimated. A recording without walking gives an empty table.
 
-Deviations from the paper; effects by `experiments/silva2017`:
+Deviations from the paper:
+    Effects are those of `experiments/silva2017`.
+
     1. A filter with smoother instead of each stride by itself (`length="3d"` and others bring those back): a bias of
        0.02 rad/s that nothing read at rest moves a leg's total by 0.1 to 0.4 % on average (four sets).
     2. Swings by the detector of lobes; `detector="paper"` is the paper's machine.

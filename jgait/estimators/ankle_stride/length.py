@@ -20,7 +20,9 @@ integral; it gives the horizontal part of s and the rise.
 Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using an ankle-mounted inertial measurement
 unit", 2017, equations 1 to 6.
 
-Deviations from the paper, with their effect where it was measured by `experiments/silva2017`:
+Deviations from the paper:
+    Effects, where they were measured, are those of `experiments/silva2017`.
+
     1. θ is about the sagittal axis; the rate's norm over all axes (`all_axes`) is 3 to 15 % longer and breaks in turns.
     2. SL₂' has a swing-time term, which makes up for what the supporting leg adds: with e of other people, c learned at
        one speed holds at another to 1.4 % instead of 3.4 % (`tripod`).

@@ -20,8 +20,9 @@ Outputs:
     `gyro_` (the rate as measured or filled) and `how_` (0 measured, 1 filled, 2 held) over time; power of the sensors.
 
 Deviations from the paper:
-    1. to 12. Those of the filters, see `duty_cycled_gyro.model`; `experiments/udaya2010/literal.py` has the printed
-       ones.
+    The first twelve are those of the filters, see `duty_cycled_gyro.model`; `experiments/udaya2010/literal.py` has
+    the printed ones.
+
     13. The paper replicates the cycle 1.4 s before; here neighbours on the accelerometer's history fill the gaps, and
         "replicate" looks a stride period back. On `tripod` after the paper's protocol their errors at duty 40 and 10 %
         are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/udaya2010`).

@@ -18,9 +18,11 @@ One gyroscope axis does not measure turns: on the straight part of `neura_sparse
 2.8° (right) of motion capture, over the whole walk with its U-turn within 14° and 8° (integration alone 21° and 14°).
 `leg_ekf`, which takes all three axes, has 1.2° and 1.4° there (causal, standard deviation).
 
-Deviations from the paper, whose matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are
-errors of the printed filters, three simulated people with ideal sensors, 14 s, 50 Hz, RMS to the strapdown angle,
-σ = 10; these filters stay within 0.8°:
+Deviations from the paper:
+    Its matrices are in `experiments/udaya2010/literal.py` as they are printed. Angles are errors of the printed
+    filters, three simulated people with ideal sensors, 14 s, 50 Hz, RMS to the strapdown angle, σ = 10; these filters
+    stay within 0.8°.
+
     1. Q's blocks [T⁹/9, T⁴/4, T⁵/5; ·, T³/3, T²/2; ·, ·, T] are indefinite: their least eigenvalue is −2.4·10⁻⁹ σ at
        T = 20 ms. Integrated white noise has [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T].
     2. Q of the thigh chains v, θ and ω, which A does not; Q of the shin is printed with 13 rows and 11 columns, of

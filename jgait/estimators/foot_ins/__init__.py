@@ -18,7 +18,9 @@ Outputs:
     with length, height, speed, turn, lift and the foot's pitch at contact and push-off, with standard deviations. Each
     foot has a separate world frame: `stride_width_ekf` estimates the position of one foot relative to the other.
 
-Deviations from the paper (which names its filter but does not print it); effects by `experiments/foot_ins`:
+Deviations from the paper:
+    The paper names its filter but does not print it. Effects are those of `experiments/foot_ins`.
+
     1. The foot turns about a pivot while it stands (`pivot_height`); 0 brings the still foot back.
     2. Noise of both sensors grows with their change from sample to sample.
     3. Stances are found by a threshold that follows the stride, see `jgait.events.foot`.

@@ -16,8 +16,10 @@ Outputs:
     Hip and knee flexion [rad], ankle relative to hip [m], walked distance [m], and standard deviations of all of them,
     that of the distance in `diagnostics["distance_stddev"]`.
 
-Deviations from the paper, their effect measured on the straight part of `neura_sparse` (right/left leg) by
-`experiments/bennett2013`, of the first two by its `literal.py`:
+Deviations from the paper:
+    Their effect is measured on the straight part of `neura_sparse` (right/left leg) by `experiments/bennett2013`, of
+    the first two by its `literal.py`.
+
     1. Element C of equation 6 is the derivative of equation 3 (autodiff); as printed, and with Q as printed too, the
        error of y grows from 4.8/3.5 to 29/18 cm (σ_θ = 0.01).
     2. Q's angle blocks are σ_θ [T³/3, T²/2; T²/2, T] with the sample time T; as printed they hold powers of σ_θ, and

@@ -30,7 +30,9 @@ How far to trust it:
     at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay within 4 mm.
     A range sensor that points forward or back has the same effect on steps (`WidthParams.passing_offset`).
 
-Deviations from the paper; `experiments/potter/literal.py` has the first one's signs as printed:
+Deviations from the paper:
+    `experiments/potter/literal.py` has the first one's signs as printed.
+
     1. Row 5 of equation 3 adds Δx sin θ, row 2 of equation 6 adds (y_R − y_L) sin θ; printed with minus. The gain takes
        Hᵀ and the predicted covariance.
     2. The filter runs over moments at which something happens (stances, ranges, double support) and not over samples:

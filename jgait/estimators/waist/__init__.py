@@ -19,7 +19,9 @@ Outputs:
     of a turn, whether integration is unreliable and whether its side is unknown. A recording without walking gives an
     empty table.
 
-Deviations from the paper; effects by `experiments/kose2011`:
+Deviations from the paper:
+    Effects are those of `experiments/kose2011`.
+
     1. `distance="fused"` instead of the velocity update, which needs a forward acceleration without bias, so a tilt
        known to hundredths of a degree. `distance="update"` is the paper.
     2. Contacts by a soft argmax; `detector="paper"` is the paper's midpoint rule, "literal" by the letter.

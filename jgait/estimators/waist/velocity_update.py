@@ -19,7 +19,7 @@ cut-offs and β; the gradient in ε and in the cycles' begin and end is zero.
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c.
 
-Readings, where the paper leaves a choice:
+Readings:
     1. v_f − v_i "lower than" ε is meant without its sign; by OFI it is J(T) whatever v_i.
     2. The first three initial heel strikes are those at which cycles 1, 2 and 3 begin: cycles 1 and 2 are integrated,
        the third is the first that may be corrected.
