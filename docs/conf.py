@@ -27,4 +27,5 @@ html_title = "jgait"
 html_static_path = ["assets"]
 html_css_files = ["style.css"]
 html_show_sourcelink = html_copy_source = False
+html_sidebars = {"changelog": [], "experiments": []}  # they have no pages beside them
 html_theme_options = {"collapse_navigation": True}

@@ -183,7 +183,7 @@ def test_a_notebook_is_shown_with_its_outputs_if_these_are_of_the_same_cells(ext
 
 
 def test_sections_of_a_docstring_get_titles_and_their_fields_become_lists(extension):
-    equation, known = "One.\n\n    x = y", "Args:\n    p: it, and\n        more.\n    q, r: others.\n\nThe end."
+    equation, known = "One:\n\n    x = y", "Args:\n    p: it, and\n        more.\n    q, r: others.\n\nThe end."
     own = "Sensors:\n    One\n    or two."
     points = "Deviations from the paper:\n    As seen.\n\n    1. First,\n       long.\n    2. Second."
     source = "Source: somebody, a\ntitle."

@@ -5,7 +5,7 @@ import inspect
 import re
 import textwrap
 
-SECTION = re.compile(r"^(\S[^\n]*):\n((?: {4}[^\n]*\n|\n(?= {4}))+)", re.MULTILINE)
+SECTION = re.compile(r"^(\S[^\n]*):\n( {4}[^\n]*\n(?: {4}[^\n]*\n|\n(?= {4}))*)", re.MULTILINE)
 FIELD = re.compile(r"^([^\s:][^:\n]*): ", re.MULTILINE)
 
 
