@@ -27,6 +27,8 @@ PLACEMENTS = ("thigh_right", "shank_right", "ankle_right", "thigh_left", "shank_
 PEOPLE, SEED = 24, 900
 ROUTE_M = 8.0
 JOINTS = {"hip": "hip_angle", "knee": "knee_angle"}
+LINE = "errors within two stated standard deviations"
+NAMES = {"hip": "hip angle", "knee": "knee angle", "ankle": "stride length at the ankle", "shank": "at the shank"}
 QUIET_S = 2.0
 """[s] Time from the start in which everyone stands."""
 
@@ -102,8 +104,12 @@ def rows(quick: bool) -> list[Row]:
     for key in next(iter(shares.values())):
         means = [float(of[key].mean()) for of in shares.values()]
         made += [
-            Row(f"coverage_{key}_pct", min(means), "%", n=n, split=split),
-            Row(f"coverage_{key}_highest_pct", max(means), "%", n=n, split=split.replace("worst", "highest")),
+            Row(f"coverage_{key}_pct", min(means), "%", n=n, split=split).on(
+                LINE, f"{NAMES[key]}, lowest preset", "people", simulated=True
+            ),
+            Row(f"coverage_{key}_highest_pct", max(means), "%", n=n, split=split.replace("worst", "highest")).on(
+                LINE, f"{NAMES[key]}, highest", "people", simulated=True
+            ),
         ]
     return [*made, *(Row(f"stated_over_error_{key}", max(of), "1", n=n, split="highest of three presets, without the "
                          "standing pose") for key, of in ratios.items())]  # fmt: skip

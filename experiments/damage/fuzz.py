@@ -22,6 +22,8 @@ LONGEST_S = 10.0
 MEMORY, MEMORY_A_BYTE = 1e9, 20.0
 """[bytes] Largest growth of memory while any file is read, and more for each byte of it."""
 
+LINE, OF = "damaged files that end otherwise than read or refused", "files"
+
 CELLS = (b"1e999", b"-1e308", b"nan", b"", b"99999999999999999999", b"\xff\xfe", b'"', b"\0", b"\x1b[2J", b"{argument}")
 WORDS = (0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF)
 """What replaces a cell of a text, and a number in a binary file."""
@@ -161,7 +163,11 @@ def rows(quick: bool) -> list[Row]:
     n = sum(map(len, counts.values()))
     of = {kind: sum(one.kind == kind for every in counts.values() for one in every) for kind in kinds}
     return [
-        Row("fuzz_tracebacks", of["traceback"], "files", n=n, split="seeded damage of one file a format"),
-        Row("fuzz_hangs", of["hang"], "files", n=n, split="more than 10 s"),
-        Row("fuzz_memory", of["memory"], "files", n=n, split="more than 1 GB and 20 bytes a byte of the file"),
+        Row("fuzz_tracebacks", of["traceback"], "files", n=n, split="seeded damage of one file a format").on(
+            LINE, "traceback", OF, simulated=True
+        ),
+        Row("fuzz_hangs", of["hang"], "files", n=n, split="more than 10 s").on(LINE, "over 10 s", OF, simulated=True),
+        Row("fuzz_memory", of["memory"], "files", n=n, split="more than 1 GB and 20 bytes a byte of the file").on(
+            LINE, "over 1 GB", OF, simulated=True
+        ),
     ]

@@ -25,6 +25,7 @@ HARMED = {"leg_ekf": ("shank_right", "thigh_left"), "duty_cycled_gyro": ("shank_
           "stride_width_ekf": ("foot_left",)}  # fmt: skip
 """Estimator → the sensors that are damaged, one at a time."""
 
+LINE, OF = "estimates of damaged walks, wrong by more than 5 % or 5°", "estimates"
 LARGE_PCT, LARGE_DEG, LARGE_M = 5.0, 5.0, 0.01
 """Smallest wrong change of a distance [%], of an angle [deg], and of a stride width [m]."""
 
@@ -230,7 +231,7 @@ def rows(quick: bool) -> list[Row]:
     )
     split = f"{len(DAMAGES)} damages, {len({one.walk for one in found})} walks; against the undamaged walk"
     return [
-        Row("silent_wrong_pct", 100.0 * silent / len(found), "%", n=len(found), split=split),
-        Row("wrong_pct", 100.0 * wrong / len(found), "%", n=len(found), split=split),
+        Row("silent_wrong_pct", 100.0 * silent / len(found), "%", n=len(found), split=split).on(LINE, "unnoticed", OF),
+        Row("wrong_pct", 100.0 * wrong / len(found), "%", n=len(found), split=split).on(LINE, "noticed or not", OF),
         Row("silent_beyond_pct", 100.0 * beyond / len(found), "%", n=len(found), split=f"{split}; beyond three σ"),
     ]

@@ -9,14 +9,14 @@ from experiments.common import recordings
 from experiments.common.row import Row, show
 from experiments.damage.harm import read, rows_of
 from jgait import datasets, simulate
-from jgait.io.damage import agreement, delays, samples, splices, turns
+from jgait.io.damage import agreement, delays, paces, samples, splices, tilts, turns
 from jgait.notes import Kind
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
 
 CODES = {
-    kind.code for module in (agreement, delays, samples, splices, turns) for kind in vars(module).values()
-    if isinstance(kind, Kind)
+    kind.code for module in (agreement, delays, paces, samples, splices, tilts, turns)
+    for kind in vars(module).values() if isinstance(kind, Kind)
 }  # fmt: skip
 """Codes of the notes about damage."""
 
@@ -61,4 +61,5 @@ def rows(quick: bool) -> list[Row]:
     show("undamaged walks", ["set", "walks", "with a note"], [[name, total[name], false[name]] for name in total])
     n = sum(total.values())
     split = "public and simulated walks; thresholds were chosen on the public ones and on 456 other simulated people"
-    return [Row("false_notes_pct", 100.0 * sum(false.values()) / n, "%", n=n, split=split)]
+    share = Row("false_notes_pct", 100.0 * sum(false.values()) / n, "%", n=n, split=split)
+    return [share.on("undamaged walks with a note about damage", of="walks")]

@@ -7,13 +7,13 @@ import pytest
 
 from experiments.damage import harm
 from jgait import io, simulate
-from jgait.io.damage import agreement, damage_notes, delays, samples, splices, turns
+from jgait.io.damage import agreement, damage_notes, delays, paces, samples, splices, tilts, turns
 from jgait.io.names import states_milliseconds
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
-NEW = {kind.code for module in (agreement, delays, samples, splices, turns) for kind in vars(module).values()
-       if type(kind).__name__ == "Kind"}  # fmt: skip
+NEW = {kind.code for module in (agreement, delays, paces, samples, splices, tilts, turns)
+       for kind in vars(module).values() if type(kind).__name__ == "Kind"}  # fmt: skip
 """Codes of the notes about damage."""
 
 
@@ -99,6 +99,12 @@ def test_a_wrapped_gyroscope_is_named(rows):
         ("sensor 0.1 s late", "shank_right", "sensor_late"),
         ("sensor's clock 1 % fast", "thigh_left", "clocks_drift"),
         ("20 % of rows missing, without stamps", "", "rows_lost"),
+        ("5 % of rows missing, without stamps", "", "rows_lost"),
+        ("rows of 0.5 s missing, without stamps", "", "rows_lost"),
+        ("left-handed axes", "shank_right", "tilts_apart"),
+        ("all gyroscopes by 0.5", "", "pace_unusual"),
+        ("rate of 200 Hz stated for 100", "", "pace_unusual"),
+        ("sensor 0.3 s late", "foot_left", "sides_out_of_step"),
         ("every second row repeated", "shank_right", "samples_repeated"),
     ],
 )
@@ -128,6 +134,35 @@ def test_sensors_that_do_not_turn_with_the_person_are_named(turning, name, place
     assert not found(harm.read(turning, "walk"), "turns_apart")
     (text,) = found(damaged(turning, name, placement), "turns_apart")
     assert text.startswith(f"{placement}: in a turn by ")
+
+
+@pytest.mark.parametrize("name", ["gyroscope's y turned round", "left-handed axes", "gyroscope's sign"])
+def test_a_wrong_tilt_is_noticed_although_the_mean_acceleration_has_the_size_of_gravity(name):
+    """A leg that swings like a pendulum: turned the wrong way, its mean acceleration is as large as before."""
+    rate_hz, walking = 100.0, np.arange(1000) >= 200
+    time = np.arange(1000) / rate_hz
+    bend = np.where(walking, np.deg2rad(12.0 + 20.0 * np.sin(2.0 * np.pi * (time - 2.0))), 0.0)
+    bend = np.convolve(np.concatenate([np.zeros(10), bend, np.full(10, bend[-1])]), np.ones(21) / 21.0, "valid")
+    gyr, acc = 0.002 * np.random.default_rng(0).normal(size=(2, 1000, 3))
+    gyr[:, 1] += np.gradient(bend, 1.0 / rate_hz)
+    acc += 9.80665 * np.stack([-np.sin(bend), np.zeros(1000), np.cos(bend)], axis=1)
+    one = harm.Rows({"thigh_left": {"gyr": np.rad2deg(gyr), "acc": acc}}, time, None, None, time)
+    assert not found(harm.read(one, "walk"), "tilts_apart")
+    (text,) = found(damaged(one, name, "thigh_left"), "tilts_apart")
+    assert text.startswith("thigh_left: between standing and walking")
+
+
+def test_half_as_fast_gyroscopes_and_a_wrong_clock_are_told_apart(rows):
+    (slow,) = found(damaged(rows, "all gyroscopes by 0.5", ""), "pace_unusual")
+    (fast,) = found(damaged(rows, "rate of 200 Hz stated for 100", ""), "pace_unusual")
+    assert "all sensors of the legs" in slow and "read half of what they should" in slow
+    assert "time passes twice as fast" in fast
+
+
+def test_rows_missing_from_the_file_of_one_sensor_are_noticed(rows):
+    foot = rows._replace(sensors={"foot_right": rows.sensors["foot_right"]})
+    assert not found(harm.read(foot, "walk"))
+    assert found(damaged(foot, "20 % of rows missing, without stamps", "foot_right"), "rows_lost")
 
 
 def test_of_two_sensors_that_turn_apart_both_are_named(turning):
@@ -162,6 +197,17 @@ def test_a_runner_is_not_refused_for_the_mean_of_the_force(rows):
     size = np.linalg.norm(hard["foot_right"]["acc"], axis=1)
     assert np.nanmedian(size[np.abs(hard["foot_right"]["gyr"]).max(axis=1) > 40.0]) > 15.0
     io.recording_from_arrays(hard, time=rows.time)
+
+
+def test_a_person_who_stands_and_a_slow_clock_are_not_judged(walk):
+    draw = np.random.default_rng(3)
+    still, slow = {}, {}
+    for placement, imu in walk.sensors.items():
+        down = np.tile([0.0, 0.0, 9.81], (len(imu.time), 1))
+        still[placement] = imu._replace(gyr=1e-3 * draw.normal(size=down.shape), acc=down)
+        slow[placement] = imu._replace(time=imu.time * 1e3)
+    assert damage_notes(walk._replace(sensors=still)) == ()
+    assert damage_notes(walk._replace(sensors=slow, sampling_rate_hz=1e-3 * walk.sampling_rate_hz)) == ()
 
 
 def test_recordings_without_accelerometer_or_of_a_second_are_not_judged(walk):

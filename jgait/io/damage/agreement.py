@@ -119,7 +119,7 @@ def averaged(imu: Imu, rate_hz: float) -> Averaged | None:
     return Averaged(gyr, acc, count / rate_hz)
 
 
-def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The product of quaternions (4, …), scalar first."""
     a, b, c, d = first
     e, f, g, h = second
@@ -143,14 +143,14 @@ def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
     q[..., 0] = np.array([1.0, 0.0, 0.0, 0.0])[:, None, None]
     width = 1
     while width < samples:  # products of neighbours, of pairs, of fours …
-        q[..., width:] = _product(q[..., :-width], q[..., width:])
+        q[..., width:] = product(q[..., :-width], q[..., width:])
         width *= 2
     force = np.moveaxis(one.acc[rows], -1, 0)[:, None]
     zero = np.zeros_like(q[0])
     still = np.concatenate([zero[None], np.broadcast_to(force, (3, *zero.shape))])
     back = q * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None, None]
     weight = np.hanning(samples + 2)[1:-1]
-    mean = _product(_product(q, still), back)[1:] @ (weight / weight.sum())
+    mean = product(product(q, still), back)[1:] @ (weight / weight.sum())
     return np.sqrt(np.sum(mean * mean, axis=0))
 
 

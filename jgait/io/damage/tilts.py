@@ -1,0 +1,166 @@
+"""Whether gyroscope and accelerometer agree on the tilt of a sensor between standing and walking.
+
+In standing the accelerometer reads gravity, and so it does in the mean over the strides that follow. Turned back by the
+gyroscope to the axes in standing, both means point the same way. If a sign, the order or the handedness of axes is
+wrong, they do not, even where the size of the mean is right: a thigh is on average bent while a person walks.
+"""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from jgait.io.damage.agreement import product
+from jgait.notes import Kind, Note
+from jgait.signal.windows import true_runs
+from jgait.types import Imu
+
+RATE_HZ = 50.0
+"""[Hz] Least rate of the samples that are averaged before they are turned."""
+
+SLOWEST_HZ = 20.0
+"""[Hz] Least sampling rate; between slower samples the legs turn too far."""
+
+WINDOW_S = 2.24
+"""[s] Length of a window: two strides of usual walking."""
+
+STANDING_S = 0.5
+"""[s] Length of a window of standing."""
+
+STILL = 0.05, 1.0
+"""[rad/s], [m/s²] Largest standard deviation of the rate and of the specific force in standing."""
+
+BESIDE_S = 5.0
+"""[s] Time before and after standing that is examined; later, errors of the gyroscope weigh more."""
+
+LONGEST_S = 60.0
+"""[s] Part of a recording that is examined."""
+
+MOST_STANDINGS = 8
+"""[1] Number of times of standing that are examined, the longest ones."""
+
+MOVING = {"pelvis": 0.15, "lower": 0.15, "waist": 0.15, "": 1.0}
+"""[rad/s] Least root mean square rate of a window of walking, by segment."""
+
+ACTIVE = 0.4
+"""[1] Share of the fastest window's mean square rate above which a window counts as walking."""
+
+FIRST = 2
+"""[1] Number of windows of walking nearest to the standing that are taken."""
+
+FARTHEST_DEG = {
+    "foot": 16.0, "ankle": 8.0, "shank": 8.0, "thigh": 9.0, "pelvis": 11.0, "lower": 11.0, "waist": 11.0,
+}  # fmt: skip
+"""[deg] Largest angle between both means, the least of all times of standing, by segment. Undamaged recordings, public
+and simulated, reach 13.3 at the foot, 6.5 at the shank, 7.2 at the thigh and 9.6 at the trunk."""
+
+LONG_GAP_S = 0.1
+"""[s] A longer gap ends what is examined."""
+
+TILTS_APART = Kind(
+    "tilts_apart",
+    "check",
+    "{placement}: between standing and walking its gyroscope and its accelerometer tilt by up to {degrees:.0f}° more "
+    "or less than each other; the sign, order or handedness of the axes of one of them is wrong",
+    "Angles of this sensor, and what is computed from them, are wrong.",
+)
+
+
+def tilt_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
+    """Notes about sensors whose gyroscope and accelerometer disagree on the tilt between standing and walking.
+
+    Args:
+        sensors: placement → sensor; samples of the gyroscope that are missing are 0.
+        rate_hz: sampling rate [Hz].
+    """
+    notes: list[Note] = []
+    for placement, imu in sensors.items() if rate_hz >= SLOWEST_HZ else ():
+        segment = placement.partition("_")[0]
+        if segment not in FARTHEST_DEG or imu.acc is None:
+            continue
+        angles = tilts(imu, rate_hz, MOVING.get(segment, MOVING[""]))
+        if angles and min(angles) > FARTHEST_DEG[segment]:
+            notes.append(TILTS_APART(placement=placement, degrees=min(angles)))
+    return tuple(notes)
+
+
+def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
+    """Angle between the mean forces of standing and walking for each time of standing [deg].
+
+    Args:
+        imu: a sensor with an accelerometer.
+        rate_hz: sampling rate [Hz].
+        moving: least root mean square rate of a window of walking [rad/s].
+    """
+    count = max(int(rate_hz / RATE_HZ), 1)
+    length = min(len(imu.time), int(LONGEST_S * rate_hz)) // count
+    step = count / rate_hz
+    window, stand = round(WINDOW_S / step), round(STANDING_S / step)
+    if length < window + stand:
+        return []
+    mask = np.asarray(imu.mask)[: length * count]
+    gyr = np.asarray(imu.gyr)[: length * count]
+    if not mask.all():
+        row, known = np.arange(len(mask)), np.flatnonzero(mask)
+        if known.size < window:
+            return []
+        gyr = np.stack([np.interp(row, known, column[known]) for column in gyr.T], axis=1)
+    lost = np.zeros(length, bool)
+    for start, end in true_runs(~mask):
+        if end - start > LONG_GAP_S * rate_hz:
+            lost[start // count : -(-end // count)] = True
+    gyr, acc = (part[: length * count].reshape(length, count, 3).mean(axis=1) for part in (gyr, np.asarray(imu.acc)))
+    weight = np.hanning(window + 2)[1:-1]
+    found = []
+    for bias, down, rates, forces in _beside_standing(gyr, acc, lost, stand, round(BESIDE_S / step)):
+        if len(rates) < window:
+            continue
+        rows = np.arange(0, len(rates) - window + 1, window // 2)[:, None] + np.arange(window)
+        square = np.sum(rates[rows] ** 2, axis=2).mean(axis=1)
+        walks = np.flatnonzero(square > max(ACTIVE * square.max(), moving**2))[:FIRST]
+        if not walks.size:
+            continue
+        back = _turned_back(rates - bias, forces, step)
+        mean = np.einsum("w,kwi->ki", weight, back[rows[walks]])
+        cosine = mean @ down / (np.linalg.norm(mean, axis=1) * np.linalg.norm(down))
+        found.append(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()))
+    return found
+
+
+def _beside_standing(
+    gyr: np.ndarray, acc: np.ndarray, lost: np.ndarray, stand: int, beside: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Bias and mean force in standing, and rates and forces after it; those before it backwards in time."""
+    spread = [np.sqrt(np.maximum(_variance(part, stand), 0.0)) for part in (gyr, acc)]
+    broken = np.convolve(lost, np.ones(stand), "valid") > 0
+    runs = true_runs((spread[0] < STILL[0]) & (spread[1] < STILL[1]) & ~broken)
+    for start, end in sorted(runs, key=lambda run: run[0] - run[1])[:MOST_STANDINGS]:
+        for way, first in ((1, end - 1), (-1, start)):
+            standing = slice(first, first + stand)
+            after = np.arange(first + stand, min(first + stand + beside, len(gyr)))
+            before = np.arange(first - 1, max(first - 1 - beside, -1), -1)
+            rows = after if way == 1 else before
+            ends = np.flatnonzero(lost[rows])
+            rows = rows[: ends[0]] if ends.size else rows
+            yield way * gyr[standing].mean(axis=0), acc[standing].mean(axis=0), way * gyr[rows], acc[rows]
+
+
+def _variance(values: np.ndarray, samples: int) -> np.ndarray:
+    """Sum over the axes of the variance in each window (T − samples + 1,)."""
+    values = values - values.mean(axis=0)
+    sums = [np.concatenate([np.zeros((1, 3)), np.cumsum(power, axis=0)]) for power in (values, values * values)]
+    mean, square = ((total[samples:] - total[:-samples]) / samples for total in sums)
+    return np.asarray(np.sum(square - mean * mean, axis=1))
+
+
+def _turned_back(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
+    """Forces (n, 3), each turned by the rates before it to the axes at the beginning."""
+    half = 0.5 * step * rates
+    angle = np.sqrt(np.sum(half * half, axis=1))
+    q = np.concatenate([np.cos(angle)[None], half.T * np.sinc(angle / np.pi)])
+    q = np.concatenate([[[1.0], [0.0], [0.0], [0.0]], q[:, :-1]], axis=1)
+    width = 1
+    while width < q.shape[1]:  # products of neighbours, of pairs, of fours …
+        q[:, width:] = product(q[:, :-width], q[:, width:])
+        width *= 2
+    force = np.concatenate([np.zeros((1, len(forces))), forces.T])
+    return np.asarray(product(product(q, force), q * np.array([[1.0], [-1.0], [-1.0], [-1.0]]))[1:].T)
