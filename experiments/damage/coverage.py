@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from experiments.common import recordings
 from experiments.common.row import Row, show
 from jgait import simulate
 from jgait.estimators import ankle_stride, leg_ekf
@@ -78,6 +79,27 @@ def people(errors: ImuErrors, rate: float, seed: int, count: int) -> Iterator[Co
         yield found
 
 
+def recorded() -> list[Row]:
+    """Coverage of the angles of a recorded walk, whose errors after standing exceed those of simulated ones."""
+    walk = next(iter(recordings.walks("neura_sparse")))
+    estimate = leg_ekf.estimate(leg_ekf.LegParams(), walk.recording)
+    time, known = as_float(estimate.time), as_float(walk.reference.time)
+    made = []
+    for joint, field in JOINTS.items():
+        inside = []
+        for side in SIDES:
+            ours, theirs, spread = (
+                as_float(getattr(getattr(legs, side), field))
+                for legs in (estimate.legs, walk.reference.legs, estimate.stddev)
+            )
+            error = ours - np.interp(time, known, theirs)
+            used = np.asarray(estimate.valid, bool) & np.isfinite(error)
+            inside.append(100.0 * float(np.mean(np.abs(error[used]) <= 2.0 * spread[used])))
+        row = Row(f"coverage_{joint}_neura_sparse_pct", float(np.mean(inside)), "%", n=2, split="untuned")
+        made.append(row.on(LINE, NAMES[joint], "legs"))
+    return made
+
+
 def rows(quick: bool) -> list[Row]:
     """The mean share of each preset, the lowest of which is judged, and the worst person."""
     shares: dict[str, dict[str, np.ndarray]] = {}
@@ -100,7 +122,7 @@ def rows(quick: bool) -> list[Row]:
          [[*line, *[""] * (len(columns) - len(line))] for line in lines])  # fmt: skip
     split = "mean over people, worst of three presets; parameters chosen on other people"
     n = count * len(PRESETS)
-    made = []
+    made = recorded() if recordings.available("neura_sparse") else []
     for key in next(iter(shares.values())):
         means = [float(of[key].mean()) for of in shares.values()]
         made += [

@@ -13,13 +13,20 @@ from experiments.damage.harm import DAMAGES, Damage, Rows, read, rows_of
 from jgait import simulate
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.simulate import protocols
-from jgait.simulate.sensors import MPU6000, OPAL
+from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import SIDES, Estimate, RangeReadings, Recording, RecordingError, as_float
 
 MODULES = {
     "leg_ekf": leg_ekf, "duty_cycled_gyro": duty_cycled_gyro, "ankle_stride": ankle_stride, "foot_ins": foot_ins,
     "waist": waist, "stride_width_ekf": stride_width_ekf,
 }  # fmt: skip
+SIMULATED = (
+    ("simulated, straight", 8, simulate.straight(15.0), OPAL, 100.0),
+    ("simulated, forth and back", 41, simulate.u_turn(8.0), MPU6000, 100.0),
+    ("simulated, straight, 50 Hz", 43, simulate.straight(12.0), IDG300, 50.0),
+)
+"""Simulated walks of usual sensors: name, seed, route, sensors and sampling rate [Hz]."""
+
 HARMED = {"leg_ekf": ("shank_right", "thigh_left"), "duty_cycled_gyro": ("shank_right",),
           "ankle_stride": ("shank_right",), "foot_ins": ("foot_right",), "waist": ("pelvis",),
           "stride_width_ekf": ("foot_left",)}  # fmt: skip
@@ -77,10 +84,14 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording, tuple[str, ...]]]:
     if quick:
         return
     without = tuple(name for name in MODULES if name != "stride_width_ekf")
-    straight, _ = simulate.cohort(jax.random.key(8), 1, simulate.straight(15.0), OPAL, 100.0)[0]
-    yield "simulated, straight", straight, without
+    for name, key, way, errors, rate in SIMULATED:
+        yield name, simulate.cohort(jax.random.key(key), 1, way, errors, rate)[0][0], without
     if recordings.available("neura_sparse"):
         yield "neura_sparse", next(iter(recordings.walks("neura_sparse"))).recording, without
+    if recordings.available("walking5m"):
+        for name in ("Young/20180621_10", "Elderly/20180605_2"):
+            walk = next(iter(recordings.walks("walking5m", [name])))
+            yield f"walking5m, {name}", walk.recording, tuple(name for name in without if name != "waist")
     if recordings.available("gaitmap_example"):
         walk = next(iter(recordings.walks("gaitmap_example", ["imu_sample"])))
         feet = (walk.reference.feet.right.position, walk.reference.feet.left.position)
