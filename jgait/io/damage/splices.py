@@ -39,6 +39,9 @@ LEAST_RATIO = {True: 0.45, False: 0.85}
 """[1] Least number of double steps over that of the somewhat longer ones, at `FAST_HZ` or more and below. The changes
 of undamaged recordings have one peak, and reach 0.38 and 0.82."""
 
+LONGEST_S = 600.0
+"""[s] Part of a recording in which double steps are counted."""
+
 LONG_GAP = 3
 """[samples] Shortest gap around which jumps do not count; shorter ones are bridged."""
 
@@ -70,8 +73,8 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
     masks = [np.asarray(imu.mask) for imu in sensors.values()]
     if len({len(mask) for mask in masks}) != 1 or len(masks[0]) < 10 * AROUND or not all(m.any() for m in masks):
         return ()
-    gaps = np.zeros(len(masks[0]), bool)
-    changes = []
+    gaps, longest = np.zeros(len(masks[0]), bool), int(LONGEST_S * rate_hz)
+    total, changes = np.zeros(len(masks[0]) - 1), []
     for imu, mask in zip(sensors.values(), masks, strict=True):
         gyr = np.asarray(imu.gyr)
         if not mask.all():
@@ -80,30 +83,28 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
             for start, end in true_runs(~mask):
                 if end - start >= LONG_GAP:
                     gaps[max(start - AROUND - 1, 0) : end + AROUND + 1] = True
-        changes.append(np.diff(gyr, axis=0))
+        change = np.diff(gyr, axis=0)
+        changes.append(change[:longest])
+        if len(masks) >= FEWEST_SENSORS:
+            total += _jump(change)
     whole = ~(gaps[1:] | gaps[:-1])
-    lost = _double_steps(changes, whole, rate_hz)
+    lost = _double_steps(changes, whole[:longest], rate_hz)
     if lost is None:
-        lost = _jumps(changes) & whole
+        lost = (total > SURE_JUMP * len(masks)) & whole
     if not lost.any():
         return ()
     return (ROWS_LOST(places=lost.sum(), begin_s=(np.argmax(lost) + 1) / rate_hz),)
 
 
-def _jumps(changes: list[np.ndarray]) -> np.ndarray:
-    """(T − 1,) bool, steps at which all sensors jump."""
-    total = np.zeros(len(changes[0]))
-    if len(changes) < FEWEST_SENSORS:
-        return total > 0.0
-    for change in changes:
-        size = np.sqrt(np.sum(change * change, axis=1)) + SMALLEST
-        around = np.max([_shifted(size, by) for by in range(-AROUND, AROUND + 1) if by], axis=0)
-        total += np.log(size / around)
-    return total > SURE_JUMP * len(changes)
+def _jump(change: np.ndarray) -> np.ndarray:
+    """(T − 1,) logarithm of the size of a sensor's changes (T − 1, 3) over the largest around each."""
+    size = np.sqrt(np.sum(change * change, axis=1)) + SMALLEST
+    around = np.max([_shifted(size, by) for by in range(-AROUND, AROUND + 1) if by], axis=0)
+    return np.asarray(np.log(size / around))
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray | None:
-    """(T − 1,) bool, steps over which a row is missing; None unless they are frequent and apart from other steps.
+    """(n,) bool, steps over which a row is missing; None unless they are frequent and apart from other steps.
 
     The expected change is interpolated, by a cubic, from two steps on either side.
     """
