@@ -1,3 +1,3 @@
-"""Noise models of the foot estimator tuned by gradient: positions under Vicon by days left out, other sets, PyShoe."""
+"""Noise models and other parameters tuned by gradient, judged on days, walks and people that the tuning left out."""
 
-PARTS = ("vicon", "footprints", "pyshoe")
+PARTS = ("vicon", "footprints", "pyshoe", "legs")

@@ -253,7 +253,7 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
     if walk.reference is None:
         raise datasets.DatasetUnavailable("the recording of neura_sparse lacks its reference")
     start = leg_ekf.with_body(leg_ekf.LegParams(), datasets.body(walk))
-    names = ("standing_hip", "standing_knee", "thigh_gain", "distance_scale")
+    names = ("standing_hip", "standing_knee", "thigh_gain", "thigh_pull", "distance_scale")
     item, unseen = (
         tune.lessons(leg_ekf.estimator(OPTIONS), [walk], own=datasets.body, windows=tune.named_windows(look)).one(0)
         for look in ("straight_1", "straight_2")

@@ -101,9 +101,12 @@ def observe(
         # At the end of a gap the leg starts again from its inclination; its own prediction is worth nothing.
         lost = jnp.maximum(leg.thigh.lost, leg.shank.lost)
         spread = jnp.where(lost > SHORT_GAP, 1.0, spread)
-        control = LegControl(gain**2 * thigh.variance * spread, shank.variance * spread)
-        angles = (STANDING + hip + gain * thigh.angle, STANDING + hip - knee + shank.angle)
-        rates = (gain * thigh.rate, shank.rate)
+        # gain · sensor = thigh + pull · (thigh − shank), all from standing
+        own, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
+        uncertain = own**2 * thigh.variance + pulled**2 * shank.variance
+        control = LegControl(uncertain * spread, shank.variance * spread)
+        angles = (STANDING + hip + own * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
+        rates = (own * thigh.rate + pulled * shank.rate, shank.rate)
         # In gaps both inclinations are known too: badly in their middle, well at their ends.
         tilted: Values = there
     else:

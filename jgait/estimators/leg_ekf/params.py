@@ -31,6 +31,9 @@ class LegParams(NamedTuple):
     thigh_gain: Annotated[Param, Parameter(
         interval(0.6, 1.6), "1", "thigh rotation per rotation of the thigh sensor, which skin and muscle hold back",
     )] = BySide(1.0, 1.0)  # fmt: skip
+    thigh_pull: Annotated[Param, Parameter(
+        interval(-0.4, 0.4), "1", "rotation of the thigh sensor per radian of knee flexion, which moves the muscle",
+    )] = BySide(0.0, 0.0)  # fmt: skip
     position_noise: Annotated[Param, Parameter(positive, "m²", "σ_xy, variance added to x and y each sample")] = 1e-6
     angle_noise: Annotated[Param, Parameter(
         positive, "rad²/s³", "σ_θ, spectral density of the angular acceleration",
