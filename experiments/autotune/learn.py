@@ -19,9 +19,12 @@ from jgait.tune.objective import Term
 
 FREE = (
     "pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise", "acc_jump_noise", "gyr_jump_noise",
-    "softness", "threshold_factor", "noise",
+    "softness", "threshold_factor", "noise", "tracked_point",
 )  # fmt: skip
-"""What is learned; the rest keeps its default."""
+"""What is learned; the rest keeps its default. Only a path can teach the point that the reference tracks."""
+
+MARKER = ("tracked_point",)
+"""What is learned where the rest stays hand-chosen: where the reference's marker is on the foot."""
 
 STEPS, RATE = 30, 0.15
 
@@ -35,33 +38,36 @@ class Learned(NamedTuple):
 
 
 @cache
-def _programs(options: FootOptions, loss: str | Term) -> tuple[Any, Any, Any]:
-    """Start, transforms, and a program (free, lessons, weights) → value and gradient of the weighted sum."""
+def _programs(options: FootOptions, loss: str | Term, names: tuple[str, ...]) -> tuple[Any, Any]:
+    """Transforms, and a program (free, start, lessons, weights) → value and gradient of the weighted sum."""
     estimator = foot_ins.estimator(options)
-    free = params.freed(estimator.transforms, *(FREE if options.noise != "constant" else FREE[:-1]))
+    free = params.freed(estimator.transforms, *names)
     objective = tune.objective(estimator, options, {loss: 1.0})
 
-    def one(moved: Any, lesson: Any, weight: Any) -> Any:
-        value = objective(params.constrain(moved, free, estimator.params), lesson)
+    def one(moved: Any, start: Any, lesson: Any, weight: Any) -> Any:
+        value = objective(params.constrain(moved, free, start), lesson)
         return jnp.where(jnp.isfinite(value) & (weight > 0.0), weight * value, 0.0)
 
-    def total(moved: Any, data: Any, weights: Any) -> Any:
+    def total(moved: Any, start: Any, data: Any, weights: Any) -> Any:
         """One lesson after another, so that only one lesson's trajectories are in memory."""
         each = tune.value_and_grad(one, "reverse")
-        found = jax.lax.map(lambda item: each(moved, *item), (data, weights))
+        found = jax.lax.map(lambda item: each(moved, start, *item), (data, weights))
         return jax.tree.map(lambda v: jnp.sum(v, axis=0), found)
 
-    return estimator.params, free, filtering.compiled(total)
+    return free, filtering.compiled(total)
 
 
 def fit(
     groups: Sequence[tuple[np.ndarray, Lessons]], weights: np.ndarray, options: FootOptions,
-    loss: str | Term = "position_log", steps: int = STEPS,
+    loss: str | Term = "position_log", steps: int = STEPS, free: tuple[str, ...] = FREE,
+    start: FootParams | None = None,
 ) -> Learned:  # fmt: skip
-    """Fit to the trials with a weight above 0; priors as declared."""
-    start, transforms, program = _programs(options, loss)
-    priors, count = params.priors(start), float(np.sum(weights))
-    moved = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), params.unconstrain(start, transforms))
+    """Fit the parameters `free` to the trials with a weight above 0; priors as declared."""
+    transforms, program = _programs(options, loss, free)
+    start = foot_ins.estimator(options).params if start is None else start
+    start = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), start)
+    priors, count = params.priors(foot_ins.estimator(options).params), float(np.sum(weights))
+    moved = params.unconstrain(start, transforms)
 
     @jax.jit
     def penalty(free: Any) -> Any:
@@ -79,7 +85,7 @@ def fit(
         began = time.perf_counter()
         value, slope = jax.value_and_grad(penalty)(moved)
         apply = pool.map if losses else map  # the first step compiles
-        for part, more in apply(lambda group, at=moved: jax.block_until_ready(program(at, *group)), weighted):
+        for part, more in apply(lambda group, at=moved: jax.block_until_ready(program(at, start, *group)), weighted):
             value, slope = value + part, jax.tree.map(jnp.add, slope, more)
         losses.append(float(value))
         step, state = optimizer.update(slope, state)

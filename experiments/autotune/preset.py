@@ -27,8 +27,9 @@ def write(p: FootParams, before: np.ndarray, after: np.ndarray, kinds: np.ndarra
             for name in KINDS if (kinds == name).any()
         },
     }  # fmt: skip
+    free = [name for name in learn.FREE if name not in learn.MARKER]
     made = {
-        "loss": "position_log=1", "cohort": SET, "free": list(learn.FREE), "steps": learn.STEPS, "held_out": held,
+        "loss": "position_log=1", "cohort": SET, "free": free, "steps": learn.STEPS, "held_out": held,
         "options": {"soft": options.soft, "noise": options.noise}, "recordings": len(files),
         "data": {file.name: f"sha256:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files},
     }  # fmt: skip
@@ -45,8 +46,9 @@ def main() -> None:
     found = trials(vicon.NOISE, False)
     if found is None:
         raise SystemExit(1)
-    before, after, _ = vicon.held_out(vicon.NOISE, False)
-    print(write(vicon.all_days(vicon.NOISE), before, after, found.kinds))
+    before, after = (one(vicon.NOISE, False).error for one in (vicon.marked, vicon.tuned))
+    own = vicon.all_days(vicon.NOISE)._replace(tracked_point=FootParams().tracked_point)  # of the sensor itself
+    print(write(own, before, after, found.kinds))
 
 
 if __name__ == "__main__":

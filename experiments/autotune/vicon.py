@@ -1,36 +1,84 @@
 """Positions under Vicon before and after tuning, every day judged by weights of the other days; and on other sets."""
 
 from functools import cache
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from experiments.autotune import learn
-from experiments.autotune.walks import KINDS, Trials, options_of, trials
+from experiments.autotune.walks import KINDS, Trials, groups, options_of, trials
 from experiments.common.row import Row, show
 from experiments.foot_ins.run import Score, scored, sets
-from jgait.estimators.foot_ins import DEFAULT, FootParams
+from jgait import tune
+from jgait.estimators import foot_ins
+from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
+from jgait.tune import Lesson
+from jgait.types import Estimate
 
 NOISE = "log_linear"
 SPLIT = "pyshoe_vicon, days left out"
 
 
-@cache
-def held_out(noise: str, quick: bool) -> tuple[np.ndarray, np.ndarray, list[learn.Learned]]:
-    """3-D error of every trial before and after [m], with the parameters of the other days; and the fits."""
+def before(noise: str, quick: bool) -> np.ndarray:
+    """3-D error of every trial with hand-chosen parameters [m]; the path is the sensor's."""
     found = trials(noise, quick)
     assert found is not None
-    before = 0.01 * learn.errors(FootParams(), found.groups, DEFAULT)
-    after, fits = np.full(before.size, np.nan), []
-    for day in np.unique(found.days):
-        fits.append(
-            learn.fit(found.groups, (found.days != day).astype(float), options_of(noise), steps=2 if quick else 30)
-        )
+    return 0.01 * learn.errors(FootParams(), found.groups, DEFAULT)
+
+
+class HeldOut(NamedTuple):
+    """Every trial with parameters of the other days: 3-D error [m], and the fit of each day left out."""
+
+    error: np.ndarray
+    fits: list[learn.Learned]
+
+
+def by_days(found: Trials, options: FootOptions, groups: Any, quick: bool, **how: Any) -> HeldOut:
+    """Errors with what the other days taught; `start` may be one set of parameters for each day."""
+    error, fits, starts = np.full(found.days.size, np.nan), [], how.pop("start", None)
+    for number, day in enumerate(np.unique(found.days)):
+        start = None if starts is None else starts[number]
+        weights = (found.days != day).astype(float)
+        steps = 2 if quick else learn.STEPS
+        fits.append(learn.fit(groups, weights, options, steps=steps, start=start, **how))
         here = found.days == day
-        after[here] = 0.01 * learn.errors(fits[-1].params, found.groups, options_of(noise))[here]
-        print(f"without {day}: loss {fits[-1].losses[0]:.3f} to {fits[-1].losses[-1]:.3f}; left out, before and after:")
-        print("  ", list(zip(found.kinds[here].tolist(), before[here].round(3), after[here].round(3), strict=True)))
-    return before, after, fits
+        error[here] = 0.01 * learn.errors(fits[-1].params, groups, options)[here]
+        print(f"without {day}: loss {fits[-1].losses[0]:.3f} to {fits[-1].losses[-1]:.3f}; left out:")
+        print("  ", list(zip(found.kinds[here].tolist(), error[here].round(3), strict=True)))
+    return HeldOut(error, fits)
+
+
+def likelihood(estimate: Estimate, lesson: Lesson) -> Any:
+    """Negative log-likelihood of a trial's innovations, per second of it."""
+    return tune.LOSSES["likelihood"].term(estimate, lesson) / (lesson.inputs.time[-1] - lesson.inputs.time[0])
+
+
+@cache
+def tuned(noise: str, quick: bool) -> HeldOut:
+    """Noise model and marker tuned by the position loss."""
+    found = trials(noise, quick)
+    assert found is not None
+    return by_days(found, options_of(noise), found.groups, quick)
+
+
+@cache
+def marked(noise: str, quick: bool) -> HeldOut:
+    """Hand-chosen parameters; only the place of the reference's marker on the foot is tuned."""
+    found = trials(noise, quick)
+    assert found is not None
+    return by_days(found, DEFAULT, groups(found.walks, DEFAULT), quick, free=learn.MARKER)
+
+
+@cache
+def likely(noise: str, quick: bool) -> HeldOut:
+    """Noise model tuned by the likelihood of the innovations alone; the marker's place as in `marked`."""
+    found = trials(noise, quick)
+    assert found is not None
+    free = tuple(name for name in learn.FREE if name not in learn.MARKER)
+    start = [foot_ins.estimator(options_of(noise)).params._replace(tracked_point=fit.params.tracked_point)
+             for fit in marked(noise, quick).fits]  # fmt: skip
+    return by_days(found, options_of(noise), found.groups, quick, loss=likelihood, free=free, start=start)
 
 
 def rows(quick: bool) -> list[Row]:
@@ -38,13 +86,22 @@ def rows(quick: bool) -> list[Row]:
     found = trials(NOISE, quick)
     if found is None:
         return []
-    before, after, fits = held_out(NOISE, quick)
-    result = of_kinds(found, "before", before) + of_kinds(found, "", after)
-    lines = [[kind, *(f(e[found.kinds == kind]) for e in (before, after) for f in (np.median, np.max))]
-             for kind in KINDS if (found.kinds == kind).any()]  # fmt: skip
-    show("3-D error of positions [m], days left out", ["", "before", "worst", "after", "worst"], lines)
+    plain = 0.01 * learn.errors(FootParams(), found.groups, DEFAULT)
+    after, fits = tuned(NOISE, quick)
+    ways = {"hand-chosen, path of the sensor": plain, "hand-chosen, path of the marker": marked(NOISE, quick).error,
+            "tuned by likelihood alone": likely(NOISE, quick).error, "tuned by position": after}  # fmt: skip
+    lines = [[way, *(f(error[found.kinds == kind]) for kind in KINDS if (found.kinds == kind).any()
+                     for f in (np.median, np.max))] for way, error in ways.items()]  # fmt: skip
+    columns = [c for kind in KINDS if (found.kinds == kind).any() for c in (f"{kind} median", "worst")]
+    show("3-D error of positions [m], days left out", ["", *columns], lines)
+    _, by_marker, by_likelihood, _ = ways.values()
+    result = of_kinds(found, "before", plain) + of_kinds(found, "marker", by_marker)
+    result += of_kinds(found, "likelihood", by_likelihood) + of_kinds(found, "", after)
+    gains = [float(np.mean(np.log(by_marker / error))) for error in (by_likelihood, after)]
+    print(f"gain in the mean logarithm of the error: likelihood alone {gains[0]:.3f}, position {gains[1]:.3f}")
     seconds = np.concatenate([fit.seconds[1:] for fit in fits])
     result += [
+        Row("likelihood_gain_share", gains[0] / gains[1], "1", n=after.size, split=SPLIT),
         Row("position_m_worst", float(after.max()), "m", n=after.size, split=SPLIT),
         Row("step_s", float(np.median(seconds)), "s", n=found.days.size, split="value and gradient, all trials"),
         Row("compile_s", fits[0].seconds[0] - float(np.median(seconds)), "s", n=len(found.groups), split="programs"),
@@ -77,7 +134,7 @@ def all_days(noise: str) -> FootParams:
 def of_kinds(found: Trials, label: str, errors: np.ndarray) -> list[Row]:
     """The median of each kind of gait."""
     end = f"_{label}" if label else ""
-    split = "pyshoe_vicon, hand-chosen" if label else SPLIT
+    split = "pyshoe_vicon, hand-chosen" if label == "before" else SPLIT
     return [
         Row(f"position_m_{kind}{end}", float(np.median(errors[found.kinds == kind])), "m",
             n=int(np.sum(found.kinds == kind)), split=split)

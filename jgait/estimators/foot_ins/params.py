@@ -5,7 +5,8 @@ from typing import Annotated, Any, NamedTuple
 from jgait import filtering
 from jgait.estimators.interface import with_measures
 from jgait.estimators.noise import Constant
-from jgait.params import Param, Parameter, documented, interval, lognormal, positive, ranges
+from jgait.geometry.vectors import Vector
+from jgait.params import Param, Parameter, documented, interval, lognormal, normal, positive, ranges
 
 
 @documented
@@ -16,18 +17,24 @@ class FootParams(NamedTuple):
         interval(0.0 - 1e-9, 0.3), "m",
         "of the sensor over the point that a standing foot turns about; 0: it stands quite still",
     )] = 0.08  # fmt: skip
-    velocity_noise: Annotated[Param, Parameter(positive, "m/s", "standard deviation of the zero velocity")] = 0.01
+    velocity_noise: Annotated[Param, Parameter(
+        positive, "m/s", "standard deviation of the zero velocity", lognormal(0.01, 2.0),
+    )] = 0.01  # fmt: skip
     rate_noise: Annotated[Param, Parameter(
-        positive, "m/s per rad/s", "by how much that grows with the foot's own rate",
+        positive, "m/s per rad/s", "by how much that grows with the foot's own rate", lognormal(0.03, 2.0),
     )] = 0.03  # fmt: skip
     acc_noise: Annotated[Param, Parameter(
-        positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error",
+        positive, "m/s²/√Hz", "root of the spectral density of the accelerometer's error", lognormal(0.05, 2.0),
     )] = 0.05  # fmt: skip
-    gyr_noise: Annotated[Param, Parameter(positive, "rad/s/√Hz", "the same of the gyroscope's")] = 0.002
+    gyr_noise: Annotated[Param, Parameter(
+        positive, "rad/s/√Hz", "the same of the gyroscope's", lognormal(0.002, 2.0),
+    )] = 0.002  # fmt: skip
     acc_jump_noise: Annotated[Param, Parameter(
-        positive, "1", "error of the specific force over its change from sample to sample",
+        positive, "1", "error of the specific force over its change from sample to sample", lognormal(0.15, 2.0),
     )] = 0.15  # fmt: skip
-    gyr_jump_noise: Annotated[Param, Parameter(positive, "1", "the same of the angular rate")] = 0.07
+    gyr_jump_noise: Annotated[Param, Parameter(
+        positive, "1", "the same of the angular rate", lognormal(0.07, 2.0),
+    )] = 0.07  # fmt: skip
     acc_bias_walk: Annotated[Param, Parameter(
         positive, "m/s²·√Hz", "root of the spectral density of the accelerometer bias's walk",
     )] = 1e-4  # fmt: skip
@@ -53,6 +60,10 @@ class FootParams(NamedTuple):
         "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
         "deviations only",
     )] = 0.01  # fmt: skip
+    tracked_point: Annotated[Param, Parameter(
+        interval(-0.3, 0.3), "m", "of the foot whose path is given, in the sensor's axes from the sensor: where a "
+        "marker is, or the heel; strides do not depend on it", normal(0.0, 0.05),
+    )] = Vector(0.0, 0.0, 0.0)  # fmt: skip
     softness: Annotated[Param, Parameter(
         positive, "1", "width of the change from stance to swing, in logarithms of the detector's statistic; where "
         "`FootOptions.soft` is set", lognormal(0.2, 2.0),

@@ -11,7 +11,7 @@ from jgait.estimators.foot_ins.params import FootParams
 from jgait.estimators.trust import nis_between
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.rotation import Quaternion, conjugate, rotated
-from jgait.geometry.vectors import Vector, root, wrapped
+from jgait.geometry.vectors import Vector, add, root, wrapped
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST = 0.1
@@ -72,12 +72,13 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, found: Inferred, sid
     way_since = _accumulated(state.position, foot)
     if flatten:
         way_since = way_since._replace(z=_flattened(way_since.z, foot, time, way.z, valid))
-    since = jnp.stack(_turned(way_since, heading), axis=1)
+    attitude = _yawed(state.attitude, heading)
+    since = jnp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
     start = since[foot.foothold[0]]
     trajectory = FootTrajectory(
         position=jnp.where(foot.valid[:, None], since - start[None, :], jnp.zeros_like(since)),
         velocity=jnp.stack(_turned(state.velocity, heading), axis=1),
-        orientation=jnp.stack(_yawed(state.attitude, heading), axis=1),
+        orientation=jnp.stack(attitude, axis=1),
     )
     spread = cov.stddev()
     deviation = FootTrajectory(
