@@ -1,4 +1,4 @@
-"""`jgait demo`: a real walk by one call, beside its reference; then tune and judge on simulated people."""
+"""`jgait demo`: a real walk by one call, beside its reference; then tune on one part of it, and judge on another."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,17 +18,15 @@ if TYPE_CHECKING:
 def _show(result: "Demo") -> None:
     """Print the errors and the tuned parameters of a demonstration."""
     table = Table(title=result.title, title_justify="left", caption_justify="left")
-    paper = any(line.paper is not None for line in result.lines)
     for name in ("walk", "leg", "error"):
         table.add_column(escape(name))
-    for name in (*(["paper's pipeline"] if paper else []), "default", "tuned"):
+    for name in ("default", "tuned"):
         table.add_column(escape(name), justify="right")
     last = None
     for line in result.lines:
         walk = f"{line.walk} ({'tuned on' if line.tuned_on else 'not tuned on'})"
-        values = [line.before, line.after] if not paper else [line.paper, line.before, line.after]
         table.add_row(
-            walk if walk != last else "", line.leg, line.what, *("–" if v is None else f"{v:.2f}" for v in values)
+            walk if walk != last else "", line.leg, line.what, *(f"{v:.2f}" for v in (line.before, line.after))
         )
         last = walk
     console.print(table)
@@ -52,16 +50,17 @@ def demo(
     dataset: Annotated[
         str,
         typer.Option(
-            help="auto, simulated or neura_sparse; neura_sparse is fetched if it is not there, and tuned on too."
+            help="auto: neura_sparse if it is there, else simulated; neura_sparse: fetched if need be; simulated."
         ),
     ] = "auto",
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("jgait-demo"),
     subjects: Annotated[int, typer.Option(min=2, help="Simulated people.")] = 6,
-    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 15,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 30,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
-    """A real walk by one call, if it is there; then estimate, compare with the truth, tune by gradient, judge on walks
-    that the tuning did not use.
+    """A real walk by one call, with its report; then tune by gradient on one part of it, and judge on another part.
+
+    Where the recording is not there, simulated people are tuned on, and others are judged.
     """
     from jgait import datasets
     from jgait.commands import demo_run
@@ -81,27 +80,26 @@ def demo(
         ThreadPoolExecutor(2) as pool,
     ):
         walk = pool.submit(demo_run.real_walk, folder.stage, Bar(bars)) if real else None
-        running = [pool.submit(demo_run.simulated, folder.stage, Bar(bars), subjects=subjects, steps=steps)]
-        if dataset == "neura_sparse":
-            running.append(pool.submit(demo_run.neura_sparse, folder.stage, Bar(bars), steps=steps))
+        if real:
+            tuning = pool.submit(demo_run.neura_sparse, folder.stage, Bar(bars), steps=steps)
+        else:
+            tuning = pool.submit(demo_run.simulated, folder.stage, Bar(bars), subjects=subjects, steps=steps)
         try:
             first = None if walk is None else walk.result()
-            results = [task.result() for task in running]
-            drawn = [] if first is None else first.figures
-            figures = folder.publish([*drawn, *(figure for result in results for figure in result.figures)])
+            result = tuning.result()
+            figures = folder.publish([*([] if first is None else first.figures), *result.figures])
         except OSError as error:
             stop(f"the figures could not be written to {out}: {error}")
     if first is not None:
         _show_walk(first)
     console.print("Errors are root mean squares relative to standing; of the distance, the signed or median error.\n")
-    for result in results:
-        _show(result)
-        console.print()
+    _show(result)
+    console.print()
     if first is None and dataset == "auto":
         console.print(
             "neura_sparse (real walks with motion capture) is not here: jgait demo --dataset neura_sparse fetches it"
         )
     wrote(figures)
     rows: dict[str, Any] = {} if first is None else {first.title: first.numbers}
-    rows |= {r.title: {"lines": [line._asdict() for line in r.lines], "tuned": r.tuned} for r in results}
+    rows[result.title] = {"lines": [line._asdict() for line in result.lines], "tuned": result.tuned}
     write_json(json_file, rows)

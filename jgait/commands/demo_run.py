@@ -13,6 +13,7 @@ import optax
 from jaxtyping import PyTree
 
 from jgait import datasets, params, plot, tune
+from jgait import report as reports
 from jgait.estimators import Prepared, leg_ekf
 from jgait.estimators.combined import analyse
 from jgait.estimators.leg_ekf import BySide, LegOptions, LegParams
@@ -37,7 +38,6 @@ class Line(NamedTuple):
         tuned_on: whether the tuning used this walk.
         leg: "right" or "left"; "both" for the distance.
         what: the quantity, with its unit.
-        paper: error of the paper's pipeline; None where it was not run.
         before: error with the default parameters.
         after: error with the tuned parameters.
     """
@@ -46,7 +46,6 @@ class Line(NamedTuple):
     tuned_on: bool
     leg: str
     what: str
-    paper: float | None
     before: float
     after: float
 
@@ -89,21 +88,17 @@ def _values(p: LegParams, names: tuple[str, ...]) -> dict[str, float]:
     return out
 
 
-def _lines(walk: str, tuned_on: bool, paper: Judged | None, before: Judged, after: Judged) -> list[Line]:
+def _lines(walk: str, tuned_on: bool, before: Judged, after: Judged) -> list[Line]:
     units = {"hip_deg": "hip, °", "knee_deg": "knee, °", "x_cm": "foot x, cm", "y_cm": "foot y, cm"}
     rows = [
         Line(
-            walk, tuned_on, side, units[column], None if paper is None else paper.rmse[side][column],
-            before.rmse[side][column], after.rmse[side][column],
+            walk, tuned_on, side, units[column], before.rmse[side][column], after.rmse[side][column],
         )
         for side in before.rmse
         for column in FIELDS
     ]  # fmt: skip
     if before.distance_error_pct is not None and after.distance_error_pct is not None:
-        theirs = None if paper is None else paper.distance_error_pct
-        rows.append(
-            Line(walk, tuned_on, "both", "distance, %", theirs, before.distance_error_pct, after.distance_error_pct)
-        )
+        rows.append(Line(walk, tuned_on, "both", "distance, %", before.distance_error_pct, after.distance_error_pct))
     return rows
 
 
@@ -134,7 +129,7 @@ def simulated(out: Path, report: Report, *, subjects: int = 6, steps: int = 15, 
             estimate = _estimate(p, item)
             pair.append((judge(estimate, item.reference, *spans(item)), estimate))
         judged.append((pair, drawn[number].truth.estimate))
-    lines = _medians([_lines(f"median of {subjects - half} people", False, None, a[0], b[0]) for (a, b), _ in judged])
+    lines = _medians([_lines(f"median of {subjects - half} people", False, a[0], b[0]) for (a, b), _ in judged])
     (_, (_, estimate)), reference = judged[0]
     figures = _figures(out, "simulated", estimate, reference, "a simulated walk left out of the tuning", None, None)
     tuned = _compare(_values(start, names), _values(fit.params, names))
@@ -190,6 +185,8 @@ class RealWalk(NamedTuple):
 def real_walk(out: Path, report: Report) -> RealWalk:
     """All sensors of a person with motion capture together, by `jgait.analyse`.
 
+    Writes a figure and the page of the report into the folder `out`, which is made.
+
     Raises:
         DatasetUnavailable: the message states how to get the set.
     """
@@ -222,6 +219,9 @@ def real_walk(out: Path, report: Report) -> RealWalk:
         out.mkdir(parents=True, exist_ok=True)
         angles = plot.joint_angles(found.estimate, reference, seconds=(seconds[0], seconds[1]), title=title)
         figures = [plot.save(angles, out / "real_walk_angles.png")]
+        made = reports.Made("all sensors together", file="neura_sparse")
+        page = reports.of_analysis(found, walk.recording, reference=reference, made=made)
+        figures.append(page.save(out / "real_walk.html"))
     return RealWalk("neura_sparse: one person, nine sensors, one call", lines, figures, numbers)
 
 
@@ -239,7 +239,7 @@ def _joint_ranges(estimate: Estimate, reference: Estimate, window: tuple[int, in
     return found
 
 
-def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
+def neura_sparse(out: Path, report: Report, *, steps: int = 30) -> Demo:
     """One person with motion capture: tune on the walk out, compute errors on the walk back.
 
     Figures are written to the folder `out`, which is made. Returns table lines for both walks, and figures of the walk
@@ -264,17 +264,14 @@ def neura_sparse(out: Path, report: Report, *, steps: int = 15) -> Demo:
         progress=lambda p: report(f"tuning on the walk out, loss {p.loss:.1f}", p.done, p.total),
     )  # fmt: skip
     report("judging on the walk back", 0, 1)
-    paper = leg_ekf.estimate(start, walk.recording, leg_ekf.PAPER)
     before, after = _estimate(start, item), _estimate(fit.params, item)
     lines = []
     for name, tuned_on, part in (("out", True, item), ("back", False, unseen)):
-        lines += _lines(
-            name, tuned_on, *(judge(estimate, reference, *spans(part)) for estimate in (paper, before, after))
-        )
+        lines += _lines(name, tuned_on, *(judge(estimate, reference, *spans(part)) for estimate in (before, after)))
     seconds = (float(reference.time[unseen.first]), float(reference.time[unseen.last]))
     figures = _figures(
         out, "neura_sparse", after, reference, "walk back, left out of the tuning", seconds,
-        {"default parameters": before, "paper's pipeline": paper},
+        {"default parameters": before},
     )  # fmt: skip
     tuned = _compare(_values(start, names), _values(fit.params, names))
     title = "neura_sparse: one person, motion capture; tuned on the walk out, judged on the walk back"

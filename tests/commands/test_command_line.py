@@ -135,7 +135,19 @@ def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
     ours, theirs = walk.numbers["distance"]
     assert abs(ours / theirs - 1.0) < 0.03
     assert {"hip right", "knee right", "hip left", "knee left"} < set(walk.numbers)
-    assert walk.figures[0].stat().st_size > 10_000
+    assert [file.name for file in walk.figures] == ["real_walk_angles.png", "real_walk.html"]
+    assert all(file.stat().st_size > 10_000 for file in walk.figures)
+
+
+def test_the_demo_tunes_on_the_walk_out_and_halves_the_knee_s_error_of_the_walk_back(data, tmp_path):
+    data("neura_sparse")
+    from jgait.commands import demo_run
+
+    made = demo_run.neura_sparse(tmp_path, lambda *_: None)
+    assert len(made.figures) == 3
+    knee = [line for line in made.lines if line.walk == "back" and line.what == "knee, °"]
+    assert len(knee) == 2
+    assert all(not line.tuned_on and line.after < 0.6 * line.before for line in knee)
 
 
 def test_demo_refuses_an_unknown_data_set():
