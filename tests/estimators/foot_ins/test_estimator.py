@@ -3,6 +3,7 @@ import pytest
 from made.foot import foot
 from made.notes import texts
 from made.trunk import rotation, worn
+from scipy.spatial.transform import Rotation
 
 from jgait import datasets, estimators
 from jgait.estimators import foot_ins
@@ -10,6 +11,7 @@ from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.params import TEXTBOOK
 from jgait.events.rest import rest
+from jgait.geometry.vectors import Vector
 from jgait.types import Imu, Recording, RecordingError
 
 STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)
@@ -42,6 +44,18 @@ def test_lengths_heights_and_lift_of_a_straight_walk(straight):
     assert np.all(strides.push_off_angle < -0.2)
     assert np.all(strides.contact_angle > 0.05)
     assert np.all(estimate.strides_stddev.length > 0.0005)
+
+
+def test_the_path_may_be_that_of_another_point_and_strides_stay(straight):
+    made, plain = straight
+    point = np.array([0.02, -0.01, 0.05])
+    moved = estimated(made, STILL._replace(tracked_point=Vector(*point)))
+    w, x, y, z = plain.feet.right.orientation.T
+    away = Rotation.from_quat(np.stack([x, y, z, w], axis=1)).apply(point)
+    expected = plain.feet.right.position + away - away[moved.diagnostics["footholds_right"][0]]
+    np.testing.assert_allclose(moved.feet.right.position, expected, atol=1e-9)
+    np.testing.assert_array_equal(moved.strides.length, plain.strides.length)
+    assert np.ptp(moved.feet.right.position - plain.feet.right.position, axis=0)[0] > 0.03
 
 
 @pytest.mark.parametrize(

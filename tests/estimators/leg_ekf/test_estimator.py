@@ -13,6 +13,8 @@ from jgait.estimators.axes import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import online as leg_online
+from jgait.estimators.leg_ekf.estimator import observe
+from jgait.estimators.leg_ekf.inclination import Inclination
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.filtering import EKF, UKF, IteratedEKF
 from jgait.simulate import protocols
@@ -91,6 +93,26 @@ def test_ideal_sensors_give_the_true_angles_and_foot_path(walk):
     assert worst(result, truth, "x") < 0.04
     assert worst(result, truth, "y") < 0.02
     assert bool(np.all(result.valid))
+
+
+def test_the_muscle_that_the_knee_moves_is_taken_off_the_thigh_s_sensor(walk):
+    inputs = prepared(walk[0])
+    time = np.asarray(inputs.time)
+    thigh, shank = 0.4 * np.sin(5.0 * time), 0.5 * np.cos(5.0 * time) - 0.5
+    gain, pull = 1.1, 0.15
+    sensor = (thigh + pull * (thigh - shank)) / gain
+    plain = one_side(LegParams(), 0)
+    p = plain._replace(thigh_gain=gain, thigh_pull=pull, standing_hip=0.1, standing_knee=0.2)
+    seen = [
+        Inclination(angle, np.gradient(angle, time), np.full_like(time, 1e-4), np.zeros_like(time))
+        for angle in (sensor, shank)
+    ]
+    observed, control, _ = observe(p, inputs.right, tuple(seen), inputs, DEFAULT)
+    np.testing.assert_allclose(observed.thigh_inclination, leg_model.STANDING + 0.1 + thigh, atol=1e-12)
+    np.testing.assert_allclose(observed.shin_inclination, leg_model.STANDING - 0.1 + shank, atol=1e-12)
+    np.testing.assert_allclose(observed.thigh_gyro, np.gradient(thigh, time), atol=1e-9)
+    larger, alone = control[0], observe(plain, inputs.right, tuple(seen), inputs, DEFAULT)[1][0]
+    np.testing.assert_allclose(larger / alone, (1.1**2 + 0.15**2) / 1.15**2)
 
 
 def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
