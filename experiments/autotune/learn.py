@@ -23,10 +23,13 @@ FREE = (
 )  # fmt: skip
 """What is learned; the rest keeps its default. Only a path can teach the point that the reference tracks."""
 
+HARD = FREE[1:7]
+"""What the likelihood of the innovations can teach: with soft stances it would be best to trust no movement at all."""
+
 MARKER = ("tracked_point",)
 """What is learned where the rest stays hand-chosen: where the reference's marker is on the foot."""
 
-STEPS, RATE = 30, 0.15
+STEPS, FEW, RATE = 30, 15, 0.15
 
 
 class Learned(NamedTuple):

@@ -11,7 +11,6 @@ from experiments.autotune.walks import KINDS, Trials, groups, options_of, trials
 from experiments.common.row import Row, show
 from experiments.foot_ins.run import Score, scored, sets
 from jgait import tune
-from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
 from jgait.tune import Lesson
 from jgait.types import Estimate
@@ -34,14 +33,13 @@ class HeldOut(NamedTuple):
     fits: list[learn.Learned]
 
 
-def by_days(found: Trials, options: FootOptions, groups: Any, quick: bool, **how: Any) -> HeldOut:
+def by_days(found: Trials, options: FootOptions, groups: Any, **how: Any) -> HeldOut:
     """Errors with what the other days taught; `start` may be one set of parameters for each day."""
     error, fits, starts = np.full(found.days.size, np.nan), [], how.pop("start", None)
     for number, day in enumerate(np.unique(found.days)):
         start = None if starts is None else starts[number]
         weights = (found.days != day).astype(float)
-        steps = 2 if quick else learn.STEPS
-        fits.append(learn.fit(groups, weights, options, steps=steps, start=start, **how))
+        fits.append(learn.fit(groups, weights, options, start=start, **how))
         here = found.days == day
         error[here] = 0.01 * learn.errors(fits[-1].params, groups, options)[here]
         print(f"without {day}: loss {fits[-1].losses[0]:.3f} to {fits[-1].losses[-1]:.3f}; left out:")
@@ -59,7 +57,7 @@ def tuned(noise: str, quick: bool) -> HeldOut:
     """Noise model and marker tuned by the position loss."""
     found = trials(noise, quick)
     assert found is not None
-    return by_days(found, options_of(noise), found.groups, quick)
+    return by_days(found, options_of(noise), found.groups, steps=2 if quick else learn.STEPS)
 
 
 @cache
@@ -67,18 +65,18 @@ def marked(noise: str, quick: bool) -> HeldOut:
     """Hand-chosen parameters; only the place of the reference's marker on the foot is tuned."""
     found = trials(noise, quick)
     assert found is not None
-    return by_days(found, DEFAULT, groups(found.walks, DEFAULT), quick, free=learn.MARKER)
+    hard = groups(found.walks, DEFAULT)
+    return by_days(found, DEFAULT, hard, free=learn.MARKER, steps=2 if quick else learn.FEW)
 
 
 @cache
 def likely(noise: str, quick: bool) -> HeldOut:
-    """Noise model tuned by the likelihood of the innovations alone; the marker's place as in `marked`."""
+    """Constant noise tuned by the likelihood of the innovations in hard stances; the marker's place as in `marked`."""
     found = trials(noise, quick)
     assert found is not None
-    free = tuple(name for name in learn.FREE if name not in learn.MARKER)
-    start = [foot_ins.estimator(options_of(noise)).params._replace(tracked_point=fit.params.tracked_point)
-             for fit in marked(noise, quick).fits]  # fmt: skip
-    return by_days(found, options_of(noise), found.groups, quick, loss=likelihood, free=free, start=start)
+    start = [fit.params for fit in marked(noise, quick).fits]
+    steps, hard = 2 if quick else learn.FEW, groups(found.walks, DEFAULT)
+    return by_days(found, DEFAULT, hard, loss=likelihood, free=learn.HARD, start=start, steps=steps)
 
 
 def rows(quick: bool) -> list[Row]:

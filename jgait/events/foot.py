@@ -49,6 +49,13 @@ QUICKER = 1.2
 that, and which is more than `STILL` and than `ABOVE` times both of them, lies in a swing.
 """
 
+SLOW, SLOW_SWING, SLOW_STILL, SLOW_REST, SLOW_EDGE = 1.5, 0.25, 0.15, 0.4, 0.1
+"""[s], [rad/s], [rad/s], [s], [s] A foot that is lifted slowly, in place or in creeping, never turns as fast as
+`SWING`. Where no swing is found for longer than `SLOW`, `unrest` above `SLOW_SWING` between two rests is one. In a rest
+it is below `SLOW_STILL` for `SLOW_REST` at least, longer than in the middle of a swing; the stance is the rest without
+`SLOW_EDGE` at either end, where the foot begins to move.
+"""
+
 LANDED = 0.1
 """[1] Share of its peak in late swing by which the pitch of the foot has fallen at initial contact."""
 
@@ -110,6 +117,9 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
     rows = []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
+        if slow := _slow(restless, _between_swings(rate, before + 1, at, after), sampling_rate_hz):
+            rows += slow
+            continue
         first, last = _around(rate, at, (before + 1, after), max(STILL, ABOVE * rate[at]))
         first = min(first + after_start, at) if first > 0 else first
         last = max(last - before_end, at) if last < len(rate) - 1 else last
@@ -118,6 +128,31 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         rows.append((first, last + 1, middle))
     start, end, stillest = np.array(rows, int).reshape(-1, 3).T
     return Stances(start, end, stillest, rate[stillest])
+
+
+def _between_swings(rate: np.ndarray, first: int, at: int, end: int) -> tuple[int, int]:
+    """First sample and one past the last of the stretch around the sample `at` without a swing."""
+    before, after = np.flatnonzero(rate[first:at] > SWING), np.flatnonzero(rate[at:end] > SWING)
+    return (first + before[-1] + 1 if before.size else first, at + after[0] if after.size else end)
+
+
+def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: float) -> list[tuple[int, int, int]]:
+    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW`; none if it does not."""
+    first, end = stretch
+    if end - first <= SLOW * sampling_rate_hz:
+        return []
+    own, rows, edge = restless[first:end], [], round(SLOW_EDGE * sampling_rate_hz)
+    found = np.array(_turning_points(own.tolist(), SLOW_SWING), int)
+    found = found[(found < len(own)) & (own[np.minimum(found, len(own) - 1)] < SLOW_STILL)]
+    borders = np.concatenate([[-1], found, [len(own)]])
+    for before, at, after in zip(borders[:-2], found, borders[2:], strict=True):
+        begins, last = _around(own, at, (before + 1, after), SLOW_STILL)
+        if last - begins < SLOW_REST * sampling_rate_hz:
+            continue
+        start = first + begins + (edge if first + begins > 0 else 0)
+        stop = first + last + 1 - (edge if first + last + 1 < len(restless) else 0)
+        rows.append((start, stop, min(max(first + at, start), stop - 1)))
+    return rows if len(rows) > 1 else []
 
 
 def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) -> tuple[int, int]:
@@ -130,12 +165,12 @@ def _around(values: np.ndarray, at: int, within: tuple[int, int], limit: float) 
 
 def _valleys(rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Samples and depths of the valleys between swings."""
-    found = np.array(_turning_points(rate.tolist()), int)
+    found = np.array(_turning_points(rate.tolist(), SWING), int)
     found = found[(found < len(rate)) & (rate[np.minimum(found, len(rate) - 1)] < STANCE)]
     return found.astype(int), rate[found]
 
 
-def _turning_points(rate: list[float]) -> list[int]:
+def _turning_points(rate: list[float], swing: float) -> list[int]:
     """The samples of the valleys: a rise to a swing ends a valley, a fall of the rate ends a swing, and the recording's
     end both.
     """
@@ -144,7 +179,7 @@ def _turning_points(rate: list[float]) -> list[int]:
         if seeking:
             if value < extreme:
                 extreme, at = value, index
-            elif value > max(RATIO * extreme, SWING):
+            elif value > max(RATIO * extreme, swing):
                 found.append(at)
                 seeking, extreme = False, value
         elif value > extreme:

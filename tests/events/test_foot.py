@@ -5,6 +5,7 @@ from made.trunk import rotation
 
 from jgait import datasets
 from jgait.datasets.one_foot import SHORTEST
+from jgait.estimators import foot_ins
 from jgait.events import foot as events
 
 
@@ -39,6 +40,18 @@ def test_a_stance_of_fast_gait_whose_rate_a_fixed_threshold_takes_for_swing():
     fixed = events.moving_rate(gyr, 100.0) < 0.8
     missed = [not fixed[a:b].any() for a, b in zip(stances.start, stances.end, strict=True)]
     assert missed == [False] + 5 * [True] + [False]
+
+
+def test_a_foot_that_is_lifted_slowly_stands_between_and_does_not_while_it_moves():
+    made = foot(strides=4, swing=4.0, stance=1.5, length=0.3)
+    imu = made.recording.sensors["foot_right"]
+    assert events.moving_rate(imu.gyr, 100.0).max() < 1.0
+    found = events.stances(imu.gyr, imu.acc, 100.0)
+    assert len(found.start) == 5
+    assert np.all(np.abs(found.end[:-1] / 100.0 - made.lift_off) < 0.3)
+    assert np.all(np.abs(found.start[1:] / 100.0 - made.contact) < 0.3)
+    estimate = foot_ins.estimate(foot_ins.FootParams(pivot_height=0.0), made.recording)
+    np.testing.assert_allclose(estimate.strides.length, 0.3, atol=0.02)
 
 
 def test_mounting_does_not_matter():

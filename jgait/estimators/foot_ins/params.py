@@ -60,7 +60,7 @@ class FootParams(NamedTuple):
         "error of a stride that the model knows nothing of, per metre of it; enters the stated standard "
         "deviations only",
     )] = 0.01  # fmt: skip
-    tracked_point: Annotated[Param, Parameter(
+    tracked_point: Annotated[Vector, Parameter(
         interval(-0.3, 0.3), "m", "of the foot whose path is given, in the sensor's axes from the sensor: where a "
         "marker is, or the heel; strides do not depend on it", normal(0.0, 0.05),
     )] = Vector(0.0, 0.0, 0.0)  # fmt: skip
