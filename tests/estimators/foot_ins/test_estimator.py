@@ -242,6 +242,10 @@ def test_the_fast_trial_and_the_slow_one_within_what_was_measured(data):
     true = np.linalg.norm(np.diff(marks["position"][:, :2], axis=0), axis=1)
     assert len(estimate.strides.length) == len(true)
     assert np.median(np.abs(estimate.strides.length - true)) < 0.01
+    # a foot that is lifted slowly to half a metre again and again, and set down where it stood
+    (walk,) = datasets.load("pyshoe_vicon", only=["2018-02-09-11-16-53"])
+    path, true = (one.feet.right.position for one in (foot_ins.estimate(FootParams(), walk.recording), walk.reference))
+    assert np.all(np.abs(np.ptp(path, axis=0) - np.nanmax(true, axis=0) + np.nanmin(true, axis=0)) < 0.12)
 
 
 def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
