@@ -5,6 +5,7 @@ import numpy as np
 from experiments.common.row import Row
 from experiments.simulator.against_real import compared, figures_of_people, known_spread, usual_person
 from experiments.simulator.simulated import SETS
+from jgait import simulate
 
 
 def rows(quick: bool) -> list[Row]:
@@ -13,7 +14,9 @@ def rows(quick: bool) -> list[Row]:
     for given in SETS[:1] if quick else SETS:
         real = known_spread(given)
         if real is not None:
-            found += compared(given, real, figures_of_people([usual_person(real)], given)[0])
+            found += compared(
+                given, real, figures_of_people([usual_person(real, simulate.RECORDED, soft_tissue=1.0)], given)[0]
+            )
     if not found:
         return []
     share = 100.0 * float(np.mean([row.value for row in found]))

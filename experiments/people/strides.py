@@ -84,13 +84,14 @@ def legs_of(walk: Walk, given: Set) -> Iterator[Leg]:
 
 def drawn(name: str, stride_time: float, stride_length: float) -> Person:
     """A person of the population at a recorded stride, or the usual person where the drawn one cannot walk so."""
-    body, own = simulate.person_of(simulate.population(jax.random.key(zlib.crc32(name.encode())), 1), 0)
-    follows = {key: float(v) for key, v in manner(stride_length / (body.thigh_length + body.shank_length)).items()}
+    body, own = simulate.person_of(simulate.population(jax.random.key(zlib.crc32(name.encode())), 1, recorded=True), 0)
+    leg = body.thigh_length + body.shank_length
+    follows = {key: float(v) for key, v in manner(stride_length / leg, simulate.RECORDED).items()}
     person = Person(body, own._replace(
         stride_time=stride_time, stride_length=stride_length, steps=float(STEPS), quiet_before=QUIET, quiet_after=QUIET,
         **follows,
     ))  # fmt: skip
-    return person if able(person) else person_at(stride_time, stride_length)
+    return person if able(person) else person_at(stride_time, stride_length, simulate.RECORDED, soft_tissue=1.0)
 
 
 def pairs(given: Set, most: int | None) -> list[Pair]:

@@ -18,7 +18,7 @@ from experiments.simulator import simulated
 from experiments.simulator.real import Spread, spread
 from experiments.simulator.simulated import SETS, Set
 from jgait import plot, simulate
-from jgait.simulate import Person
+from jgait.simulate import Gait, Person
 from jgait.simulate.sensors import DEGREE
 
 SCANNED: dict[str, tuple[float, float]] = {
@@ -39,9 +39,9 @@ def known_spread(given: Set) -> dict[str, Spread] | None:
     return spread(given.name, given.condition) if available(given.name) else None
 
 
-def usual_person(real: dict[str, Spread], **others: float) -> Person:
+def usual_person(real: dict[str, Spread], base: Gait = simulated.RULES, **others: float) -> Person:
     """A simulated person with the median stride of a set."""
-    return simulated.person_at(real["stride_time"].median, real["stride_length"].median, **others)
+    return simulated.person_at(real["stride_time"].median, real["stride_length"].median, base, **others)
 
 
 def compared(given: Set, real: dict[str, Spread], figures: dict[str, float]) -> list[Row]:

@@ -28,7 +28,7 @@ from jgait import datasets
 from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import GRAVITY, Vector
 from jgait.plot.style import blank
-from jgait.simulate import Person, gait, straight, walk
+from jgait.simulate import Gait, Person, gait, straight, walk
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.types import SIDES, leg_of
@@ -39,6 +39,7 @@ QUIET = 0.5  # [s] before and after the walk
 SAMPLES = 2560  # of every simulated walk, so that one program serves all sampling rates
 PLACEMENTS = ("pelvis", "thigh_right", "thigh_left", "shank_right", "shank_left", "foot_right", "foot_left")
 VARIABILITY = 0.015  # of step time and length; without it all contacts fall on the same place between two samples
+RULES = Gait()
 MARKER = 0.03  # [m] of heel and toe markers above the sole
 
 
@@ -132,9 +133,9 @@ def walks_of(people: list[Person], rate_hz: float, acc_range: float = np.inf, se
     return [jax.tree.map(lambda a, i=i: a[i], done) for i in range(len(people))]
 
 
-def person_at(stride_time: float, stride_length: float, **others: float) -> Person:
+def person_at(stride_time: float, stride_length: float, base: Gait = RULES, **others: float) -> Person:
     """The usual person at a stride, for a walk of `STEPS` steps that are not all alike."""
-    usual = gait(stride_length=stride_length, cadence=120.0 / stride_time)
+    usual = gait(stride_length=stride_length, cadence=120.0 / stride_time, usual=base)
     walks = usual._replace(
         steps=float(STEPS), quiet_before=QUIET, quiet_after=QUIET, time_variability=VARIABILITY,
         length_variability=VARIABILITY,

@@ -7,7 +7,7 @@ records of the library; `walk` is the same in pure JAX, to be jitted, mapped ove
 from jgait.geometry.segments import segment_of
 from jgait.simulate.check import check_person
 from jgait.simulate.people import cohort, walks
-from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.person import RECORDED, Body, Gait, Person
 from jgait.simulate.population import fitted, gait, paced, person_of, population
 from jgait.simulate.recorded import recording, trimmed
 from jgait.simulate.routes import Route, circle, corner, faster, rectangle, route, straight, u_turn
@@ -25,7 +25,7 @@ from jgait.simulate.worn import (
 )
 
 __all__ = [
-    "FOUR", "SEVEN", "Body", "Gait", "Load", "Person", "Route", "Truth", "check_person", "circle", "cohort",
+    "FOUR", "RECORDED", "SEVEN", "Body", "Gait", "Load", "Person", "Route", "Truth", "check_person", "circle", "cohort",
     "corner", "duration", "faster", "fitted", "gait", "motion", "mount", "paced", "person_of", "plan", "population",
     "recording", "rectangle", "route", "segment_of", "signals", "straight", "strides", "trimmed", "u_turn",
     "walk", "walks",

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jgait.geometry.jets import Jet, outer, part, parts, sin_cos, stacked
 from jgait.geometry.vectors import kept
 from jgait.simulate.person import Body, Gait
+from jgait.simulate.shapes import Movement, added
 from jgait.simulate.smooth import glide, smooth_bump, smooth_step
 from jgait.types import Flags, Values
 
@@ -62,6 +63,38 @@ HARD, SOFT = 0.15, 0.44
 """[1] Shares of swing in which the ground decelerates the foot, and in which the leg does."""
 
 
+class Instants(NamedTuple):
+    """The constants above, of a gait; `heel_share` is the share of the heel's two rises in its largest pitch [1]."""
+
+    heel_early: Values = HEEL_EARLY
+    heel_rises: Values = HEEL_RISES
+    heel_after: Values = HEEL_AFTER
+    heel_down: Values = HEEL_DOWN
+    heel_share: Values = 1.0
+    toes_rise: Values = TOES_RISE
+    toes: Values = TOES
+    toes_up: Values = TOES_UP
+    toes_turn: Values = TOES_TURN
+    gather: Values = GATHER
+    late_lift: Values = LATE_LIFT
+    lowers: Values = LOWERS
+    hard: Values = HARD
+    soft: Values = SOFT
+
+
+RECORDED = Instants(
+    heel_early=0.058, heel_rises=0.238, heel_after=0.229, heel_down=0.114, heel_share=0.8, toes_rise=0.092, toes=0.89,
+    toes_up=0.504, toes_turn=0.148, gather=0.344, late_lift=0.352, lowers=0.809, hard=0.179, soft=0.381,
+)  # fmt: skip
+"""Those of recorded people, around which `shapes.added` was fitted."""
+
+
+def instants(gait: Gait) -> Instants:
+    """Those of a gait, between the rules and recorded people."""
+    mixed = (rule + gait.recorded * (own - rule) for rule, own in zip(Instants(), RECORDED, strict=True))
+    return Instants(*mixed)
+
+
 class Phases(NamedTuple):
     """Shares [1] of the motions of a foot, (2, T).
 
@@ -80,62 +113,75 @@ class Phases(NamedTuple):
     lift: Jet
 
 
-def phases(gait: Gait, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
+def phases(gait: Gait, shape: Movement, off: Values, leave: Values, lands: Values, s: Jet) -> Phases:
     """Progress of stance and swing.
 
     The heel rises slowly in single support and fast at the contact of the other foot; then the ball of the foot rises
-    about the tip of the toes. In swing both pitches return to 0.
+    about the tip of the toes. In swing both pitches return to 0. To each motion what recorded feet do beside that is
+    added, while the foot is free to do it; see `shapes.added`.
 
     Args:
         gait: the gait.
+        shape: shapes of the movement.
         off: (2, T) steps after landing at which the heel begins to rise [1].
         leave: (2, T) steps after landing at which the toes leave [1].
         lands: (2, T) the landing, last or next, to which the foot is pitched, in steps since the last landing [1].
         s: (2, T) steps since the last landing [1].
     """
-    # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg.
-    begins = (leave - HEEL_RISES, leave - TOES_RISE, leave, lands - TOES_UP, lands - TOES_TURN, leave, leave)
+    # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
+    # and the times in which recorded feet move besides.
+    own, flat = instants(gait), 2.0 * gait.foot_flat
+    begins = (
+        leave - own.heel_rises, leave - own.toes_rise, leave, lands - own.toes_up, lands - own.toes_turn, leave, leave,
+        off, lands - own.toes_up, leave, leave,
+    )  # fmt: skip
     lasts = (
-        HEEL_RISES + HEEL_AFTER, TOES_RISE + HEEL_AFTER, 2.0 - leave - HEEL_DOWN, TOES_UP - TOES_TURN + 0.1,
-        TOES_TURN + 2.0 * gait.foot_flat, 2.0 - leave, 2.0 - leave,
+        own.heel_rises + own.heel_after, own.toes_rise + own.heel_after, 2.0 - leave - own.heel_down,
+        own.toes_up - own.toes_turn + 0.1, own.toes_turn + flat, 2.0 - leave, 2.0 - leave,
+        2.0 - off - own.heel_down, own.toes_up + flat, 2.0 - leave, 2.0 - leave,
     )  # fmt: skip
     over = 1.0 / jnp.stack([jnp.broadcast_to(last, leave.shape) for last in lasts])
     u = (part(s, None) - jnp.stack(begins)) * over
 
-    def column(*values: float) -> Values:
-        return jnp.asarray(values, leave.dtype).reshape((-1,) + (1,) * leave.ndim)
+    def column(*values: Values) -> Values:
+        return jnp.stack([jnp.asarray(value, leave.dtype) for value in values]).reshape((-1,) + (1,) * leave.ndim)
 
-    gather = column(0.6, 0.5, 0.5, 0.5, 0.5, GATHER, GATHER)
-    lose = column(0.4, 0.5, 0.5, 0.5, 0.5, HARD, SOFT)
-    fast, toes, back, up, turn, hard, soft = parts(glide(u, gather, lose))
+    gather = column(0.6, 0.5, 0.5, 0.5, 0.5, own.gather, own.gather)
+    lose = column(0.4, 0.5, 0.5, 0.5, 0.5, own.hard, own.soft)
+    fast, toes, back, up, turn, hard, soft = parts(glide(part(u, slice(0, 7)), gather, lose))
     tau = part(u, -1)
-    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - LOWERS) / (1.0 - LOWERS))
+    more_rise, more_down, more_way, more_lift = parts(added(shape, part(u, slice(7, None))))
+    steps = ((s - off) / (leave - off), (tau - 0.1) / 0.5, (tau - own.lowers) / (1.0 - own.lowers))
     slow, late, lowers = parts(smooth_step(stacked(steps)))
+    rise = slow * own.heel_early + fast * (1.0 - own.heel_early) - back
     return Phases(
-        rise=slow * HEEL_EARLY + fast * (1.0 - HEEL_EARLY) - back,
+        rise=rise * own.heel_share + more_rise,
         toes=toes - back,
-        down=up - turn,
-        way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed),
-        lift=smooth_bump(tau / 0.5) + (late - lowers) * LATE_LIFT,
+        down=up - turn + more_down,
+        way=hard * gait.landing_speed + soft * (1.0 - gait.landing_speed) + more_way,
+        lift=smooth_bump(tau / 0.5) + (late - lowers) * own.late_lift + more_lift,
     )
 
 
-def feet(body: Body, gait: Gait, origin: Foothold, target: Foothold, moves: Flags, s: Jet) -> FootPair:
+def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foothold, moves: Flags, s: Jet) -> FootPair:
     """Both feet.
 
     Args:
         body: lengths of the body.
         gait: the gait.
+        shape: shapes of the movement.
         origin: the foothold that each foot took last.
         target: the foothold that a foot takes next; of the foot that landed last, again its last foothold.
         moves: (2, T) whether the foot pushes off and swings; False for the foot that landed last.
         s: (2, T) steps since the last landing, in [0, 1] for the foot that landed last, in [1, 2] for the other foot.
     """
-    share = kept(phases(gait, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype), s))
+    share = kept(phases(gait, shape, origin.off, origin.leave, jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype), s))
     place = part(share.way, None) * (target.place - origin.place) + origin.place
     yaw, incline = part(place, 3), part(place, 4)
     down, rise = share.down * target.toe_up, share.rise * origin.heel_up
-    angles = kept(stacked([down, rise, share.toes * (TOES * origin.heel_up), incline, yaw, incline + down - rise]))
+    angles = kept(
+        stacked([down, rise, share.toes * (origin.heel_up * instants(gait).toes), incline, yaw, incline + down - rise])
+    )
     sines, cosines = sin_cos(angles)
     s_down, s_rise, s_toes, s_slope, sy, sp = parts(sines)
     c_down, c_rise, c_toes, c_slope, cy, cp = parts(cosines)

@@ -16,6 +16,7 @@ from jgait.simulate import routes
 from jgait.simulate.feet import HEEL_RISES, LINGER
 from jgait.simulate.person import Body, Gait, Person
 from jgait.simulate.routes import Route
+from jgait.simulate.shapes import Movement, shape_of
 from jgait.simulate.smooth import CURVE, pieces
 from jgait.types import Flags, Values
 
@@ -51,6 +52,7 @@ class Plan(NamedTuple):
         distance_curve: distance along the route, walked by the hips [m].
         walking_curve: 1 while walking, 0 while standing.
         end: the clock at the end of the walk [1].
+        shape: shapes of the movement.
     """
 
     x: Values
@@ -74,6 +76,7 @@ class Plan(NamedTuple):
     distance_curve: Values
     walking_curve: Values
     end: Values
+    shape: Movement
 
 
 def side_of_first(gait: Gait) -> Values:
@@ -153,6 +156,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         distance_curve=distance_curve,
         walking_curve=walking_curve,
         end=n + 2.0,
+        shape=shape_of(person),
     )
 
 

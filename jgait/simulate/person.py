@@ -57,7 +57,13 @@ class Gait(NamedTuple):
         pelvis_drop: amplitude of the pelvis' drop on the side of the swing leg [rad].
         pelvis_nod: amplitude of the pelvis' forward and backward tilt, twice a stride [rad].
         pelvis_shock: downward motion of the pelvis from the impact at landing [m].
-        pelvis_harmonics: size of higher harmonics of the pelvis' motion, over those of recorded people; 0: none [1].
+        recorded: 0: feet and pelvis move by simple rules; 1: as those of recorded people do, see `RECORDED` [1].
+        style_1: coordinate of the person's style of movement on the first of the directions in which recorded people
+            differ most, in standard deviations (see `shapes`); 0: their mean; counts where `recorded` is 1 [1].
+        style_2: the same on the second direction; as the following two.
+        style_3: the same on the third direction.
+        style_4: the same on the fourth direction.
+        soft_tissue: motion of sensors on thighs and shanks over the bone, over that of recorded people; 0: none [1].
         hip_ahead: distance of the hips ahead of the middle of the feet at initial contact [m].
         standing_hip: hip flexion in standing [rad].
         standing_knee: knee flexion in standing [rad].
@@ -91,7 +97,12 @@ class Gait(NamedTuple):
     pelvis_drop: Values = 4.0 * DEGREE
     pelvis_nod: Values = 1.5 * DEGREE
     pelvis_shock: Values = 0.0015
-    pelvis_harmonics: Values = 0.0
+    recorded: Values = 0.0
+    style_1: Values = 0.0
+    style_2: Values = 0.0
+    style_3: Values = 0.0
+    style_4: Values = 0.0
+    soft_tissue: Values = 0.0
     hip_ahead: Values = 0.045
     standing_hip: Values = 2.0 * DEGREE
     standing_knee: Values = 4.0 * DEGREE
@@ -104,6 +115,14 @@ class Gait(NamedTuple):
     right_first: Values = 1.0
     quiet_before: Values = 3.0
     quiet_after: Values = 1.5
+
+
+RECORDED = Gait(
+    toe_up=20.5 * DEGREE, heel_up=80.0 * DEGREE, foot_flat=0.064, heel_off=0.37, swing_lift=0.0163, landing_speed=0.36,
+    pelvis_rise=0.0323, pelvis_sway=0.028, pelvis_surge=0.011, pelvis_rotation=3.2 * DEGREE, pelvis_drop=2.5 * DEGREE,
+    pelvis_nod=0.35 * DEGREE, pelvis_shock=0.0, knee_stance=6.0 * DEGREE, recorded=1.0, hip_ahead=0.0103,
+)  # fmt: skip
+"""The mean gait of recorded people, by `experiments.people.shapes`."""
 
 
 class Person(NamedTuple):

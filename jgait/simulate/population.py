@@ -15,9 +15,10 @@ from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.vectors import kept
 from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
-from jgait.simulate.person import DEGREE, Body, Gait, Person
+from jgait.simulate.person import DEGREE, RECORDED, Body, Gait, Person
 from jgait.simulate.recorded import limits, room
 from jgait.simulate.routes import Route, padded
+from jgait.simulate.shapes import STYLES
 from jgait.types import Values
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
@@ -36,25 +37,32 @@ _MANNER = {
 }  # fmt: skip
 """Gait parameters that grow with the stride: power of the stride over the leg, and upper limit."""
 
+_MANNER_RECORDED = {
+    "toe_up": (1.5, 45.0 * DEGREE), "heel_up": (1.55, 98.0 * DEGREE), "pelvis_surge": (1.0, 0.05),
+    "pelvis_rise": (2.7, 0.08), "landing_speed": (0.9, 0.8), "hip_ahead": (2.4, 0.05),
+}  # fmt: skip
+"""The same of recorded people, by `experiments.people.shapes`."""
+
 _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock",
          "foot_flat")  # fmt: skip
 """Gait parameters that vary from person to person independently of the stride."""
 
 
-def manner(relative_stride: Values) -> dict[str, Values]:
+def manner(relative_stride: Values, usual: Gait = _USUAL) -> dict[str, Values]:
     """Fields of a gait that grow with the stride over the length of the leg [1]: foot pitch, rise and surge of the
-    pelvis.
+    pelvis; of `RECORDED` also where the hips are at landing, and how fast the foot lands.
 
-    They are proportional to the stride; the rise is proportional to its square, as in an inverted pendulum. The lower
-    limit is a third of the value at the usual stride, the upper limit is anatomical.
+    By the rules they are proportional to the stride; the rise is proportional to its square, as in an inverted
+    pendulum. The lower limit is a third of the value at the usual stride, the upper limit is anatomical.
     """
     share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
-    return {name: jnp.minimum(getattr(_USUAL, name) * share**power, most) for name, (power, most) in _MANNER.items()}
+    grows = _MANNER_RECORDED if usual is RECORDED else _MANNER
+    return {name: jnp.minimum(getattr(usual, name) * share**power, most) for name, (power, most) in grows.items()}
 
 
 def gait(
     speed: float | None = None, stride_length: float | None = None, cadence: float | None = None,
-    stature: float | None = None, **others: Values,
+    stature: float | None = None, usual: Gait = _USUAL, **others: Values,
 ) -> Gait:  # fmt: skip
     """A gait from any two of speed, stride length and cadence, or from speed and stature.
 
@@ -65,6 +73,7 @@ def gait(
         stride_length: L [m].
         cadence: c [steps/min].
         stature: H [m], for the length of the legs; None for 1.75.
+        usual: where other fields are taken from: the rules, or `RECORDED`.
         **others: other fields of `Gait`, in their units; they are not changed.
 
     Returns:
@@ -99,8 +108,8 @@ def gait(
     length = known["stride_length"] if "stride_length" in known else 120.0 * known["speed"] / beat
     body = Body()
     leg = (body.thigh_length + body.shank_length) * height / 1.75
-    own = {name: float(value) for name, value in manner(length / leg).items()}
-    return Gait(**{"stride_length": length, "stride_time": 120.0 / beat, **own, **others})
+    own = {name: float(value) for name, value in manner(length / leg, usual).items()}
+    return usual._replace(**{"stride_length": length, "stride_time": 120.0 / beat, **own, **others})
 
 
 def paced(person: Person, factor: Values) -> Person:
@@ -110,14 +119,19 @@ def paced(person: Person, factor: Values) -> Person:
     """
     body, own = person.body, person.gait
     leg = body.thigh_length + body.shank_length
-    before, after = (manner(own.stride_length * share / leg) for share in (1.0, factor))
-    follows = {name: getattr(own, name) * after[name] / before[name] for name in after}
+    follows: dict[str, Values] = {}
+    for usual, share in ((_USUAL, 1.0 - own.recorded), (RECORDED, own.recorded)):
+        before, after = (manner(own.stride_length * longer / leg, usual) for longer in (1.0, factor))
+        for name in after:
+            grown = follows.get(name, getattr(own, name))
+            follows[name] = grown * (1.0 + share * (after[name] / before[name] - 1.0))
     faster = {"stride_length": own.stride_length * factor, "stride_time": own.stride_time / factor}
     return Person(body, own._replace(**faster, **follows))
 
 
-def _adult(key: PRNGKeyArray) -> Person:
+def _adult(key: PRNGKeyArray, recorded: bool) -> Person:
     """One adult; see `population`."""
+    usual = RECORDED if recorded else _USUAL
     even = iter(kept(jax.random.uniform(key, (8,))))
     normal = iter(kept(jax.random.truncated_normal(jax.random.fold_in(key, 1), -2.0, 2.0, (48,))))
 
@@ -136,34 +150,40 @@ def _adult(key: PRNGKeyArray) -> Person:
     stride = 120.0 * speed / cadence
     # Most parameters vary from person to person by a tenth; angles of the foot by less.
     spread = {name: around(1.0, 0.10) for name in _FREE}
-    follows = {name: value * around(1.0, 0.04) for name, value in manner(stride / leg).items()}
-    own = Gait(
+    follows = {name: value * around(1.0, 0.04) for name, value in manner(stride / leg, usual).items()}
+    own = usual._replace(
         stride_length=stride, stride_time=120.0 / cadence,
-        stance_fraction=around(_USUAL.stance_fraction, 0.008) - 0.02 * (speed - 1.3),
-        heel_off=around(_USUAL.heel_off, 0.015), step_width=around(0.10, 0.025),
-        toe_out=around(_USUAL.toe_out, 2.5 * DEGREE), knee_stance=around(_USUAL.knee_stance, 1.0 * DEGREE),
-        hip_ahead=around(_USUAL.hip_ahead, 0.005), standing_hip=around(2.0, 1.5) * DEGREE,
+        stance_fraction=around(usual.stance_fraction, 0.008) - 0.02 * (speed - 1.3),
+        heel_off=around(usual.heel_off, 0.015), step_width=around(0.10, 0.025),
+        toe_out=around(usual.toe_out, 2.5 * DEGREE), knee_stance=around(usual.knee_stance, 1.0 * DEGREE),
+        hip_ahead=around(usual.hip_ahead, 0.005), standing_hip=around(2.0, 1.5) * DEGREE,
         standing_knee=around(5.0, 1.5) * DEGREE, length_asymmetry=around(0.0, 0.01), time_asymmetry=around(0.0, 0.01),
         length_variability=around(0.030, 0.006), time_variability=around(0.025, 0.005),
         width_variability=around(0.017, 0.004),
         right_first=jnp.where(next(even) < 0.5, 1.0, 0.0), quiet_after=1.0 + next(even),
-        **follows, **{name: value * getattr(_USUAL, name) for name, value in spread.items()},
+        **{name: value * getattr(usual, name) for name, value in spread.items()},
     )  # fmt: skip
+    own = own._replace(**follows)
+    if recorded:
+        own = own._replace(**{name: around(0.0, 1.0) for name in STYLES}, soft_tissue=around(1.0, 0.1))
     return Person(Body(**lengths), own)
 
 
-def _adults(key: PRNGKeyArray, *, n: int) -> Person:
-    drawn = jax.vmap(lambda i: _adult(jax.random.fold_in(key, i)))(jnp.arange(n))
+def _adults(key: PRNGKeyArray, *, n: int, recorded: bool) -> Person:
+    drawn = jax.vmap(lambda i: _adult(jax.random.fold_in(key, i), recorded))(jnp.arange(n))
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (n,)), drawn)
 
 
-def population(key: PRNGKeyArray, n: int) -> Person:
+def population(key: PRNGKeyArray, n: int, recorded: bool = False) -> Person:
     """Draw `n` healthy adults of 20 to 79 years, half of them women; every field of the result is (n,).
 
     The first people are the same for any n. Lengths of the body are proportional to stature H, as in `Body`, each with
     a spread of 2 %. Speed is the mean of sex and decade times the root of the relative stature, spread 10 %; step
     length over cadence is w H, spread 5 %, so the stride grows with H and speed. Pitch of the feet, surge and rise of
     the pelvis depend on the stride over the leg (`manner`).
+
+    By the rules sensors are fixed to bones. With `recorded`, feet, pelvis and sensors move as those of recorded people
+    do (`RECORDED`), each person in a style of its own.
 
     All spreads are standard deviations of normal distributions, truncated at two standard deviations.
 
@@ -181,7 +201,7 @@ def population(key: PRNGKeyArray, n: int) -> Person:
     """
     if n < 1:
         raise ValueError(f"population needs at least one person; got n={n}")
-    drawn: Person = compiled(_adults, quick=True)(key, n=bucket(n, 16))
+    drawn: Person = compiled(_adults, quick=True)(key, n=bucket(n, 16), recorded=recorded)
     return jax.tree.map(lambda leaf: np.asarray(leaf)[:n], drawn)
 
 

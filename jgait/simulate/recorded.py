@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray, PyTree
 
 from jgait.estimators.programs import bucket, compiled
-from jgait.geometry.segments import Motion, segment_of
+from jgait.geometry.segments import Motion
 from jgait.simulate.check import check_sensors, check_slack, check_values
 from jgait.simulate.footsteps import Plan
 from jgait.simulate.person import Person
 from jgait.simulate.routes import Route, padded, straight
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors
 from jgait.simulate.walker import Frames, Slack, planned
-from jgait.simulate.worn import SEVEN, Known, Sensors, Truth, duration, mount, truth, walked
+from jgait.simulate.worn import SEVEN, Known, Sensors, Truth, duration, mount, truth, walked, worn_on
 from jgait.types import AnyArray, Imu, Recording, Values, as_float
 
 
@@ -86,7 +86,7 @@ def simulated(
 def _padded_sensors(person: Person, placements: Sequence[str]) -> Sensors:
     """On the host, as `sensors_at`; a placement may occur more than once."""
     points = np.array([[float(part) for part in mount(person.body, name)] for name in placements])
-    segment = np.array([SEVEN.index(segment_of(name)) for name in placements])
+    segment = np.array([worn_on(name) for name in placements])
     left = np.array([float(name.endswith("left")) for name in placements])
     return Sensors(segment, jnp.asarray(points), jnp.asarray(left))
 

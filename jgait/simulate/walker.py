@@ -17,9 +17,9 @@ from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, kept
 from jgait.simulate.feet import Foothold, FootPair, feet
 from jgait.simulate.footsteps import FIRST, Plan, footholds, reach, standing_ahead
-from jgait.simulate.pelvis import harmonics
-from jgait.simulate.person import Body, Gait, Person
+from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route
+from jgait.simulate.shapes import Movement, oscillation, softness, swings, waves, worn
 from jgait.simulate.smooth import coefficients, pieces, polynomial, smooth_bump, smooth_curve
 from jgait.types import AnyArray, Values
 
@@ -120,12 +120,14 @@ class Carried(NamedTuple):
         pelvis: (4, 3, T) frame of the pelvis, from the middle of the hips.
         hips: (3, 2, T) both hips, right and left.
         turn: (T,) yaw of the plane of the legs.
+        soft: (3, 4, T) motion of sensors on thighs and shanks, see `shapes.softness`.
     """
 
     feet: FootPair
     pelvis: Jet
     hips: Jet
     turn: Jet
+    soft: Jet
 
 
 PLACE = ("x", "y", "z", "foot_yaw", "slope")
@@ -142,12 +144,13 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     table = jnp.stack([getattr(plan, field) for field in (*PLACE, *Foothold._fields[1:])])
     ends = (kept(table[:, at]) for at in (entry[None] - before, entry[None] + before))
     origin, target = (Foothold(end[: len(PLACE)], *end[len(PLACE) :]) for end in ends)
-    both = feet(body, gait, origin, target, moves, part(r, None) + before.astype(dtype))
+    both = feet(body, gait, plan.shape, origin, target, moves, part(r, None) + before.astype(dtype))
+    swing = swings(plan.shape, waves(r))
     curves = jnp.stack([plan.x_curve, plan.y_curve, plan.z_curve, plan.heading_curve, plan.walking_curve])
     x, y, z, heading, walking = parts(smooth_curve(curves, entry, r))
-    # No foot has landed at the start of the first step: the harmonics of a landing come late.
-    higher = part(walking * walking, None) * (harmonics(side, r) * gait.pelvis_harmonics)
-    ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * (_oscillation(gait, side, r) + higher)))
+    shock = smooth_bump(r / SHAKEN) * gait.pelvis_shock
+    ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * oscillation(swing, side, shock)))
+    soft = kept(part(walking, None, None) * softness(swing, moves))
     s, c = sin_cos(heading)
     height = z - _dip(r) * plan.dip[entry] + up
     sways = _turned(stacked([c, s]), stacked([part(ahead, None), part(aside, None)]), part(height, None))
@@ -156,7 +159,7 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     pelvis = kept(Jet(jnp.concatenate([place.orders, axes.orders], axis=1)))
     apart = 0.5 * body.hip_width * sides
     hips = kept(part(pelvis, 0, slice(None), None) + part(pelvis, 2, slice(None), None) * apart[None])
-    return Carried(both, pelvis, hips, heading + yaw * 0.5)
+    return Carried(both, pelvis, hips, heading + yaw * 0.5, soft)
 
 
 class Slack(NamedTuple):
@@ -188,20 +191,26 @@ def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan
     return planned(key, person, along, capacity)[0]
 
 
-def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> tuple[Plan, Slack]:
-    """As `plan`, and the distance of the legs from their limits."""
+def planned(
+    key: PRNGKeyArray, person: Person, along: Route, capacity: int, shape: Movement | None = None
+) -> tuple[Plan, Slack]:
+    """As `plan`, and the distance of the legs from their limits; `shape` stands in for that of the gait."""
     body, gait = person.body, person.gait
     laid = footholds(key, person, along, capacity)
+    laid = laid if shape is None else laid._replace(shape=shape)
     entries, dtype = jnp.arange(FIRST, capacity + 3), laid.x.dtype
     inside, checked = ((jnp.arange(n, dtype=dtype) + 0.5) / n for n in (SAMPLES, CHECKED))
-    r = jnp.concatenate([inside, checked])
+    # The legs of recorded people are longest at a landing, those by the rules are not.
+    borders = jnp.asarray((0.0, 1.0), dtype)
+    r = jnp.concatenate([inside, borders, checked])
     at_entry, at_share = jnp.broadcast_arrays(entries[:, None], r[None, :])
     now = carried(person, laid, at_entry, Jet(at_share[None]))
     line = now.hips.value - now.feet.frame.value[0]  # (3, 2, K, phase)
     level = line[0] * line[0] + line[1] * line[1]
     knee = reach(body, jnp.asarray(gait.knee_stance))
     # How much higher a leg of full length lets the hips be.
-    at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line[2])[..., :SAMPLES]
+    at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line[2])[..., : SAMPLES + 2]
+    at = at + jnp.where(jnp.arange(SAMPLES + 2) < SAMPLES, 0.0, 1.0 - gait.recorded)[None, None]
     least = -SHARP * jax.nn.logsumexp(-at / SHARP, axis=(0, 2))
     k = jnp.arange(-1, capacity + 3, dtype=dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
@@ -212,10 +221,10 @@ def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> t
     curve = pieces(high, walks.astype(high.dtype), monotone=True)
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
     weight = _dip(Jet(r[None])).value
-    weight, whole = weight[:SAMPLES], weight
+    weight, whole = weight[: SAMPLES + 2], weight
     deep = weight > 0.05
     path, _, _ = polynomial(jnp.moveaxis(curve[FIRST:, None], -1, 0), r[None, :])
-    over = path[:, :SAMPLES] - jnp.min(at, axis=0)
+    over = path[:, : SAMPLES + 2] - jnp.min(at, axis=0)
     needed = jnp.where(deep[None, :], over / jnp.where(deep, weight, 1.0)[None, :], -1.0)
     needed = jnp.concatenate([needed, jnp.zeros_like(needed[:, :1])], axis=1)
     dip = SHARP * jax.nn.logsumexp(needed / SHARP, axis=1)
@@ -223,7 +232,7 @@ def planned(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> t
     taken = (entries < laid.end.astype(entries.dtype) + FIRST)[None, :, None]
     leg = body.thigh_length + body.shank_length
     far, long = (
-        jnp.sqrt(jnp.max(jnp.where(taken, square[..., SAMPLES:], 0.0))) / leg
+        jnp.sqrt(jnp.max(jnp.where(taken, square[..., SAMPLES + 2 :], 0.0))) / leg
         for square in (level, level + height * height)
     )
     laid = laid._replace(z_curve=curve, dip=jnp.concatenate([jnp.zeros_like(dip[:1]), dip]))
@@ -243,6 +252,10 @@ SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 instants of a step at which the legs' limits are checked."""
 
 
+SHAKEN = 0.24
+"""[steps] Duration of the impact motion of the pelvis after a contact."""
+
+
 def _dip(r: Jet) -> Jet:
     """From 0 to 1 in the middle of a step and back to 0, four times continuously differentiable at the ends."""
     return smooth_bump(r, 5)
@@ -254,11 +267,31 @@ def segments(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) ->
     The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
     order of `Segments`.
     """
-    now = carried(person, plan, entry, r)
+    return _together(_bones(person, carried(person, plan, entry, r)))
+
+
+def _bones(person: Person, now: Carried) -> list[Jet]:
+    """Frames (4, 3, …) of the pelvis, of both thighs, shanks and feet."""
     foot = now.feet.frame
     thigh, shank = _legs(person.body, now.hips, part(foot, 0), (part(now.turn, None) + now.feet.yaw) * 0.5)
-    every = part(now.pelvis, slice(None), slice(None), None), thigh, shank, foot
-    return Jet(jnp.concatenate([one.orders for one in every], axis=3))
+    return [part(now.pelvis, slice(None), slice(None), None), thigh, shank, foot]
+
+
+def _together(frames: list[Jet]) -> Jet:
+    return Jet(jnp.concatenate([one.orders for one in frames], axis=3))
+
+
+def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
+    """As `segments`, and after them what sensors are worn on at right and left thigh, right and left shank (`SKIN`)."""
+    now, body = carried(person, plan, entry, r), person.body
+    bones = _bones(person, now)
+    lengths = jnp.stack([jnp.asarray(one, plan.x.dtype) for one in (body.thigh_length, body.shank_length)])
+    half = jnp.repeat(0.5 * lengths, 2).reshape((1, 4) + (1,) * entry.ndim)
+    return _together([*bones, worn(_together(bones[1:3]), now.soft, half)])
+
+
+SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._fields[1:5])}
+"""Segment → index of what its sensors are worn on, in the frames of `with_skin`."""
 
 
 def framed(frames: Values) -> Frame:
@@ -267,7 +300,7 @@ def framed(frames: Values) -> Frame:
 
 
 def separated(frames: Values) -> Segments[Frame]:
-    """A `Frame` of each segment from frames (4, 3, 7, T)."""
+    """A `Frame` of each segment from frames (4, 3, 7 or more, T)."""
     return Segments(*(framed(frames[:, :, i]) for i in range(len(Segments._fields))))
 
 
@@ -277,42 +310,12 @@ def pose(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Segments[
     return separated(segments(person, plan, entry, Jet(r[None])).value)
 
 
-def _oscillation(gait: Gait, side: Values, r: Jet) -> Jet:
-    """Displacement of the pelvis forward, left and up from its even path [m], its yaw, pitch and roll [rad]: (6, T).
-
-    Once a stride the pelvis sways to the stance leg, turns with the leading leg and drops on the side of the swing leg;
-    twice a stride it rises and falls, moves forward and back relative to constant speed, and tilts forward and back.
-    """
-    sines, cosines = sin_cos(stacked([r * jnp.pi, r * (2.0 * jnp.pi), r * (4.0 * jnp.pi)]))
-    (s, s2, s4), (c, c2, c4) = parts(sines), parts(cosines)
-    late = s * 0.809 + c * 0.588  # a fifth of a half turn earlier
-    rise = c2 * RISE[0] + s2 * RISE[1] + c4 * RISE[2] + s4 * RISE[3]
-    return stacked([
-        (s2 * SURGE[0] + c2 * SURGE[1]) * gait.pelvis_surge,
-        s * (gait.pelvis_sway * side),
-        rise * gait.pelvis_rise - smooth_bump(r / SHAKEN) * gait.pelvis_shock,
-        c * (-gait.pelvis_rotation * side),
-        c2 * gait.pelvis_nod,
-        late * (gait.pelvis_drop * side),
-    ])  # fmt: skip
-
-
-SHAKEN = 0.24
-"""[steps] Duration of the impact motion of the pelvis after a contact."""
-
-SURGE = (0.99, 0.135)
-"""Shape of the surge: sine and cosine of one wave a step; its amplitude is 1."""
-
-RISE = (-0.475, -0.111, -0.056, -0.027)
-"""Shape of the rise: cosine and sine of one and of two waves a step; its range is 1."""
-
-
 def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frames]:
-    """As `motion`, from `ticks`, as arrays (4, 3, 7, T); see `segments`.
+    """As `motion`, from `ticks`, as arrays (4, 3, 11, T); see `with_skin`.
 
     All depends on time by the share of a step, which is a jet.
     """
-    return Motion(*segments(person, plan, entry, Jet(jnp.stack(r))).orders)
+    return Motion(*with_skin(person, plan, entry, Jet(jnp.stack(r))).orders)
 
 
 def motion(person: Person, plan: Plan, time: Float[AnyArray, "time"]) -> Motion[Segments[Frame]]:

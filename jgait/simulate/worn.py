@@ -21,7 +21,7 @@ from jgait.simulate.person import Body, Person
 from jgait.simulate.routes import Route
 from jgait.simulate.sensors import IDEAL, Clock, ImuErrors, measure, true_times
 from jgait.simulate.smooth import curve_at, step
-from jgait.simulate.walker import Frames, framed, moved, plan, separated, ticks
+from jgait.simulate.walker import SKIN, Frames, framed, moved, plan, separated, ticks
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, LegTrajectory, Strides, Values
 
 SEVEN = Segments._fields
@@ -95,7 +95,7 @@ class Sensors(NamedTuple):
     """Where sensors are worn; each field has one row for a sensor.
 
     Attributes:
-        segment: (S,) index of the segment in `Segments`.
+        segment: (S,) index of what the sensor is worn on, in the frames of `walker.with_skin`.
         point: (S, 3) position in the segment's axes [m], see `mount`.
         left: (S,) 1 on the left leg, 0 elsewhere.
     """
@@ -105,9 +105,15 @@ class Sensors(NamedTuple):
     left: Float[AnyArray, "sensor"]
 
 
+def worn_on(placement: str) -> int:
+    """Index of what a sensor is worn on, in the frames of `walker.with_skin`."""
+    segment = segment_of(placement)
+    return SKIN.get(segment, SEVEN.index(segment))
+
+
 def sensors_at(mounts: Mapping[str, Vector], dtype: Any = float) -> Sensors:
     """The sensors at placements, from the position of each on its segment [m]."""
-    segment = np.array([SEVEN.index(segment_of(placement)) for placement in mounts], int)
+    segment = np.array([worn_on(placement) for placement in mounts], int)
     left = np.array([placement.endswith("left") for placement in mounts], dtype)
     point = [jnp.stack([jnp.asarray(part, dtype) for part in mount]) for mount in mounts.values()]
     return Sensors(segment, jnp.stack(point), left)
@@ -120,7 +126,7 @@ def signals(
     errors: ImuErrors,
     mounts: Mapping[str, Vector],
 ) -> dict[str, Imu]:
-    """The readings of sensors on a body that moves at nominal times (T,) [s]: placement → readings.
+    """The readings of sensors fixed to the bones of a body that moves, at nominal times (T,) [s]: placement → readings.
 
     `mounts` has the position of each placement on its segment [m].
     """
@@ -130,6 +136,7 @@ def signals(
         jnp.stack([jnp.stack([jnp.stack(axis) for axis in frame]) for frame in order], axis=2) for order in moving
     )
     sensors = sensors_at(mounts, time.dtype)
+    sensors = sensors._replace(segment=np.array([SEVEN.index(segment_of(placement)) for placement in mounts]))
     worn = _of_sensors(Motion(*arrays), sensors)
     return _named(_readings(_numbered(key, len(mounts)), worn, time, errors, sensors), time, mounts)
 
@@ -144,9 +151,7 @@ def _numbered(key: PRNGKeyArray, count: int) -> Shaped[Array, "sensor ..."]:
 
 
 def _of_sensors(moving: Motion[Frames], sensors: Sensors) -> Motion[Frames]:
-    """The motion of each sensor's segment (4, 3, S, T), from that of all segments (4, 3, 7, T)."""
-    if isinstance(sensors.segment, np.ndarray) and np.array_equal(sensors.segment, np.arange(moving.pose.shape[2])):
-        return moving  # a sensor on each segment
+    """The motion of what each sensor is worn on (4, 3, S, T), from that of all segments (4, 3, 11, T)."""
     return Motion(*(part[:, :, sensors.segment] for part in moving))
 
 
@@ -224,7 +229,7 @@ def truth(laid: Plan, moving: Motion[Frames], known: Known) -> Truth:
 def _known(
     person: Person, laid: Plan, frames: Frames, time: Float[AnyArray, "time"], entry: Int[Array, "time"], r: Values
 ) -> Known:
-    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (4, 3, 7, T)."""
+    """Estimate and loads of a walk at times (T,) [s], from the frames of all segments (4, 3, 11, T)."""
     body = person.body
     heading, distance = curve_at(jnp.stack([laid.heading_curve, laid.distance_curve]), entry, r)
     ahead = Vector(jnp.cos(heading)[None], jnp.sin(heading)[None], jnp.zeros_like(heading)[None])

@@ -25,6 +25,22 @@ def test_everyone_drawn_can_walk(people):
         simulate.check_person(simulate.person_of(people, i))
 
 
+def test_everyone_drawn_like_recorded_people_can_walk_in_a_style_of_their_own():
+    people = simulate.population(jax.random.key(5), 40, recorded=True)
+    for i in range(40):
+        simulate.check_person(simulate.person_of(people, i))
+    styles = np.array([getattr(people.gait, f"style_{i}") for i in range(1, 5)])
+    assert np.all(np.abs(styles.mean(axis=1)) < 0.5) and np.all((styles.std(axis=1) > 0.6) & (styles.std(axis=1) < 1.1))
+    assert np.all(people.gait.recorded == 1.0) and np.all(people.gait.soft_tissue > 0.5)
+    # Who walks, and how fast, is drawn as by the rules.
+    plain = simulate.population(jax.random.key(5), 40)
+    np.testing.assert_allclose(people.gait.stride_length, plain.gait.stride_length)
+    np.testing.assert_allclose(people.body.thigh_length, plain.body.thigh_length)
+    fast = simulate.paced(simulate.person_of(people, 0), 1.1)
+    grown = float(fast.gait.pelvis_rise / people.gait.pelvis_rise[0])
+    assert 1.1 < grown <= 1.1**2.7 + 1e-9
+
+
 def test_people_have_the_figures_of_the_norms(people):
     body, gait = people
     leg = np.asarray(body.thigh_length + body.shank_length)

@@ -9,7 +9,7 @@ import strapdown
 from jgait import simulate
 from jgait.geometry.segments import Frame, in_world
 from jgait.geometry.vectors import GRAVITY, Vector
-from jgait.simulate import Gait, Person
+from jgait.simulate import RECORDED, Gait, Person
 from jgait.simulate.feet import LINGER, TOES_RISE
 from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
@@ -20,9 +20,13 @@ RATE = 100.0
 VARIED = {"length_variability": 0.03, "time_variability": 0.03, "width_variability": 0.01, "length_asymmetry": 0.03}
 
 
-def person(**changes):
+def person(base=Gait(), **changes):  # noqa: B008
     # Ten seconds: at RATE just less than 1024 samples, after which arrays are twice as long.
-    return Person(gait=Gait()._replace(steps=8.0, quiet_before=2.8)._replace(**changes))
+    return Person(gait=base._replace(steps=8.0, quiet_before=2.8)._replace(**changes))
+
+
+STYLED = RECORDED._replace(style_1=1.0, style_2=-1.0, style_3=0.5, style_4=1.0)
+BOTH = pytest.mark.parametrize("base", [Gait(), RECORDED, STYLED], ids=["rules", "recorded", "styled"])
 
 
 def stacked(vector):
@@ -38,9 +42,9 @@ def simulated(seed, who, along=STRAIGHT, errors=IDEAL, rate=RATE, offset=0.0):
     return simulate.recording(jax.random.key(seed), who, along, errors, rate, clock_of=clocks)
 
 
-@pytest.fixture(scope="module")
-def walked():
-    who = person(**VARIED)
+@pytest.fixture(scope="module", params=[Gait(), RECORDED, STYLED], ids=["rules", "recorded", "styled"])
+def walked(request):
+    who = person(request.param, **VARIED)
     return who, *simulated(1, who, simulate.corner(3.0, np.pi / 2, 4.0))
 
 
@@ -90,7 +94,7 @@ def test_feet_that_stand_are_at_rest(walked):
             (heel, (since >= 0.0) & (since <= flat_from)),
             (ball, (since >= off) & (since <= rolls)),
         ):
-            assert when.sum() > 5
+            assert when.sum() > 3
             assert np.ptp(point[when], axis=0).max() < 1e-12
             checked += 1
         imu = recording.sensors[f"foot_{side}"]
@@ -111,9 +115,10 @@ def test_standing_sensors_feel_gravity_alone(walked):
     np.testing.assert_allclose(recording.sensors["pelvis"].acc[first], [[0.0, 0.0, GRAVITY]] * first.sum(), atol=1e-9)
 
 
-def test_integrating_a_sensor_returns_the_truth():
+@BOTH
+def test_integrating_a_sensor_returns_the_truth(base):
     # So short that at both rates the arrays are as long as those of the other walks: no further program.
-    who = person(**VARIED | {"steps": 3.0, "quiet_before": 0.2, "quiet_after": 0.2})
+    who = person(base, **VARIED | {"steps": 3.0, "quiet_before": 0.2, "quiet_after": 0.2})
     errors = []
     for rate in (160.0, 280.0):
         recording, truth = simulated(1, who, simulate.corner(1.0, np.pi / 2, 4.0), rate=rate)
@@ -124,9 +129,10 @@ def test_integrating_a_sensor_returns_the_truth():
             start = jnp.asarray(axes[0]), jnp.asarray(place[0])
             path = strapdown.integrate(jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, *start)
             errors.append(np.linalg.norm(np.asarray(path.position) - place, axis=1).max())
-            assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < 1e-6
+            assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < (1e-6 if base.recorded == 0.0 else 1e-5)
     coarse, fine = np.array(errors).reshape(2, -1)
-    assert coarse.max() < 5e-5
+    # A knee that is nearly straight at landing turns fast.
+    assert coarse.max() < (5e-5 if base.recorded == 0.0 else 1e-3)
     assert fine.max() < coarse.max() / 4.0
 
 
@@ -147,8 +153,9 @@ def test_the_truth_is_the_walk_that_was_asked_for(walked):
     assert truth.estimate.valid.all()
 
 
-def test_without_variability_everything_is_as_asked():
-    who = person()
+@BOTH
+def test_without_variability_everything_is_as_asked(base):
+    who = person(base)
     _, truth = simulated(0, who)
     rows = truth.strides
     steady = np.flatnonzero(np.asarray(rows.valid))[2:-2]
@@ -183,7 +190,7 @@ def test_loads_pass_from_heel_to_toe_and_someone_always_stands(walked):
 FREE = (
     "stride_length", "stride_time", "stance_fraction", "step_width", "toe_out", "toe_up", "heel_up", "foot_flat",
     "heel_off", "swing_lift", "landing_speed", "knee_stance", "pelvis_rise", "pelvis_sway", "pelvis_surge",
-    "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "pelvis_harmonics",
+    "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock", "recorded", "style_1", "style_4",
     "hip_ahead", "standing_hip", "standing_knee",
     "length_asymmetry", "time_asymmetry", "length_variability", "time_variability", "width_variability",
 )  # fmt: skip
@@ -191,7 +198,7 @@ FREE = (
 
 def test_gradients_of_a_signal_loss_equal_finite_differences():
     time = jnp.asarray(np.arange(3.0, 7.0, 0.04))
-    base = person(**VARIED, time_asymmetry=0.01)
+    base = person(**VARIED, time_asymmetry=0.01, recorded=0.5, style_1=0.5)  # between rules and recorded people
 
     def loss(values):
         who = base._replace(gait=base.gait._replace(**{name: values[i] for i, name in enumerate(FREE)}))
@@ -309,9 +316,48 @@ def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
         strapdown.integrate(jnp.zeros((5, 3)), jnp.zeros((4, 3)), 0.01, jnp.eye(3))
 
 
-def test_harmonics_shake_the_pelvis_and_leave_the_feet():
-    plain, shaken = (simulated(1, person(pelvis_harmonics=size))[0].sensors for size in (0.0, 1.0))
-    np.testing.assert_allclose(shaken["foot_right"].gyr, plain["foot_right"].gyr, atol=1e-12)
-    fast = np.diff(shaken["pelvis"].gyr, 4, axis=0), np.diff(plain["pelvis"].gyr, 4, axis=0)
-    assert np.std(fast[0]) > 10.0 * np.std(fast[1])
-    assert np.abs(shaken["pelvis"].gyr[:250]).max() < 1e-9  # standing
+def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():
+    """Sensors on thighs and shanks move by millimetres; what they read is exactly this motion, and it ends in rest."""
+    short = {"steps": 3.0, "quiet_before": 0.2, "quiet_after": 0.2}
+    rate = 280.0
+    (rigid, bones), (soft, same) = (
+        simulated(1, person(RECORDED, **short, soft_tissue=size), simulate.corner(1.0, np.pi / 2, 4.0), rate=rate)
+        for size in (0.0, 1.0)
+    )
+    for name in ("foot_right", "foot_left", "pelvis"):
+        np.testing.assert_allclose(soft.sensors[name].gyr, rigid.sensors[name].gyr, atol=1e-12)
+    for a, b in zip(jax.tree.leaves(same.motion), jax.tree.leaves(bones.motion), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    for name in ("thigh_right", "thigh_left", "shank_right", "shank_left"):
+        frame: Frame = getattr(same.motion.pose, name)
+        place = stacked(in_world(frame, simulate.mount(Person().body, name)))
+        axes = np.stack([stacked(frame.x), stacked(frame.y), stacked(frame.z)], axis=2)
+        imu = soft.sensors[name]
+        path = strapdown.integrate(
+            jnp.asarray(imu.gyr), jnp.asarray(imu.acc), 1.0 / rate, jnp.asarray(axes[0]), jnp.asarray(place[0])
+        )
+        apart = np.linalg.norm(np.asarray(path.position) - place, axis=1)
+        assert 1e-3 < apart.max() < 0.04
+        assert apart[-1] < 1e-4
+        assert np.abs(np.asarray(path.axes)[-1] - axes[-1]).max() < 1e-5
+
+
+def test_styles_change_how_a_person_moves_and_not_where_the_feet_stand():
+    plain, other = (simulated(0, person(RECORDED, style_1=size))[1] for size in (0.0, 2.0))
+    np.testing.assert_allclose(other.strides.length, plain.strides.length, atol=1e-12)
+    np.testing.assert_allclose(other.strides.end, plain.strides.end, atol=1e-12)
+    knees = [np.rad2deg(truth.estimate.legs.right.knee_angle) for truth in (plain, other)]
+    assert 1.0 < np.abs(knees[0] - knees[1]).max() < 20.0
+
+
+def test_recorded_people_land_with_a_knee_nearly_straight():
+    """Rules bend it by some 20°; people by 0 to 10° (Winter), the mean of those recorded by more."""
+    landing = []
+    for base in (Gait(), RECORDED):
+        who = person(base)
+        truth = simulated(0, who)[1]
+        rows = truth.strides
+        lands = np.asarray(rows.end)[np.asarray(rows.valid) & (np.asarray(rows.side) == 0)][1:-1]
+        knee = np.rad2deg(truth.estimate.legs.right.knee_angle)
+        landing.append(np.interp(lands, truth.estimate.time, knee).mean())
+    assert 3.0 < landing[1] < landing[0] - 3.0
