@@ -36,8 +36,8 @@ GAIT = {
 """Free parameters of the gait → prior standard deviation of their logarithm."""
 FEET, TERMS = (0.15, 0.3, 0.05, 0.5), 11
 """[1] Prior standard deviations of the four rows of the table of the feet, and the number of their polynomials."""
-PELVIS = {0: 7, 1: 7, 2: 4, 4: 4, 5: 3}
-"""Row → number of free harmonics of the table of the pelvis."""
+PELVIS = {0: 7, 1: 7}
+"""Row → number of free harmonics of the table of the pelvis; its turns and its sway are those of lower backs."""
 LOOSE = 1.0
 """[1] Prior deviation of a number of the pelvis over the deviation between people."""
 CURVES = ("shank", "thigh", "foot", "shank_acc", "thigh_acc", "foot_acc")

@@ -7,7 +7,8 @@ mean over people. Its size is the median over people, between that of the mean s
 single strides (which includes noise).
 
 Feet, skin and styles: `movement` fits them to every second person of `walking5m`, around these and the present values.
-The other people, `neura_sparse`, `gaitmap_example` and `tripod` are people whom the simulator does not know.
+The fit starts from the present values, so that another run moves them a little further. The other people,
+`neura_sparse`, `gaitmap_example` and `tripod` are people whom the simulator does not know.
 """
 
 import json
@@ -137,6 +138,7 @@ def main() -> None:
         for one in (*values[1:], *directions)
     ]
     feet, hips, skin = (np.array([np.asarray(block[i]) for block in blocks]) for i in range(3))
+    hips[:, 1] *= float(factors["pelvis_rise"])
     source = (
         f"means, slopes and principal directions; pelvis: lower backs of {backs} people ({turns} strides) of ipol_gait "
         f"and mobgap_lab; feet and skin: legs of {len(known)} people ({sum(one.strides for one in known)} strides) of "
