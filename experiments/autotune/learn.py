@@ -19,12 +19,12 @@ from jgait.tune.objective import Term
 
 FREE = (
     "pivot_height", "velocity_noise", "rate_noise", "acc_noise", "gyr_noise", "acc_jump_noise", "gyr_jump_noise",
-    "softness", "threshold_factor", "noise", "tracked_point",
+    "noise", "tracked_point",
 )  # fmt: skip
 """What is learned; the rest keeps its default. Only a path can teach the point that the reference tracks."""
 
 HARD = FREE[1:7]
-"""What the likelihood of the innovations can teach: with soft stances it would be best to trust no movement at all."""
+"""What the likelihood of the innovations is asked to teach."""
 
 MARKER = ("tracked_point",)
 """What is learned where the rest stays hand-chosen: where the reference's marker is on the foot."""

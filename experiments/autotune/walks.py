@@ -40,7 +40,7 @@ class Trials(NamedTuple):
 
 @cache
 def trials(noise: str, quick: bool) -> Trials | None:
-    """The trials that are here, prepared for a noise model with soft stances; None if the set is not here."""
+    """The trials that are here, prepared for a noise model; None if the set is not here."""
     if not available(SET):
         return None
     found = list(walks(SET, names(SET)[::9] if quick else None))
@@ -51,8 +51,8 @@ def trials(noise: str, quick: bool) -> Trials | None:
 
 
 def options_of(noise: str) -> FootOptions:
-    """The options of a tuned model: soft stances and a noise model."""
-    return FootOptions(soft=True, noise=noise)
+    """The options of a tuned model: a noise model in the stances of the default."""
+    return FootOptions(noise=noise)
 
 
 def groups(found: Sequence[Walk], options: FootOptions) -> list[tuple[np.ndarray, Lessons]]:
