@@ -10,6 +10,11 @@ def presets() -> None:
     """List the tuned parameters that come with jgait; any command takes them by `--params preset:NAME`."""
     from jgait import io
 
+    if not io.preset_names():
+        console.print(
+            "none come with this version: no tuned parameters were better than the defaults on walks left out"
+        )
+        return
     shown = Table()
     for column in ("preset", "estimator", "loss", "tuned on", "error of data left out", "before", "after"):
         shown.add_column(column, justify="right" if column in ("before", "after") else "left")

@@ -105,7 +105,7 @@ def params_file(path: str | os.PathLike[str]) -> Path:
     if kind != "preset":
         return Path(path)
     if name not in preset_names():
-        raise ValueError(f"there is no preset {name!r}; there are {', '.join(preset_names())}")
+        raise ValueError(f"there is no preset {name!r}; there are {', '.join(preset_names()) or 'none'}")
     return PRESETS / f"{name}.json"
 
 
