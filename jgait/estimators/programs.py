@@ -13,6 +13,7 @@ import os
 import pickle
 import platform
 import tempfile
+import threading
 from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any
@@ -101,8 +102,11 @@ class Program:
         if _Store.compiling is not None:
             _Store.compiling()
         options = (compiler_options() | self.options) or None
-        program = self._jit(tuple(static), options).lower(*arrays, **static).compile()
-        if file is not None:
+        lowered, hits = self._jit(tuple(static), options).lower(*arrays, **static), _hits()
+        program = lowered.compile()
+        # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
+        # an error. It stays in that cache alone.
+        if file is not None and _hits() == hits:
             _write(file, program)
         made: Callable[..., PyTree] = program
         return made
@@ -115,6 +119,24 @@ class Program:
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
         return _Store.folder / f"{digest}{ENDING}"
+
+
+_heard = threading.local()
+
+
+def _hits() -> int:
+    """Programs that this thread has read from JAX's own cache, since the first call."""
+    _listen()
+    return getattr(_heard, "hits", 0)
+
+
+@functools.cache
+def _listen() -> None:
+    def hear(event: str, **_: str | int) -> None:
+        if event == "/jax/compilation_cache/cache_hits":
+            _heard.hits = getattr(_heard, "hits", 0) + 1
+
+    jax.monitoring.register_event_listener(hear)
 
 
 def _shape(leaf: PyTree) -> Hashable:

@@ -58,6 +58,19 @@ def test_a_damaged_program_is_compiled_anew(folder, damage):
     assert announced == []
 
 
+def test_a_program_of_jax_s_own_cache_is_not_written_again_which_would_break_it(folder):
+    x = np.arange(7.0)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    options = float(np.random.default_rng().random())  # a program that the cache does not have
+    first = made(x, options=options)
+    for file in folder.iterdir():
+        file.unlink()
+    for _ in range(2):
+        jax.clear_caches()
+        np.testing.assert_array_equal(made(x, options=options), first)
+        assert list(folder.iterdir()) == []
+
+
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):
     programs.keep(folder / "absent")
     np.testing.assert_array_equal(made(np.ones(2)), 2.0 * np.pi * np.ones(2))
