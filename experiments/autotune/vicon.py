@@ -26,6 +26,15 @@ def before(noise: str, quick: bool) -> np.ndarray:
     return 0.01 * learn.errors(FootParams(), found.groups, DEFAULT)
 
 
+WAYS = {
+    "": "noise model and marker tuned on other days",
+    "marker": "hand-chosen noise, marker tuned on other days",
+    "before": "hand-chosen noise, path of the sensor",
+    "likelihood": "noise tuned by likelihood alone on other days",
+}
+"""Words of the table of all experiments."""
+
+
 class HeldOut(NamedTuple):
     """Every trial with parameters of the other days: 3-D error [m], and the fit of each day left out."""
 
@@ -99,7 +108,8 @@ def rows(quick: bool) -> list[Row]:
     print(f"gain in the mean logarithm of the error: likelihood alone {gains[0]:.3f}, position {gains[1]:.3f}")
     seconds = np.concatenate([fit.seconds[1:] for fit in fits])
     result += [
-        Row("likelihood_gain_share", gains[0] / gains[1], "1", n=after.size, split=SPLIT),
+        # without a gain there is nothing to share
+        Row("likelihood_gain_share", gains[0] / gains[1] if gains[1] > 0.0 else 0.0, "1", n=after.size, split=SPLIT),
         Row("position_m_worst", float(after.max()), "m", n=after.size, split=SPLIT),
         Row("step_s", float(np.median(seconds)), "s", n=found.days.size, split="value and gradient, all trials"),
         Row("compile_s", fits[0].seconds[0] - float(np.median(seconds)), "s", n=len(found.groups), split="programs"),
@@ -109,11 +119,9 @@ def rows(quick: bool) -> list[Row]:
 
 def on_line(row: Row) -> Row:
     """The row in its line of the table of all experiments, if it has one."""
-    kind = row.metric.removeprefix("position_m_")
+    kind, _, way = row.metric.removeprefix("position_m_").partition("_")
     if kind in (*KINDS, "worst"):
-        return row.on(
-            "position of a foot, noise model tuned on other days, `pyshoe_vicon`: median error", kind, "trials"
-        )
+        return row.on(f"position of a foot, {WAYS[way]}, `pyshoe_vicon`: median error", kind, "trials")
     name, end = row.metric.partition("_stride_mae_cm_elsewhere")[::2]
     if name != row.metric:
         part = "hand-chosen" if end else "tuned"
