@@ -71,7 +71,7 @@ experiments: $(STAMP) ## run every experiment; results/NAME.json; NAMES="leg_ekf
 		$(BIN)/python -m experiments "$$name" --json "results/$$name.json" $(ARGS) || exit 1; \
 	done
 
-presets: $(STAMP) ## tune again the parameters that come with jgait
+presets: $(STAMP) ## tune the foot again; write a preset if it is better on days left out
 	@$(BIN)/python -m experiments.autotune.preset
 
 summary: $(STAMP) ## write the table of all experiments into experiments/README.md, its main lines into README.md

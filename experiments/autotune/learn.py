@@ -23,7 +23,7 @@ FREE = (
 )  # fmt: skip
 """What is learned; the rest keeps its default. Only a path can teach the point that the reference tracks."""
 
-HARD = FREE[1:7]
+NOISES = tuple(name for name in FREE if name.endswith("_noise"))
 """What the likelihood of the innovations is asked to teach."""
 
 MARKER = ("tracked_point",)

@@ -85,7 +85,7 @@ def likely(noise: str, quick: bool) -> HeldOut:
     assert found is not None
     start = [fit.params for fit in marked(noise, quick).fits]
     steps, hard = 2 if quick else learn.FEW, groups(found.walks, DEFAULT)
-    return by_days(found, DEFAULT, hard, loss=likelihood, free=learn.HARD, start=start, steps=steps)
+    return by_days(found, DEFAULT, hard, loss=likelihood, free=learn.NOISES, start=start, steps=steps)
 
 
 def rows(quick: bool) -> list[Row]:

@@ -7,7 +7,9 @@ mean over people. Its size is the median over people, between that of the mean s
 single strides (which includes noise).
 
 Feet, skin and styles: `movement` fits them to every second person of `walking5m`, around these and the present values.
-The fit starts from the present values, so that another run moves them a little further. The other people,
+The fit starts from the present values, so that another run moves them a little further. The numbers in the package are
+not the output of one run: after the fit four of the six motions of the pelvis were set back to those recorded, and one
+was multiplied by 1.11. The other people,
 `neura_sparse`, `gaitmap_example` and `tripod` are people whom the simulator does not know.
 """
 
