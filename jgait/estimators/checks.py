@@ -59,3 +59,9 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
     own = 1.0 / float(np.median(np.diff(time)))
     if abs(own / rate_hz - 1.0) > 0.05:
         raise RecordingError(f"'{name}' has a sample every {1.0 / own:.4g} s, and is said to have {rate_hz:g} Hz")
+
+
+def lost_between(lost: np.ndarray, time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Time [s] that is lost after sample `begin` (n,) and up to sample `end`, by flags of lost samples (T,)."""
+    total = np.cumsum(np.where(lost, np.diff(time, prepend=time[0]), 0.0))
+    return np.asarray(total[end] - total[begin])

@@ -15,6 +15,16 @@ STRIDES_UNCERTAIN = Kind(
     LOSSES,
 )
 
+LONGEST_LOSS = 0.25
+"""[s] A stride with more lost samples than this is left out; half the duration of a swing."""
+
+STRIDES_MISSING = Kind(
+    "strides_missing",
+    "check",
+    "{strides} strides of {placement} are left out: more than {seconds:g} s of them is lost",
+    "So much of these strides was lost that they are missing here; totals and the distance are too small by them.",
+)
+
 SCALE_CORRECTED = Kind(
     "accelerometer_scale",
     "corrected",

@@ -87,19 +87,30 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     return tuple(notes)
 
 
+def impossible(strides: Strides) -> np.ndarray:
+    """(n,) bool, strides that are longer or faster than a person walks or runs, or whose length is not finite."""
+    length, last, speed = _paces(strides)
+    walked = ~(last < RUNNING_S)
+    wrong = (walked & ((length > LONGEST_STRIDE) | (speed > FASTEST_WALK))) | (speed > FASTEST_RUN)
+    return np.asarray(wrong | ~np.isfinite(length))
+
+
+def _paces(strides: Strides) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Length [m], duration [s] and speed [m/s] of strides; NaN where they are not known."""
+    length = as_float(strides.length)
+    last = np.full(length.shape, np.nan)
+    if strides.start is not None and strides.end is not None:
+        last = as_float(strides.end) - as_float(strides.start)
+    speed = as_float(strides.speed) if strides.speed is not None else length / np.where(last > 0.0, last, np.nan)
+    return length, last, speed
+
+
 def _strides(strides: Strides) -> list[Note]:
     """Notes about the strides of both feet."""
     notes = []
-    used = np.asarray(strides.valid, bool)
-    length, height, width = (as_float(part) for part in (strides.length, strides.height, strides.width))
-    if strides.start is not None and strides.end is not None:
-        last = as_float(strides.end) - as_float(strides.start)
-    else:
-        last = np.full(length.shape, np.nan)
-    speed = as_float(strides.speed) if strides.speed is not None else length / np.where(last > 0.0, last, np.nan)
-    walked = ~(last < RUNNING_S)
-    wrong = (walked & ((length > LONGEST_STRIDE) | (speed > FASTEST_WALK))) | (speed > FASTEST_RUN)
-    wrong |= ~np.isfinite(length)
+    used, wrong = np.asarray(strides.valid, bool), impossible(strides)
+    length, _, speed = _paces(strides)
+    height, width = as_float(strides.height), as_float(strides.width)
     for number, side in enumerate(SIDES):
         own = used & (np.asarray(strides.side) == number)
         if (own & wrong).any():

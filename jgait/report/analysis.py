@@ -46,7 +46,7 @@ def _sources(analysis: Analysis) -> Section:
     used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
     caption = (
         f"Sources: {used}. Medians over whole strides, ± one standard deviation of one stride or of the distance, as "
-        "stated; the combined value is weighted by the variances of the sources that agree."
+        "stated; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
     )
     columns = ("", "source", "value", "± SD", "strides", "unit")
     return Section("What each sensor says", "", [Table(caption, columns, rows)])

@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators import about_of
 from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, STRIDES_IMPLAUSIBLE, implausible
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
@@ -94,6 +95,8 @@ def _facts(
         sd, words = "", "its uncertainty is not stated"
         if total[1] is not None:
             sd, words = f" ± {number(total[1], 2)}", "± one standard deviation, as stated"
+        if {STRIDES_IMPLAUSIBLE, SPEED_IMPLAUSIBLE}.intersection(note.kind for note in implausible(estimate)):
+            words = "not usable: strides are longer or faster than a person walks"
         facts.append(("Distance", f"{number(total[0], 2)}{sd} m", words))
     by_side = [f"{int(np.sum(of.table['side'] == side))} {side}" for side in SIDES if (of.table["side"] == side).any()]
     facts.append(("Strides", str(len(of.table)), ", ".join(by_side)))

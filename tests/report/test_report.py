@@ -127,6 +127,13 @@ def test_means_are_of_regular_strides_by_side(ankles):
     assert numbers["made"]["changed"] == ["lever_ankle"]
 
 
+def test_a_distance_with_strides_of_nobody_is_marked(ankles):
+    lengths = np.where(np.arange(LENGTHS.size) == 5, 18.0, LENGTHS)
+    page = report.of_estimate(walking_ankles(lengths=lengths), recording("ankle_right", "ankle_left"))
+    assert "not usable: strides are longer or faster than a person walks" in page.html
+    assert "not usable" not in ankles.html
+
+
 @pytest.fixture(scope="module")
 def legs():
     """A page whose figures are kept as pixels where they are large."""

@@ -45,6 +45,7 @@ from jgait.estimators.ankle_stride.params import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
 from jgait.estimators.ankle_stride.readout import Heading
 from jgait.estimators.ankle_stride.worn import DETECTORS, ONLINE, Worn, check_options, worn
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events import shank_stance_online as shank_valley
@@ -98,6 +99,7 @@ class _AnkleEvent(NamedTuple):
         ends: bool, a swing ends here.
         swung: the swings since the last instant.
         landed: end of the swing before them [s].
+        lost: time without samples since the last instant [s].
         still: bool, the person stands at the newest sample.
     """
 
@@ -111,6 +113,7 @@ class _AnkleEvent(NamedTuple):
     ends: Flags
     swung: OnlineSwing
     landed: Values
+    lost: Values
     still: Flags
 
 
@@ -177,9 +180,10 @@ def _decided(
     passed = near & (looked == state.stood + worn.reach)
     instant = started & (passed | (calm & full))
     ends = instant & state.swung.any & (looked >= state.swung.known)
+    lost = before.lost + (row[8] > 0.0).astype(row.dtype) / worn.rate_hz
     event = _AnkleEvent(
         row, before.before, stands, before.started, before.restart, instant, ~passed, ends, state.swung, state.landed,
-        state.slow >= worn.calm,
+        lost, state.slow >= worn.calm,
     )  # fmt: skip
     after = state._replace(
         history=state.history.at[index % rows].set(newest),
@@ -188,6 +192,7 @@ def _decided(
         restart=instant.astype(newest.dtype),
         swung=state.swung._replace(any=state.swung.any & ~ends),
         landed=jnp.where(ends, state.swung.lands, state.landed),
+        lost=jnp.where(instant, 0.0, lost),
     )
     return after, event
 
@@ -232,7 +237,7 @@ def _strides(
     duration = jnp.maximum(swung.lands - start, 1e-3)
     times = (start, swung.leaves, swung.lands)
     turn = wrapped(there.angle - here.angle)
-    ends = event.ends & event.began
+    ends = event.ends & event.began & (event.lost <= LONGEST_LOSS)
     strides = ankle_strides.table(worn.side, times, duration, way.length, way.height, turn, ends)
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
     return strides, stddev, ankle_strides.flags(strides, half=~follows | event.half)

@@ -50,6 +50,7 @@ class AnkleOnlineState(NamedTuple):
         started: whether the leg has stood, so that the filter has started.
         heading: heading at which the stride begins.
         landed: end of the last stride's swing [s]; −∞ before the first stride.
+        lost: time without samples since the stride began [s].
         count: number of strides so far.
         distance: sum of their lengths [m].
     """
@@ -70,6 +71,7 @@ class AnkleOnlineState(NamedTuple):
     started: Flags
     heading: Heading
     landed: Flags
+    lost: Values
     count: Counts
     distance: Values
 
@@ -142,6 +144,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values, options: AnkleOp
         started=no,
         heading=Heading(zero, zero),
         landed=zero - jnp.inf,
+        lost=zero,
         count=none,
         distance=zero,
     )

@@ -11,9 +11,9 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN
 from jgait.estimators.ankle_stride.params import AnkleOptions, check_options
-from jgait.estimators.checks import check_nominal_rate, common_time
+from jgait.estimators.checks import check_nominal_rate, common_time, lost_between
 from jgait.estimators.interface import Prepared
-from jgait.estimators.notes import CLIPPED, NO_STEPS, STRIDES_UNCERTAIN
+from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
@@ -173,6 +173,10 @@ def _leg(
     stands = _standing(stood, speed, rate_hz) & ~lost
     gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
     told = _signals(gyr, acc, time, stands, stood, rate_hz)
+    seen = lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS
+    if not seen.all():
+        notes.append(STRIDES_MISSING(strides=(~seen).sum(), placement=name, seconds=LONGEST_LOSS))
+        start, end, stood = start[seen], end[seen], shank_stance.ShankStances(*(part[seen] for part in stood))
     rests = still if options.standing else None
     signals = AnkleSignals(
         **told,

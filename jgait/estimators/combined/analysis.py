@@ -18,6 +18,7 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, STRIDES_IMPLAUSIBLE
 from jgait.notes import SEVERITIES, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, as_float
 
@@ -72,9 +73,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         raise RecordingError("; ".join(str(note) for note in findings.notes))
     usable = recording._replace(sensors=kept, notes=())
     found, notes = sources(usable, body)
-    strides = joined(found, findings.doubtful)
-    ways = distances(found, body)
-    unsure = frozenset(source.name for source in found if findings.doubtful.intersection(source.placements))
+    doubtful = findings.doubtful | _accused(recording)
+    strides = joined(found, doubtful)
+    ways = distances(found, usable, body)
+    unsure = frozenset(
+        source.name for source in found if doubtful.intersection(source.placements) or not _sound(source.estimate)
+    )
     total, differ = walked(ways, unsure)
     if strides is not None:
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
@@ -85,6 +89,31 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": tuple(order)})
     rows = comparisons(found, strides, ways, total)
     return Analysis(estimate, tuple(found), strides, tuple(rows), tuple(order), body)
+
+
+ACCUSED = (
+    "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "sensor_late", "clocks_drift",
+    "sides_out_of_step", "channel_wrapped", "tilts_apart", "turns_apart",
+)  # fmt: skip
+"""Codes of readers' notes by which the signals of a whole sensor are wrong, not some samples; where a note names two
+sensors, either may be the wrong one."""
+
+
+def _accused(recording: Recording) -> frozenset[str]:
+    """Placements that a reader's note names as wrong."""
+    said = [
+        str(note.values.get(name, ""))
+        for note in recording.notes
+        if note.code in ACCUSED
+        for name in ("placement", "other", "channel")
+    ]
+    return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in said))
+
+
+def _sound(estimate: Estimate) -> bool:
+    """Whether the distance of an estimate can be used by its own notes: no stop, no stride or speed of no person."""
+    implausible = {STRIDES_IMPLAUSIBLE.code, SPEED_IMPLAUSIBLE.code}
+    return not any(note.severity == "stop" or note.code in implausible for note in estimate.diagnostics["notes"])
 
 
 def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None) -> Estimate:

@@ -8,9 +8,13 @@ import numpy as np
 
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides, combined, correlation
+from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
+from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.plausible import impossible
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.notes import WRONG_PLACE, Kind, Note
-from jgait.types import SIDES, as_float
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, Recording, as_float
 
 LENGTHS_DIFFER = Kind(
     "lengths_differ", "check", "stride length: {source} says {length:.2f} m, {other} {other_length:.2f} m (medians of "
@@ -21,8 +25,8 @@ LENGTHS_DIFFER = Kind(
 DISTANCES_DIFFER = Kind(
     "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
     "than their deviations allow",
-    "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources; "
-    "the combined distance is the more certain one.",
+    "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources. "
+    "The combined distance is from the sources that no other note puts in doubt; of these, the more certain ones.",
 )  # fmt: skip
 FEET_OF_CONTACTS_DIFFER = Kind(
     "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of "
@@ -34,6 +38,9 @@ FEET_OF_CONTACTS_DIFFER = Kind(
 LEG_DISTANCE_SD = 0.06
 """[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
 learned on the person; errors on people left out by `experiments/unseen`."""
+
+USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
+"""[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
 
 SAME_CONTACT = 0.25
 """[s] Largest difference of the times of one contact in two sources."""
@@ -72,10 +79,13 @@ class WalkedDistance(NamedTuple):
     stddev: float
 
 
-def distances(sources: Sequence[SourceEstimate], person: dict[str, float]) -> list[WalkedDistance]:
+def distances(
+    sources: Sequence[SourceEstimate], recording: Recording, person: dict[str, float]
+) -> list[WalkedDistance]:
     """The distance of every source that has one, the most certain first.
 
-    Errors of a source's strides are taken to have one cause, so that they add up.
+    Errors of a source's strides are taken to have one cause, so that they add up. The part of the walk that it did not
+    see, because samples are lost, counts in its deviation.
     """
     found = []
     for source in sources:
@@ -92,9 +102,45 @@ def distances(sources: Sequence[SourceEstimate], person: dict[str, float]) -> li
         else:
             share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
             sd = total * float(np.hypot(LEG_DISTANCE_SD, share))
+        sd = float(np.hypot(sd, _not_known(source, recording)))
         if total > 0.0 and sd > 0.0:
             found.append(WalkedDistance(source.name, as_float(estimate.time), as_float(estimate.distance), sd))
     return sorted(found, key=lambda one: one.stddev)
+
+
+def _not_known(source: SourceEstimate, recording: Recording) -> float:
+    """Length [m] of what a source did not see of a walk, or of strides that no person walks; mean of its sides."""
+    strides = source.estimate.strides
+    if strides is None:
+        notes = source.estimate.diagnostics["notes"]
+        return USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes if note.code == NOT_ESTIMATED.code)
+    length, beyond = as_float(strides.length), impossible(strides)
+    unknown = []
+    for number, side in enumerate(SIDES):
+        worn = [name for name in source.placements if name.endswith(side)]
+        own = np.asarray(strides.side) == number
+        if worn:
+            seen = own & ~beyond
+            seconds = _not_seen(recording.sensors[worn[0]], as_float(strides.start)[seen], as_float(strides.end)[seen])
+            unknown.append(USUAL_SPEED * seconds + float(np.nansum(length[own & beyond])))
+    if unknown:
+        return float(np.mean(unknown))
+    trunk = recording.sensors[source.placements[0]]
+    time = as_float(trunk.time)
+    gone = [time[end - 1] - time[begin] for begin, end in true_runs(~np.asarray(trunk.mask, bool))]
+    return USUAL_SPEED * float(sum(seconds for seconds in gone if seconds > LONGEST_LOSS))
+
+
+def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
+    """Duration [s] between strides, given by start and end [s], where so much is lost that strides can be missing."""
+    time = as_float(imu.time)
+    lost = np.where(np.asarray(imu.mask, bool), 0.0, np.diff(time, prepend=time[0]))
+    total = 0.0
+    for after, before in zip([time[0], *end], [*start, time[-1]], strict=True):
+        gone = float(lost[(time > after) & (time <= before)].sum())
+        if gone > LONGEST_LOSS:
+            total += min(before - after, gone + 2.0 * USUAL_STRIDE_S)
+    return float(total)
 
 
 def walked(found: Sequence[WalkedDistance], doubtful: frozenset[str]) -> tuple[WalkedDistance | None, list[Note]]:
@@ -174,7 +220,7 @@ def length_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> l
     told = {}
     for source in sources:
         at = strides.rows.get(source.name)
-        if at is not None and source.estimate.strides_stddev is not None:
+        if at is not None and (at >= 0).any() and source.estimate.strides_stddev is not None:
             values, spread = (
                 np.where(at >= 0, as_float(table.length)[at], np.nan)
                 for table in (source.estimate.strides, source.estimate.strides_stddev)

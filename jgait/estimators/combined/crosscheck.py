@@ -285,6 +285,8 @@ def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         return [], set()
     stride = float(np.median(lasts[whole]))
     whole &= np.abs(lasts / stride - 1.0) < 0.3
+    if whole.sum() < FEWEST_STRIDES:
+        return [], set()
     begins, ends = swings[:-1][whole], swings[1:][whole]
     phases = {}
     for name in legs:
@@ -379,6 +381,8 @@ def _delay(level: np.ndarray, other: np.ndarray, most: int) -> tuple[int, float,
 
     Samples without a counterpart count with the first or last value, so that every delay has the same samples.
     """
+    if np.ptp(level) == 0.0 or np.ptp(other) == 0.0:
+        return 0, 0.0, 0.0
     padded = np.pad(level, most, mode="edge")
     found = [float(np.corrcoef(padded[most + d : most + d + len(level)], other)[0, 1]) for d in range(-most, most + 1)]
     best = int(np.argmax(found))

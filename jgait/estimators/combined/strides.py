@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.plausible import impossible
 from jgait.estimators.stride_flags import CLIPPED, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
 from jgait.types import SIDES, Flags, Strides, as_float
 
@@ -111,7 +112,8 @@ def _table(
 ) -> JoinedStrides:  # fmt: skip
     by_name = {source.name: source for source in sources}
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
-    told = [_told(by_name, group, trusted, marks) for group in groups]
+    doubts = {name: _doubted(source) for name, source in by_name.items()}
+    told = [_told(by_name, group, trusted, doubts, marks) for group in groups]
     told.sort(key=lambda one: one.values["start"])
     n = len(told)
     side = np.array([one.side for one in told], int)
@@ -131,6 +133,13 @@ def _table(
     )  # fmt: skip
 
 
+def _doubted(source: SourceEstimate) -> np.ndarray:
+    """(n,) bool, strides of a source that contradict its model, or that nobody walks."""
+    beyond = impossible(source.estimate.strides)
+    doubted = source.estimate.diagnostics.get("doubtful")
+    return beyond if doubted is None else beyond | np.asarray(doubted, bool)
+
+
 class _Told(NamedTuple):
     """One stride: what its sources say."""
 
@@ -146,13 +155,13 @@ class _Told(NamedTuple):
 
 def _told(
     by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
-    marks: Mapping[str, Mapping[str, Flags]],
+    doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]],
 ) -> _Told:  # fmt: skip
-    """A stride from its row in each source."""
+    """A stride from its row in each source; rows in doubt count only where no other source has the stride."""
     names = [name for name in by_name if name in group]
     side = int(by_name[names[0]].estimate.strides.side[group[names[0]]])
-    sure = [name for name in names if trusted[name, SIDES[side]]]
-    names = sure or names
+    names = [name for name in names if trusted[name, SIDES[side]]] or names
+    names = [name for name in names if not doubts[name][group[name]]] or names
     first = names[0]
     values, spread = {}, {}
     for field in Strides._fields:

@@ -8,10 +8,3 @@ NEVER_RESTS = Kind(
     "{placement} never rests for half a second: its gyroscope's bias is not known, headings drift more",
     FEW_RESTS,
 )
-
-STRIDES_MISSING = Kind(
-    "strides_missing",
-    "check",
-    "{strides} strides of {placement} are left out: more than {seconds:g} s of them is lost",
-    "So much of these strides was lost that they are missing here; totals and the distance are too small by them.",
-)

@@ -42,9 +42,10 @@ from jgait.estimators.foot_ins.online_state import (
     reading,
 )
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
-from jgait.estimators.foot_ins.prepare import LONGEST_LOSS, LOST_FORCE, LOST_RATE, REACH, REST_STEP
+from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REACH, REST_STEP
 from jgait.estimators.foot_ins.readout import SHORTEST, TIMING, TURN_NOISE
 from jgait.estimators.foot_ins.worn import FootWorn, worn
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import foot as events
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Belief

@@ -8,12 +8,12 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import common_time
+from jgait.estimators.checks import common_time, lost_between
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
-from jgait.estimators.foot_ins.notes import NEVER_RESTS, STRIDES_MISSING
+from jgait.estimators.foot_ins.notes import NEVER_RESTS
 from jgait.estimators.interface import Prepared
 from jgait.estimators.noise import features
-from jgait.estimators.notes import CLIPPED, SCALE_CORRECTED, STRIDES_UNCERTAIN
+from jgait.estimators.notes import CLIPPED, LONGEST_LOSS, SCALE_CORRECTED, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.events import foot as events
 from jgait.events import zero_velocity
 from jgait.events.rest import Rest, rest
@@ -34,9 +34,6 @@ SCALE_SPREAD, BIAS_SPREAD = 0.005, 0.1
 
 LOST_RATE, LOST_FORCE = 2.0, 15.0
 """[rad/s], [m/s²] Standard deviation of the signals that are interpolated linearly over lost samples."""
-
-LONGEST_LOSS = 0.25
-"""[s] A stride with more lost samples than this is left out; half the duration of a swing."""
 
 CLIPPED_RATE, CLIPPED_FORCE = 3.0, 30.0
 """[rad/s], [m/s²] Standard deviation of a clipped sample that is not restored."""
@@ -150,7 +147,7 @@ def _foot(
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
     found = _more_footholds(found, hz)
-    whole, known = _whole(found, np.where(lost, step, 0.0))
+    whole, known = _whole(found, lost, time)
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name))
     if not whole.all():
@@ -236,11 +233,10 @@ def _more_footholds(found: events.Stances, hz: float) -> events.Stances:
     return events.Stances(*columns)
 
 
-def _whole(found: events.Stances, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _whole(found: events.Stances, lost: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Footholds (n,) whose next stride can be estimated, and samples (T,) outside the strides that cannot be."""
-    total = np.concatenate([[0.0], np.cumsum(lost)])
     ends = np.append(found.stillest[1:], len(lost) - 1)
-    whole = total[ends + 1] - total[found.stillest + 1] <= LONGEST_LOSS
+    whole = lost_between(lost, time, found.stillest, ends) <= LONGEST_LOSS
     known = np.ones(len(lost), bool)
     for at, end in zip(found.stillest[~whole], ends[~whole], strict=True):
         known[at + 1 : end] = False

@@ -106,6 +106,19 @@ def test_mounting_changes_nothing(straight):
             np.testing.assert_allclose(getattr(turned.strides, name), getattr(plain.strides, name), atol=1e-6)
 
 
+def test_a_stride_of_which_much_is_lost_is_left_out():
+    made = shank(strides=5)
+    imu = made.recording.sensors["shank_right"]
+    mask = imu.mask.copy()
+    at = round(float(made.lift_off[2]) * 100.0)
+    mask[at + 5 : at + 35] = False  # most of the third swing
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    lost = Recording({"shank_right": imu._replace(gyr=gyr, acc=acc, mask=mask)}, 100.0)
+    estimate = ankle_stride.estimate(AnkleParams(), lost)
+    np.testing.assert_allclose(estimate.strides.length, made.length[[0, 1, 3, 4]], atol=0.03)
+    assert "more than 0.25 s of them is lost" in " ".join(texts(estimate.diagnostics["notes"]))
+
+
 def test_standing_alone_is_an_empty_table():
     imu = shank(strides=2).recording.sensors["shank_right"]
     still = Imu(imu.time, 0.0 * imu.gyr, np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)

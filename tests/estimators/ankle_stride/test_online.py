@@ -118,6 +118,9 @@ def test_lost_samples_are_not_looked_at_and_cost_certainty(calibrated, straight)
     _, plain, _ = ankle_online.table(now)
     np.testing.assert_allclose(strides.length, made.length, atol=0.2)
     assert stddev.length[1] > 1.05 * plain.length[1]
+    at = round(float(made.lift_off[1]) * 100.0)
+    measured[at + 5 : at + 35] = False  # most of the second swing
+    assert len(ankle_online.table(walked(worse, calibrated, measured))[0].length) == len(made.length) - 1
 
 
 def test_who_stands_makes_no_strides(calibrated):

@@ -7,7 +7,10 @@ import pytest
 
 import jgait
 from jgait import io, simulate
+from jgait.estimators.combined.analysis import ACCUSED
 from jgait.estimators.combined.strides import combined
+from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
+from jgait.notes import Kind
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
@@ -124,6 +127,67 @@ def test_sensors_in_a_wrong_unit_are_left_out(walked):
     found = jgait.analyse(recording._replace(sensors=feet))
     assert [source.name for source in found.sources] == ["feet"]
     assert found.notes[0].code == "sensor_gyr_unit"
+
+
+def read_again(recording, placement, change):
+    """The recording as a reader gives it after a change of one sensor's rows, gyroscopes in deg/s."""
+    sensors = {
+        name: {"gyr": np.rad2deg(imu.gyr), "acc": np.array(imu.acc)}
+        for name, imu in recording.sensors.items()
+        if not name.startswith("ankle")
+    }
+    change(sensors[placement])
+    return io.recording_from_arrays(sensors, time=np.asarray(recording.sensors[placement].time))
+
+
+def of_distance(found):
+    return {c.source: c for c in found.comparisons if c.quantity == "distance"}
+
+
+def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(walked):
+    recording, truth = walked
+
+    def turned(sensor):
+        sensor["gyr"] *= -1.0
+
+    found = jgait.analyse(read_again(recording, "shank_right", turned), PERSON)
+    true, told = float(truth.estimate.distance[-1]), of_distance(found)
+    assert abs(told["shanks"].value / true - 1.0) > 0.1
+    assert abs(told["combined"].value / true - 1.0) < 0.03
+    right = np.asarray(found.strides.strides.side) == 0
+    assert not found.strides.used["shanks"][right].any()
+
+
+def test_what_a_gap_hides_is_in_the_deviation_of_the_distance(walked):
+    recording, truth = walked
+
+    def interrupted(sensor):
+        for values in sensor.values():
+            values[600:900] = np.nan
+
+    found = jgait.analyse(read_again(recording, "shank_right", interrupted), PERSON)
+    true, told = float(truth.estimate.distance[-1]), of_distance(found)
+    missed = true - told["shanks"].value
+    assert missed > 1.0
+    assert missed < 2.0 * told["shanks"].stddev
+    assert abs(told["combined"].value / true - 1.0) < 0.03
+    assert told["combined"].stddev < 0.4
+
+
+def test_a_source_without_any_stride_does_not_stop_the_others(walked):
+    recording, _ = walked
+    pelvis = recording.sensors["pelvis"]
+    shaken = 0.01 * np.random.default_rng(0).normal(size=np.shape(pelvis.acc))
+    still = pelvis._replace(acc=np.array([0.0, 0.0, 9.81]) + shaken)
+    sensors = {name: recording.sensors[name] for name in ("foot_right", "foot_left")}
+    found = jgait.analyse(recording._replace(sensors={**sensors, "pelvis": still}), PERSON)
+    assert len(found.strides.first) > 10
+
+
+def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
+    kinds = {kind.code for module in (agreement, delays, paces, samples, tilts, turns) for kind in vars(module).values()
+             if isinstance(kind, Kind)}  # fmt: skip
+    assert set(ACCUSED) <= kinds
 
 
 def test_a_missing_height_is_said_only_where_it_matters(walked):
