@@ -14,7 +14,7 @@ import pickle
 import platform
 import tempfile
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,8 @@ class Program:
             _Store.compiling()
         options = (compiler_options() | self.options) or None
         lowered, hits = self._jit(tuple(static), options).lower(*arrays, **static), _hits()
-        program = lowered.compile()
+        with contextlib.nullcontext() if file is None else _unshared():
+            program = lowered.compile()
         # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
         # an error. It stays in that cache alone.
         if file is not None and _hits() == hits:
@@ -119,6 +120,18 @@ class Program:
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()
         return _Store.folder / f"{digest}{ENDING}"
+
+
+@contextlib.contextmanager
+def _unshared() -> Iterator[None]:
+    """JAX's own cache takes no program meanwhile: it would be a second copy, which cannot be written again."""
+    name = "jax_persistent_cache_min_compile_time_secs"
+    least = getattr(jax.config, name)
+    jax.config.update(name, math.inf)
+    try:
+        yield
+    finally:
+        jax.config.update(name, least)
 
 
 _heard = threading.local()

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.command import run
+from made.process import environment
 
 from jgait import io
 from jgait.simulate import protocols
@@ -162,7 +163,7 @@ def test_the_quick_experiment_writes_its_rows(tmp_path, monkeypatch):
     result = tmp_path / "leg_ekf.json"
     done = subprocess.run(
         [sys.executable, "-m", "experiments", "leg_ekf", "--quick", "--json", str(result)],
-        capture_output=True, text=True, check=False, cwd=ROOT,
+        capture_output=True, text=True, check=False, cwd=ROOT, env=environment(),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "left out" in done.stdout

@@ -17,14 +17,11 @@ def times(x: Any, *, options: float) -> Any:
 
 @pytest.fixture
 def folder(tmp_path):
-    shortest = jax.config.jax_persistent_cache_min_compile_time_secs
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 60.0)  # what JAX has read it cannot write again
     programs.keep(tmp_path)
     programs.before_compiling(lambda: announced.append("compiling"))
     yield tmp_path
     programs.before_compiling(None)
     programs.keep(None)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", shortest)
 
 
 def made(x: Any, options: float = 2.0) -> Any:
@@ -33,42 +30,56 @@ def made(x: Any, options: float = 2.0) -> Any:
     return programs.Program(times)(x, options=options)
 
 
+def unknown() -> float:
+    """Options of a program that no cache has."""
+    return float(np.random.default_rng().random())
+
+
 def test_a_kept_program_is_loaded_and_not_compiled(folder):
     x = np.arange(5.0)
-    first = made(x)
+    options = unknown()
+    first = made(x, options)
     assert announced
-    np.testing.assert_array_equal(made(x), first)
+    np.testing.assert_array_equal(made(x, options), first)
     assert announced == []
-    made(x, options=3.0)
+    made(x, unknown())
     assert announced  # other options, and below another shape
-    made(np.arange(6.0))
+    made(np.arange(6.0), options)
     assert announced
     assert len(list(folder.iterdir())) == 3
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b[:40] + bytes(8) + b[48:], lambda b: b""])
 def test_a_damaged_program_is_compiled_anew(folder, damage):
-    x = np.arange(5.0)
-    first = made(x)
+    x, options = np.arange(5.0), unknown()
+    first = made(x, options)
     (file,) = folder.iterdir()
     file.write_bytes(damage(file.read_bytes()))
-    np.testing.assert_array_equal(made(x), first)
+    np.testing.assert_array_equal(made(x, options), first)
     assert announced
-    made(x)
+    made(x, options)
     assert announced == []
 
 
 def test_a_program_of_jax_s_own_cache_is_not_written_again_which_would_break_it(folder):
-    x = np.arange(7.0)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    options = float(np.random.default_rng().random())  # a program that the cache does not have
+    x, options = np.arange(7.0), unknown()
+    programs.keep(None)
     first = made(x, options=options)
-    for file in folder.iterdir():
-        file.unlink()
+    programs.keep(folder)
     for _ in range(2):
         jax.clear_caches()
         np.testing.assert_array_equal(made(x, options=options), first)
         assert list(folder.iterdir()) == []
+
+
+def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
+    x, options = np.arange(7.0), unknown()
+    for _ in range(2):
+        jax.clear_caches()
+        made(x, options=options)
+        (file,) = folder.iterdir()  # compiled and written, the second time too
+        file.unlink()
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):

@@ -171,9 +171,11 @@ WAYS = {"updated": updated, "frozen": frozen, "integrated": integrated}
 def test_every_bout_begins_anew_where_its_velocity_is_known(name):
     """Two recordings one behind the other are what each is alone, whatever the speed that the first was left with."""
 
-    def way(acc, cycles, **how):
-        settings = {} if name == "integrated" else {"optimum": False}
-        return jax.jit(lambda a: WAYS[name](P, a, cycles, DT, **settings, **how))(acc)
+    settings = {} if name == "integrated" else {"optimum": False}
+
+    @jax.jit
+    def way(acc, cycles, start, known=None):
+        return WAYS[name](P, acc, cycles, DT, start=start, known=known, **settings)
 
     walk, pause = WALK + jnp.where(jnp.arange(SAMPLES) > 50, 0.05, 0.0), 7
     both = jnp.concatenate([walk, jnp.zeros(pause), FASTER])
@@ -181,20 +183,20 @@ def test_every_bout_begins_anew_where_its_velocity_is_known(name):
     begin, end = (np.concatenate([marks, second + marks]) for marks in (MARKS[:-1], MARKS[1:]))
     start = jnp.zeros(both.size).at[second].set(0.3)
     cycles = Cycles(jnp.asarray(begin, jnp.int32), jnp.asarray(end, jnp.int32), len(begin))
-    known = jnp.arange(both.size) == second
-    told = way(both, cycles, start=start, known=known)
-    alone = [way(walk, CYCLES), way(FASTER, CYCLES, start=0.3)]
+    at, nowhere = jnp.arange(both.size), jnp.zeros(both.size)
+    told = way(both, cycles, start, at == second)
+    alone = [way(walk, CYCLES, 0.0), way(FASTER, CYCLES, 0.3)]
     for k, (first, one) in enumerate(zip((0, second), alone, strict=True)):
         np.testing.assert_allclose(told.velocity[first + 1 : first + SAMPLES], one.velocity[1:], atol=1e-11)
         for field in ("start", "change", "kept", "updated", "length"):
             np.testing.assert_allclose(getattr(told, field)[8 * k : 8 * k + 8], getattr(one, field)[:8], atol=1e-11)
     # it is not that the first bout leaves no trace
-    blind = way(both, cycles)
+    blind = way(both, cycles, nowhere, nowhere > 0.0)
     assert np.abs(blind.length[8:] - told.length[8:]).max() > 0.1
     # a speed that is known where a cycle begins needs no way up to it; known within cycles it is not looked at
-    at = way(both, cycles, start=1.0, known=jnp.arange(both.size) == int(begin[8]))
-    np.testing.assert_allclose(at.start[8], 1.0, atol=1e-12)
-    within = way(both, cycles, known=jnp.arange(both.size) == int(begin[3]) + 20)
+    known = way(both, cycles, nowhere + 1.0, at == int(begin[8]))
+    np.testing.assert_allclose(known.start[8], 1.0, atol=1e-12)
+    within = way(both, cycles, nowhere, at == int(begin[3]) + 20)
     np.testing.assert_allclose(within.velocity, blind.velocity, atol=1e-12)
 
 
