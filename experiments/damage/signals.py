@@ -12,6 +12,7 @@ from experiments.common.row import Row, show
 from experiments.damage.harm import DAMAGES, Damage, Rows, read, rows_of
 from jgait import simulate
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
+from jgait.estimators.combined import analyse
 from jgait.simulate import protocols
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import SIDES, Estimate, RangeReadings, Recording, RecordingError, as_float
@@ -29,7 +30,7 @@ SIMULATED = (
 
 HARMED = {"leg_ekf": ("shank_right", "thigh_left"), "duty_cycled_gyro": ("shank_right",),
           "ankle_stride": ("shank_right",), "foot_ins": ("foot_right",), "waist": ("pelvis",),
-          "stride_width_ekf": ("foot_left",)}  # fmt: skip
+          "stride_width_ekf": ("foot_left",), "combined": ("shank_right", "foot_right", "pelvis")}  # fmt: skip
 """Estimator → the sensors that are damaged, one at a time."""
 
 LINE, OF = "estimates of damaged walks, wrong by more than 5 % or 5°", "estimates"
@@ -80,10 +81,10 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording, tuple[str, ...]]]:
     with_range = protocols.potter(
         key, 1, errors=MPU6000, rate=100.0, placements=simulate.SEVEN, straight=8.0, after=5.0
     )[0]
-    yield "simulated, with a corner", with_range.recording, tuple(MODULES)
+    yield "simulated, with a corner", with_range.recording, (*MODULES, "combined")
     if quick:
         return
-    without = tuple(name for name in MODULES if name != "stride_width_ekf")
+    without = (*(name for name in MODULES if name != "stride_width_ekf"), "combined")
     for name, key, way, errors, rate in SIMULATED:
         yield name, simulate.cohort(jax.random.key(key), 1, way, errors, rate)[0][0], without
     if recordings.available("neura_sparse"):
@@ -91,7 +92,11 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording, tuple[str, ...]]]:
     if recordings.available("walking5m"):
         for name in ("Young/20180621_10", "Elderly/20180605_2"):
             walk = next(iter(recordings.walks("walking5m", [name])))
-            yield f"walking5m, {name}", walk.recording, tuple(name for name in without if name != "waist")
+            yield (
+                f"walking5m, {name}",
+                walk.recording,
+                tuple(name for name in without if name not in ("waist", "combined")),
+            )
     if recordings.available("gaitmap_example"):
         walk = next(iter(recordings.walks("gaitmap_example", ["imu_sample"])))
         feet = (walk.reference.feet.right.position, walk.reference.feet.left.position)
@@ -104,7 +109,9 @@ def walks(quick: bool) -> Iterator[tuple[str, Recording, tuple[str, ...]]]:
 
 
 def estimate(name: str, recording: Recording) -> Estimate:
-    """The estimate with default parameters."""
+    """The estimate with default parameters; "combined": from all sensors together, of a person of usual height."""
+    if name == "combined":
+        return analyse(recording, {"height": 1.75}).estimate
     module = MODULES[name]
     return module.estimator().estimate(module.estimator().params, recording)
 
@@ -236,6 +243,8 @@ def rows(quick: bool) -> list[Row]:
         show(walk, ["damage", *(f"{name}, {placement}" for name, placement in columns)], lines)
     wrong = sum(one.change is not None and one.change.wrong for one in found)
     silent = sum(one.silent for one in found)
+    one_of_many = [c for c in found if c.estimator == "combined" and not DAMAGES[c.damage].everywhere]
+    pulled = sum(c.change is not None and c.change.length_pct > LARGE_PCT for c in one_of_many)
     beyond = sum(
         one.change is not None and not one.noted and one.change.beyond_pct > LARGE_PCT and one.change.angle_deg > 1.0
         for one in found
@@ -243,6 +252,13 @@ def rows(quick: bool) -> list[Row]:
     split = f"{len(DAMAGES)} damages, {len({one.walk for one in found})} walks; against the undamaged walk"
     return [
         Row("silent_wrong_pct", 100.0 * silent / len(found), "%", n=len(found), split=split).on(LINE, "unnoticed", OF),
+        Row(
+            "combined_pulled_pct",
+            100.0 * pulled / len(one_of_many),
+            "%",
+            n=len(one_of_many),
+            split=f"{split}; damages of one sensor, length or distance from all sensors together",
+        ),
         Row("wrong_pct", 100.0 * wrong / len(found), "%", n=len(found), split=split).on(LINE, "noticed or not", OF),
         Row("silent_beyond_pct", 100.0 * beyond / len(found), "%", n=len(found), split=f"{split}; beyond three σ"),
     ]

@@ -4,7 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, RecordingError, as_float
+
+BRIDGED = 0.05
+"""[s] Longest loss that is bridged by interpolation; the fastest peaks of a walking leg's rate last 0.1 s."""
 
 
 def common_time(recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True) -> np.ndarray:
@@ -62,6 +66,14 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
 
 
 def lost_between(lost: np.ndarray, time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Time [s] that is lost after sample `begin` (n,) and up to sample `end`, by flags of lost samples (T,)."""
-    total = np.cumsum(np.where(lost, np.diff(time, prepend=time[0]), 0.0))
+    """Time [s] that is lost after sample `begin` (n,) and up to sample `end`, by flags of lost samples (T,).
+
+    Losses that are no longer than `BRIDGED` do not count, for a signal hardly changes otherwise than linearly in them.
+    """
+    step = np.diff(time, prepend=time[0])
+    gone = np.zeros(len(time))
+    for first, after in true_runs(lost):
+        if step[first:after].sum() > BRIDGED:
+            gone[first:after] = step[first:after]
+    total = np.cumsum(gone)
     return np.asarray(total[end] - total[begin])

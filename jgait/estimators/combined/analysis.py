@@ -1,6 +1,6 @@
 """The estimate from all sensors of a recording together."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -73,11 +73,14 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         raise RecordingError("; ".join(str(note) for note in findings.notes))
     usable = recording._replace(sensors=kept, notes=())
     found, notes = sources(usable, body)
-    doubtful = findings.doubtful | _accused(recording)
-    strides = joined(found, doubtful)
+    wrong, late = _named(recording, ACCUSED), _named(recording, CLOCKS)
+    strides = joined(found, findings.doubtful | wrong | late)
     ways = distances(found, usable, body)
     unsure = frozenset(
-        source.name for source in found if doubtful.intersection(source.placements) or not _sound(source.estimate)
+        source.name
+        for source in found
+        if (findings.doubtful | wrong | (late if source.name == "legs" else set())).intersection(source.placements)
+        or not _sound(source.estimate)
     )
     total, differ = walked(ways, unsure)
     if strides is not None:
@@ -92,19 +95,23 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
 
 
 ACCUSED = (
-    "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "sensor_late", "clocks_drift",
-    "sides_out_of_step", "channel_wrapped", "tilts_apart", "turns_apart",
+    "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "channel_wrapped", "tilts_apart",
+    "turns_apart",
 )  # fmt: skip
 """Codes of readers' notes by which the signals of a whole sensor are wrong, not some samples; where a note names two
 sensors, either may be the wrong one."""
 
+CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
+"""Codes of readers' notes by which a sensor's clock is wrong: its strides do not meet those of other sensors, but their
+lengths hold."""
 
-def _accused(recording: Recording) -> frozenset[str]:
-    """Placements that a reader's note names as wrong."""
+
+def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
+    """Placements that a reader's notes of some codes name."""
     said = [
         str(note.values.get(name, ""))
         for note in recording.notes
-        if note.code in ACCUSED
+        if note.code in codes
         for name in ("placement", "other", "channel")
     ]
     return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in said))

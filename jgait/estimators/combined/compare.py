@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.checks import lost_between
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides, combined, correlation
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
@@ -134,21 +135,26 @@ def _not_known(source: SourceEstimate, recording: Recording) -> float:
 def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
     """Duration [s] between strides, given by start and end [s], where so much is lost that strides can be missing."""
     time = as_float(imu.time)
-    lost = np.where(np.asarray(imu.mask, bool), 0.0, np.diff(time, prepend=time[0]))
+    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in ([time[0], *end], [*start, time[-1]])]
+    lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
     total = 0.0
-    for after, before in zip([time[0], *end], [*start, time[-1]], strict=True):
-        gone = float(lost[(time > after) & (time <= before)].sum())
+    for after, before, gone in zip([time[0], *end], [*start, time[-1]], lost, strict=True):
         if gone > LONGEST_LOSS:
-            total += min(before - after, gone + 2.0 * USUAL_STRIDE_S)
-    return float(total)
+            total += float(min(before - after, gone + 2.0 * USUAL_STRIDE_S))
+    return total
 
 
 def walked(found: Sequence[WalkedDistance], doubtful: frozenset[str]) -> tuple[WalkedDistance | None, list[Note]]:
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
-    The combined distance follows the most certain source in time.
+    The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
+    half of the difference between them is part of the deviation.
     """
-    sure = [one for one in found if one.source not in doubtful] or list(found)
+    sure = [one for one in found if one.source not in doubtful]
+    apart = 0.0
+    if not sure:
+        sure = list(found)
+        apart = 0.5 * float(np.ptp([one.distance[-1] for one in sure])) if sure else 0.0
     if not sure:
         return None, []
     ends = np.array([one.distance[-1] for one in sure])
@@ -162,7 +168,7 @@ def walked(found: Sequence[WalkedDistance], doubtful: frozenset[str]) -> tuple[W
         if abs(one.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(one.stddev, best.stddev))
     ]  # fmt: skip
     used = "+".join(one.source for one, keeps in zip(sure, kept, strict=True) if keeps)
-    return WalkedDistance(used, best.time, best.distance * value / best.distance[-1], sd), notes
+    return WalkedDistance(used, best.time, best.distance * value / best.distance[-1], float(np.hypot(sd, apart))), notes
 
 
 def comparisons(

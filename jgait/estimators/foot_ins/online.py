@@ -10,7 +10,7 @@ The host finds the sensor's errors and the axis about which the foot turns from 
 Deviations from `foot_ins` without smoothing, which knows the whole walk:
     1. The threshold of a stance follows the stances before it, the lower of the last two, not the stance itself.
     2. The foothold is the first sample of a stance that stays the stillest for `HOLD_S`, not the stillest of all.
-    3. A lost sample repeats the sample before it; the walk offline interpolates over the loss.
+    3. A lost sample repeats the sample before it, and each counts; offline, up to 0.05 s in a row are interpolated.
     4. The vertical at the start is from 0.2 s, not 1 s; nothing is known of a sensor's range, so that clipped samples
        are not noticed; the noise of the zero velocity is constant.
     5. Contacts: pitch is the integral of the rate about one axis since the foot was still, without correction by the

@@ -119,6 +119,17 @@ def test_a_stride_of_which_much_is_lost_is_left_out():
     assert "more than 0.25 s of them is lost" in " ".join(texts(estimate.diagnostics["notes"]))
 
 
+def test_scattered_losses_are_bridged():
+    made = shank(strides=5)
+    imu = made.recording.sensors["shank_right"]
+    mask = np.random.default_rng(2).random(len(imu.time)) > 0.2  # more than 0.25 s of some strides, in single samples
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
+    estimate = ankle_stride.estimate(
+        AnkleParams(), Recording({"shank_right": imu._replace(gyr=gyr, acc=acc, mask=mask)}, 100.0)
+    )
+    np.testing.assert_allclose(estimate.strides.length, made.length, atol=0.1)
+
+
 def test_standing_alone_is_an_empty_table():
     imu = shank(strides=2).recording.sensors["shank_right"]
     still = Imu(imu.time, 0.0 * imu.gyr, np.tile([0.0, 0.0, 9.81], (len(imu.time), 1)), imu.mask)

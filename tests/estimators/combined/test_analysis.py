@@ -7,7 +7,7 @@ import pytest
 
 import jgait
 from jgait import io, simulate
-from jgait.estimators.combined.analysis import ACCUSED
+from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
 from jgait.estimators.combined.strides import combined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
@@ -187,7 +187,7 @@ def test_a_source_without_any_stride_does_not_stop_the_others(walked):
 def test_every_code_by_which_a_sensor_is_accused_is_that_of_a_check():
     kinds = {kind.code for module in (agreement, delays, paces, samples, tilts, turns) for kind in vars(module).values()
              if isinstance(kind, Kind)}  # fmt: skip
-    assert set(ACCUSED) <= kinds
+    assert {*ACCUSED, *CLOCKS} <= kinds
 
 
 def test_a_missing_height_is_said_only_where_it_matters(walked):
