@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait.filtering.compile import compiler_options, processor
@@ -60,6 +61,12 @@ QUICK = {"xla_backend_optimization_level": 0}
 two to three times as long."""
 
 
+def quick_while_short[F: Callable[..., Any]](function: F) -> F:
+    """Mark a function that runs for milliseconds: its program for up to `BUCKET` samples is compiled as `QUICK`."""
+    function.quick_while_short = True  # type: ignore[attr-defined]
+    return function
+
+
 @functools.cache
 def compiled(function: Callable[..., PyTree], *, quick: bool = False) -> "Program":
     """The function as a compiled program, `quick` to compile instead of to run; see `Program`."""
@@ -95,14 +102,14 @@ class Program:
 
     def _made(self, key: Hashable, arrays: PyTree, static: dict[str, Any]) -> Callable[..., PyTree]:
         """The program from the folder, or compiled and put there."""
-        file = self._file(key)
+        options = self._options(arrays)
+        file = self._file(key, options)
         structure = jax.tree.structure((arrays, {}))
         if file is not None and (kept := _read(file, structure)) is not None:
             return kept
         if _Store.compiling is not None:
             _Store.compiling()
-        options = (compiler_options() | self.options) or None
-        lowered, hits = self._jit(tuple(static), options).lower(*arrays, **static), _hits()
+        lowered, hits = self._jit(tuple(static), compiler_options() | options or None).lower(*arrays, **static), _hits()
         with contextlib.nullcontext() if file is None else _unshared():
             program = lowered.compile()
         # XLA loses functions of a program that is read from JAX's own cache and written again: such a program ends in
@@ -112,10 +119,17 @@ class Program:
         made: Callable[..., PyTree] = program
         return made
 
-    def _file(self, key: Hashable) -> Path | None:
+    def _options(self, arrays: PyTree) -> dict[str, Any]:
+        """Compiler options beside those of all programs, for arguments of these sizes."""
+        if getattr(self.function, "quick_while_short", False):
+            short = max((max(np.shape(leaf), default=1) for leaf in jax.tree.leaves(arrays)), default=1) <= BUCKET
+            return self.options | (QUICK if short else {})
+        return self.options
+
+    def _file(self, key: Hashable, options: dict[str, Any]) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
         name = f"{self.function.__module__}.{getattr(self.function, '__qualname__', '<none>')}"
-        whole = f"{name} {key!r} {self.options}"
+        whole = f"{name} {key!r} {options}"
         if _Store.folder is None or "<" in name or " at 0x" in whole or jax.default_backend() != "cpu":
             return None
         digest = hashlib.sha256(f"{whole} {_surroundings()}".encode()).hexdigest()

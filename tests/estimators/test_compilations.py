@@ -82,6 +82,17 @@ def test_a_program_of_the_folder_is_not_in_jax_s_own_cache_as_well(folder):
     assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
 
 
+def test_a_program_that_runs_for_milliseconds_is_compiled_quickly_unless_the_recording_is_long():
+    @programs.quick_while_short
+    def light(x: Any) -> Any:
+        return x
+
+    for function, size, options in (
+        (light, programs.BUCKET, programs.QUICK), (light, programs.BUCKET + 1, {}), (times, programs.BUCKET, {})
+    ):  # fmt: skip
+        assert programs.Program(function)._options((np.zeros(size), 1.0)) == options
+
+
 def test_a_folder_that_cannot_be_written_costs_nothing_but_the_keeping(folder):
     programs.keep(folder / "absent")
     np.testing.assert_array_equal(made(np.ones(2)), 2.0 * np.pi * np.ones(2))

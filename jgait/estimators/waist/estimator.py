@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.programs import quick_while_short
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -55,6 +56,7 @@ UNUSED = {
 is zero; "fused" is without the velocity update (`WaistOptions.updated` False)."""
 
 
+@quick_while_short
 def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) -> Estimate:
     """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
