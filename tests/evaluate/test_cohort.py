@@ -28,9 +28,12 @@ def same(one, two):
         pd.testing.assert_frame_equal(getattr(one, name), getattr(two, name), check_exact=True)
 
 
+ALONE = jax.jit(run, static_argnums=2)
+
+
 def alone(item: Walk, params=None) -> Estimate:
     made = FAKE.prepare(item.recording)
-    return jax.tree.map(np.asarray, run(params or Params(), made.inputs, made.options))
+    return jax.tree.map(np.asarray, ALONE(params or Params(), made.inputs, made.options))
 
 
 @pytest.fixture(scope="module")

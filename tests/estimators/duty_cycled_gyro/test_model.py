@@ -210,12 +210,16 @@ def test_sample_by_sample_is_the_same(walk, gaps):
     _, inputs, found = gaps
     link = duty_model.link_params(p, p.thigh_sensor)
     belief = duty_model.thigh_standing(link, 0.0, inputs.thigh.bias, inputs.start_variance)
+
+    @jax.jit
+    def after(belief, segment, dt, still, valid):
+        told, control, mask = duty_model.observe(p, segment, dt, still, valid)
+        return filtering.step(duty_model.THIGH, link, belief, told, control=control, dt=dt, mask=mask).belief
+
+    inputs = jax.tree.map(np.asarray, inputs)
     for k in range(130):
-        segment = jax.tree.map(lambda v, k=k: v[k] if jnp.ndim(v) else v, inputs.thigh)
-        told, control, mask = duty_model.observe(p, segment, inputs.dt[k], inputs.still[k], inputs.valid[k])
-        belief = filtering.step(
-            duty_model.THIGH, link, belief, told, control=control, dt=inputs.dt[k], mask=mask
-        ).belief  # fmt: skip
+        segment = jax.tree.map(lambda v, k=k: v[k] if np.ndim(v) else v, inputs.thigh)
+        belief = after(belief, segment, inputs.dt[k], inputs.still[k], inputs.valid[k])
     assert float(belief.mean.angle) == pytest.approx(float(found.thigh.angle[129]), abs=1e-10)
     assert float(belief.cov.stddev().rate) == pytest.approx(float(found.thigh.rate_stddev[129]), rel=1e-8)
 

@@ -228,5 +228,5 @@ def test_the_record_of_functions_makes_its_trajectories_while_preparing(walk, mo
     assert str(prepared.notes[0]) == "of the feet"
     assert made.name == "stride_width_ekf" and prepared.options == sw.PAPER
     padded = made.pad(prepared.inputs, prepared.inputs.time.size + 3)
-    estimate = made.run(made.params, jax.tree.map(jnp.asarray, padded), prepared.options)
+    estimate = jax.eval_shape(lambda p, inputs: made.run(p, inputs, prepared.options), made.params, padded)
     assert estimate.strides.width.shape == (prepared.inputs.time.size + 3,)

@@ -28,11 +28,13 @@ def both():
 ALL = jnp.ones(SAMPLES, bool)
 
 
+@jax.jit
 def direct(acc, start, dt, cutoff=0.0, mask=None):
     """OFI of one cycle."""
     return start + since(*signal_and_steps(acc, dt, mask), cutoff).change
 
 
+@jax.jit
 def direct_reverse(acc, start, end, dt, cutoff=0.0, beta=0.1, mask=None):
     """OFDRI of one cycle whose first and last velocity are known."""
     found = since(*signal_and_steps(acc, dt, mask), cutoff)
