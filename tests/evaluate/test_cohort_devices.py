@@ -144,6 +144,8 @@ def client(monkeypatch):
             "threads_per_worker": 1,
             "dashboard_address": None,
             "silence_logs": logging.CRITICAL,
+            # The second death of a task's worker is the last: each start of a process takes seconds.
+            "scheduler_kwargs": {"allowed_failures": 1},
         }
         with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as one:
             yield one
