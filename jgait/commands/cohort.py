@@ -35,7 +35,7 @@ MEASURES = _measures()
 OTHERS = {"distance_m": "a distance in m above 0", "sampling_rate_hz": "a rate in Hz above 0"}
 """Column of positive numbers → their meaning."""
 
-COLUMNS = ("file", "subject", *MEASURES, *OTHERS)
+COLUMNS = ("file", "subject", "day", *MEASURES, *OTHERS)
 ASKED_FOR = {
     measure for name in estimators.names() for group in estimators.about_of(name).missing for measure in group.measures
 }
@@ -45,7 +45,7 @@ File = Annotated[
     Path | None,
     typer.Argument(
         metavar="[COHORT.csv]",
-        help="One row for each recording. Columns: file (from the table's folder), and if known subject, "
+        help="One row for each recording. Columns: file (from the table's folder), and if known subject, day, "
         f"{', '.join(MEASURES)}, distance_m (walked, by a reference), sampling_rate_hz.",
     ),
 ]
@@ -205,7 +205,7 @@ class _Files:
         )  # fmt: skip
         known = {measure.name: numbers[name] for name, measure in MEASURES.items() if numbers[name] is not None}
         way = numbers["distance_m"]
-        return Walk(recording, None if way is None else _walked(recording, way), {"body": known})
+        return Walk(recording, None if way is None else _walked(recording, way), {"body": known, "day": row.get("day")})
 
 
 def _number(row: dict[str, str], name: str) -> float | None:

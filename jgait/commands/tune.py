@@ -30,10 +30,8 @@ def tune(
     steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 60,
     rate: Annotated[float, typer.Option("--learning-rate", min=1e-6, help="Of the first step; decreases to 0.")] = 0.05,
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
-    folds: Annotated[int | None, typer.Option(min=2, help="Groups of people; default: each person alone.")] = None,
-    cross: Annotated[
-        bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on other people.")
-    ] = True,
+    folds: Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")] = None,
+    cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
     estimator: cohorts.EstimatorName = "leg_ekf",
     noise: Annotated[
         str | None, typer.Option(help="Noise model, with soft stances: constant, log_linear or network.")
@@ -50,6 +48,8 @@ def tune(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
 ) -> None:
     """Learn parameters from a cohort by gradient, and judge them on people from whom they were not learned.
+
+    Of a single person, whole days are left out instead, where they are known (column day).
 
     Writes tuned.json (for `jgait evaluate --params` and `jgait estimate --params`), held_out.csv and figures. Exit
     code 0: all recordings were used; 1: some could not be used; 2: nothing could be learned.
@@ -83,7 +83,8 @@ def tune(
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names, "loss": loss, "steps": steps,
         "learning_rate": rate, "starts": starts, "seed": seed, "cohort": source.title,
-        "recordings": len(made.names), "people": len(set(made.subjects)), "options": _tuned_options(made.options),
+        "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": tune_run.groups_of(made).many,
+        "options": _tuned_options(made.options),
         "data": {name: source.marks[name] for name in made.names if name in source.marks},
     }  # fmt: skip
     title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"

@@ -95,8 +95,9 @@ def report(
         rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
         change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
         drawn = plot_cohort.before_after(
-            rows, unit=job.unit, name=job.judged, title="each person judged by parameters learned from other people"
-        )
+            rows, unit=job.unit, name=job.judged,
+            title=f"each {job.groups.one} judged by parameters learned from other {job.groups.many}",
+        )  # fmt: skip
         files.append(plot.save(drawn, out / "before_after.png"))
     files = folder.publish(files)
     console.print(
@@ -149,12 +150,13 @@ def _name(path: tuple[PyTree, ...]) -> str:
 
 
 def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") -> None:
-    """Print each person's error before and after learning from other people, and the verdict."""
-    title = f"\n{job.judged} [{job.unit}] of people left out of the tuning, worst first"
+    """Print the error of each person or day before and after learning from the others, and the verdict."""
+    one, many = job.groups.one, job.groups.many
+    title = f"\n{job.judged} [{job.unit}] of {many} left out of the tuning, worst first"
     console.print(visible(title), style="italic")
     shown = Table()
-    for name in ("person", "recordings", "before", "after", "change"):
-        shown.add_column(visible(name), justify="left" if name == "person" else "right")
+    for name in (one, "recordings", "before", "after", "change"):
+        shown.add_column(visible(name), justify="left" if name == one else "right")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     for subject, row in ordered.head(MOST).iterrows():
         numbers = (number(row[name]) for name in ("error_before", "error_after", "change"))
@@ -168,10 +170,10 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: "PairedDifference") 
     change_words = f"median change {number(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
-        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} people)", highlight=False)
+        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {many})", highlight=False)
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
-    ends = f"95 %: {number(change.low)} to {number(change.high)}, bootstrap over people"
+    ends = f"95 %: {number(change.low)} to {number(change.high)}, bootstrap over {many}"
     console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
 
 

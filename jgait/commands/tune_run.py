@@ -20,6 +20,26 @@ from jgait.params import priors
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 
 
+class Groups(NamedTuple):
+    """What is left out of the tuning in turn, and judged by it: people, or days of a single person.
+
+    Attributes:
+        labels: (n,) the group of each recording.
+        one, many: what a group is, in words.
+    """
+
+    labels: tuple[str, ...]
+    one: str
+    many: str
+
+
+def groups_of(made: Lessons) -> Groups:
+    """People; days if there is a single person and the day of every recording is known."""
+    if len(set(made.subjects)) == 1 and all(made.days) and len(set(made.days)) > 1:
+        return Groups(made.days, "day", "days")
+    return Groups(made.subjects, "person", "people")
+
+
 class Job(NamedTuple):
     """A tuning task: the parameters to learn, the people, and the settings of the fit.
 
@@ -28,6 +48,7 @@ class Job(NamedTuple):
         start: parameters to start from.
         free: transforms, fixed for all parameters except the learned ones.
         made: the lessons.
+        groups: what is left out in turn.
         loss: the loss that is minimised.
         error: the error that is reported for each person.
         unit: unit of the error.
@@ -44,6 +65,7 @@ class Job(NamedTuple):
     start: PyTree
     free: PyTree
     made: Lessons
+    groups: Groups
     loss: Objective
     error: Objective
     unit: str
@@ -91,8 +113,8 @@ def job_of(
     for leaf in jax.tree.leaves(made.data):
         digest.update(np.ascontiguousarray(leaf).tobytes())
     return Job(
-        pipeline, start, freed, made, objective, error, judging.unit, judging.words, optimizer, steps, starts,
-        jax.random.key(seed), folds, run / digest.hexdigest()[:12],
+        pipeline, start, freed, made, groups_of(made), objective, error, judging.unit, judging.words, optimizer, steps,
+        starts, jax.random.key(seed), folds, run / digest.hexdigest()[:12],
     )  # fmt: skip
 
 
@@ -102,7 +124,7 @@ def _without_addresses(text: str) -> str:
 
 def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:
     """Cross-validate, fit, and compute which parameters the data determine."""
-    people = len(set(job.made.subjects))
+    people, groups = len(set(job.made.subjects)), job.groups
     if job.run.exists():
         console.print("continuing an earlier run with the same settings", highlight=False)
 
@@ -110,15 +132,18 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
         return lambda p: bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
 
     validation, why = None, ""
-    if cross and people < 2:
-        why = "cross-validation is left out: it needs two people, and there is only a single person"
+    if cross and len(set(groups.labels)) < 2:
+        why = (
+            "cross-validation is left out: it needs two people, or one person on two days that are known, and there is "
+            "only a single person"
+        )
     elif cross:
-        bar("learning from other people (compiling)", 0, None)
+        bar(f"learning from other {groups.many} (compiling)", 0, None)
         validation = tuning.cross_validate(
             job.loss, job.start, job.free, job.made.data, job.optimizer, folds=job.folds, error=job.error,
-            priors=priors(job.start), progress=report("learning from other people"),
+            priors=priors(job.start), progress=report(f"learning from other {groups.many}"),
             checkpoint_file=job.run / "cross_validation.npz",
-            steps=job.steps, starts=job.starts, key=job.key, subjects=job.made.subjects,
+            steps=job.steps, starts=job.starts, key=job.key, subjects=groups.labels,
         )  # fmt: skip
     bar("learning from all people (compiling)", 0, None)
     fit = tuning.fit(

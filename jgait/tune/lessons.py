@@ -66,6 +66,7 @@ class Lessons(NamedTuple):
         data: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
         options: options of the estimator, the same for all walks.
         subjects: (n,) subject of each walk.
+        days: (n,) day of each walk as its set or table names it, "" where it is not known.
         names: (n,) names of the recordings.
         failures: (name, reason) of every walk that could not be used.
     """
@@ -73,6 +74,7 @@ class Lessons(NamedTuple):
     data: Lesson
     options: PyTree
     subjects: tuple[str, ...]
+    days: tuple[str, ...]
     names: tuple[str, ...]
     failures: tuple[tuple[str, str], ...]
 
@@ -100,10 +102,11 @@ def named_windows(look: str, standing: str = "standing") -> Callable[[Walk, Prep
 
 
 class _Item(NamedTuple):
-    """A lesson before padding, with the name, subject and options of its walk."""
+    """A lesson before padding, with the name, subject, day and options of its walk."""
 
     name: str
     subject: str
+    day: str
     options: Hashable
     lesson: Lesson
 
@@ -178,7 +181,7 @@ def _item(
     standing = _mask(where.standing, samples, False)
     first, last = np.asarray(judged[0]), np.asarray(judged[-1])
     lesson = Lesson(made.inputs, truth, look, standing, first, last, body)
-    return _Item(walk.recording.name, walk.recording.subject, made.options, lesson)
+    return _Item(walk.recording.name, walk.recording.subject, str(walk.info.get("day") or ""), made.options, lesson)
 
 
 def _without_counts(lesson: Lesson) -> Lesson:
@@ -316,5 +319,5 @@ def lessons(
     known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
     padded = [_padded(estimator, item.lesson, longest, rows, known) for item in kept]
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
-    names, subjects = (tuple(getattr(item, field) for item in kept) for field in ("name", "subject"))
-    return Lessons(data, kept[0].options, subjects, names, tuple(failures))
+    subjects, days, names = (tuple(getattr(item, field) for item in kept) for field in ("subject", "day", "name"))
+    return Lessons(data, kept[0].options, subjects, days, names, tuple(failures))

@@ -259,10 +259,21 @@ def test_likelihood_needs_no_reference_and_one_person_no_cross_validation(table,
     words = ("tune", lonely, "--paper", "--free", "gyro_noise", "--loss", "likelihood", "--steps", 3)
     code, said = run(*words, "--out", tmp_path / "out")
     assert code == 0, said
-    assert "it needs two people, and there is only a single person" in said
+    assert "it needs two people, or one person on two days that are known, and there is only a single person" in said
     assert "1 number was learned from 1 person" in said
     assert not (tmp_path / "out" / "held_out.csv").exists()
     assert json.loads((tmp_path / "out" / "tuned.json").read_text())["parameters"]["gyro_noise"]["value"] != 1.0
+
+
+def test_days_of_one_person_are_left_out_in_turn(table, tmp_path):
+    days = table(lambda f: f.assign(subject="me", day=[f"day {number % 2}" for number in range(len(f))]), "days.csv")
+    words = ("tune", days, "--paper", "--free", "distance_scale", "--steps", 3, "--out", tmp_path / "out")
+    code, said = run(*words)
+    assert code == 0, said
+    assert "of days left out of the tuning" in said
+    held_out = pd.read_csv(tmp_path / "out" / "held_out.csv")
+    assert set(held_out["subject"]) == {"day 0", "day 1"}
+    assert json.loads((tmp_path / "out" / "tuned.json").read_text())["made"]["left_out"] == "days"
 
 
 def test_parameters_in_a_file(tmp_path):
