@@ -89,7 +89,16 @@ def main() -> None:
         _kept.append(folder())
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder())
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
-    app()
+    try:
+        app()
+    except RuntimeError as error:  # of a compiled program, in a command that does not go on with other recordings
+        from jgait.types import COMPILED_FAILED, reason_of
+
+        reason = reason_of(error)
+        if COMPILED_FAILED not in reason:
+            raise
+        print(f"jgait: {reason}", file=sys.stderr)
+        raise SystemExit(2) from error
 
 
 if __name__ == "__main__":

@@ -253,10 +253,21 @@ class RecordingError(ValueError):
         return printable(text, self.LONGEST)
 
 
+COMPILED_FAILED = (
+    "; a compiled program failed. If the next run fails as well, remove the programs that are kept between runs by "
+    "`jgait cache --clear`"
+)
+"""What `reason_of` adds to the errors of compiled programs."""
+
+
 def reason_of(error: BaseException) -> str:
-    """The reason for an error in one line: its message; unless it is an error of data or files, its class as well."""
+    """The reason for an error in one line: its message; unless it is an error of data or files, its class as well.
+
+    Errors of a compiled program, unless it lacked memory, point to the command that removes the kept programs.
+    """
     text = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
-    return " ".join(text.split())
+    compiled = type(error).__name__ in ("JaxRuntimeError", "XlaRuntimeError") and "RESOURCE_EXHAUSTED" not in text
+    return " ".join(text.split()) + (COMPILED_FAILED if compiled else "")
 
 
 def leg_of(legs: Legs, side: str) -> LegTrajectory:

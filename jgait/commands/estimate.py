@@ -1,5 +1,6 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -58,7 +59,11 @@ def estimate(
         placement=placement, placements=placements,
     )  # fmt: skip
     names = _names(files)
-    items = [item for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)]
+    called = Counter(file.name for file in names)
+    items = [
+        item._replace(folder=file.resolve().parent.name if called[file.name] > 1 else "")
+        for file, name in names.items() for item in recordings.trials_of(file, name, format, trial)
+    ]  # fmt: skip
     planned = {output: str(item.file.resolve()) for item in items for output in job.planned(item.name)}
     if len(planned) < len(items) * len(job.planned("")):
         stop("two of these files have results of the same names; give them different --out")

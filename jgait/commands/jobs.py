@@ -14,6 +14,7 @@ from jgait.commands import results
 from jgait.commands.console import visible
 from jgait.commands.pipeline import Choice
 from jgait.estimators.about import EstimatedRecording
+from jgait.estimators.notes import without_repeats
 from jgait.estimators.totals import joint_ranges
 from jgait.notes import Note
 from jgait.types import Recording
@@ -57,7 +58,7 @@ def one_estimator(choice: Choice, p: PyTree, title: str, ending: str) -> Estimat
 
     def compute(recording: Recording) -> EstimatedRecording:
         result = choice.estimate(p, recording)
-        notes = tuple(dict.fromkeys((*recording.notes, *result.diagnostics["notes"])))
+        notes = without_repeats((*recording.notes, *result.diagnostics["notes"]))
         result = result._replace(diagnostics={**result.diagnostics, "notes": notes})
         return EstimatedRecording(recording, result, p, choice.settings)
 
@@ -81,7 +82,7 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
         "all", table,
         "± one standard deviation, of one stride or of the distance; length, speed, steps and stance: medians over "
         "whole strides; angles: smallest … largest flexion; whole tables in the files",
-        _planned_of(ending), partial(analyse, person=person), lambda made: made.notes,
+        _planned_of(ending), partial(analyse, person=person), lambda made: without_repeats(made.notes),
         partial(_written, ending=ending), _rows, _numbers,
     )  # fmt: skip
 
@@ -174,7 +175,7 @@ def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
         "distance_m": None if distance is None else distance.value,
         "distance_std_m": None if distance is None else distance.stddev,
         "person": made.person,
-        "notes": [note.to_dict() for note in made.notes],
+        "notes": [note.to_dict() for note in without_repeats(made.notes)],
         "files": [str(path) for path in files],
         **rows,
     }

@@ -37,6 +37,7 @@ Trial = Annotated[
 
 OPTIONS = {
     "sampling_rate_hz": "--rate",
+    "time_unit": "the unit in the name of the time column",
     "gyr_unit": "--gyr-unit",
     "acc_unit": "--acc-unit",
     "range_unit": "--range-unit",
@@ -89,11 +90,13 @@ class Item(NamedTuple):
         file: the file or folder.
         name: first part of the names of its results.
         trial: name of the trial in a file with several; None: the file is one recording, or the reader decides.
+        folder: name of the file's folder, if another file has the same name; else empty.
     """
 
     file: Path
     name: str
     trial: str | None = None
+    folder: str = ""
 
     @property
     def key(self) -> str:
@@ -102,8 +105,9 @@ class Item(NamedTuple):
 
     @property
     def label(self) -> str:
-        """As `key`, without folders."""
-        return f"{self.file.name}: {self.trial}" if self.trial else self.file.name
+        """As `key`, with the last folder only where it tells the file from another one, and else without folders."""
+        shown = str(Path(self.folder) / self.file.name)
+        return f"{shown}: {self.trial}" if self.trial else shown
 
 
 def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:

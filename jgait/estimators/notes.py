@@ -1,6 +1,8 @@
-"""Kinds of notes about a recording that several estimators use."""
+"""Kinds of notes about a recording that several estimators use, and notes that say the same twice."""
 
-from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind
+from collections.abc import Iterable
+
+from jgait.notes import CLIPPING, FEW_RESTS, LOSSES, NO_GRAVITY, NO_WALKING, SCALE, UNSURE_FORWARD, Kind, Note
 
 NO_STEPS = Kind("no_walking", "stop", "{placement} does not walk", NO_WALKING)
 
@@ -44,3 +46,18 @@ NO_FIRST_STANDING = Kind(
     "the recording does not start standing still; its first angles are uncertain",
     FEW_RESTS,
 )
+
+LOSSES_AGAIN = (STRIDES_UNCERTAIN.code, "waist_samples_lost")
+"""Codes with which estimators count the lost samples of a sensor."""
+
+
+def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Notes, each once, and without an estimator's number of lost samples where the reader's notes state the losses."""
+    once = dict.fromkeys(notes)
+    told = [note for note in once if note.meaning == LOSSES and note.code not in LOSSES_AGAIN]
+    everywhere = any(note.code == "gaps_filled" for note in told)
+    placements = {note.values.get("placement") for note in told}
+    return tuple(
+        note for note in once
+        if note.code not in LOSSES_AGAIN or not (everywhere or note.values["placement"] in placements)
+    )  # fmt: skip

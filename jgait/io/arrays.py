@@ -52,7 +52,7 @@ def recording_from_arrays(
         feet_range: (T,) distance from the inner side of the left ankle to the right leg, NaN where it was not
             measured; None without such a sensor.
         sampling_rate_hz: rate [Hz], or None to take it from `time`.
-        time_unit: 's' or 'ms'; None: deduced from the steps, and noted.
+        time_unit: 's', 'ms' or 'us'; None: deduced from the steps, and noted.
         gyr_unit: 'deg/s' or 'rad/s'.
         acc_unit: 'm/s^2', 'g' or 'mg'.
         range_unit: 'm', 'cm' or 'mm'.
@@ -77,25 +77,28 @@ def recording_from_arrays(
         samples = _check_arrays(placement, signals, samples, name)
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
     found: list[Note] = []
-    imus = {}
+    imus, noted = {}, {}
     for placement, signals in sensors.items():
-        masked = without_damage(placement, _in_si(signals, scales), scales, clock.sampling_rate_hz)
+        read = _in_si(signals, scales)
+        masked = without_damage(placement, read, scales, clock.sampling_rate_hz)
         imus[placement] = _imu(masked.signals, clock)
         found += masked.notes
+        damaged = np.any([np.isfinite(v) & np.isnan(masked.signals[k]) for k, v in read.items()], axis=(0, 2))
+        noted[placement] = (clock.rows < 0) | damaged[clock.rows]
     for placement, imu in imus.items():
         check_alive(imu, placement, name)
     if check_sizes:
         check_units(imus, gyr_unit, acc_unit, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
-    notes = (*clock.notes, *found, *quality_notes(recording), *damage_notes(recording))
+    notes = (*clock.notes, *found, *quality_notes(recording, noted), *damage_notes(recording))
     if feet_range is None:
         return recording._replace(notes=notes)
-    read = _range(feet_range, metres, clock, int(samples or 0), name)
+    apart = _range(feet_range, metres, clock, int(samples or 0), name)
     if check_sizes:
-        check_range(read.distance[read.mask], range_unit, name)
-    if not read.mask.any():
+        check_range(apart.distance[apart.mask], range_unit, name)
+    if not apart.mask.any():
         notes = (*notes, RANGE_EMPTY())
-    return recording._replace(notes=notes, feet_range=read)
+    return recording._replace(notes=notes, feet_range=apart)
 
 
 def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:

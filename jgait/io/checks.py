@@ -1,5 +1,7 @@
 """Checks of a recording: errors if it is unusable, notes if it is doubtful (units, dead channels, clipping)."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from jgait.notes import CLIPPING, LOSSES, Kind, Note
@@ -8,6 +10,7 @@ from jgait.types import AnyArray, Imu, Recording, RecordingError
 
 GRAVITY = 9.80665
 FASTEST = 35.0  # [rad/s] largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes
+IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
 SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
 MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
 ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # [m/s²] of one unit
@@ -44,16 +47,15 @@ def check_units(sensors: dict[str, Imu], gyr_unit: str, acc_unit: str, name: str
     fastest = max(rates, key=lambda placement: rates[placement])
     if rates[fastest] > FASTEST:
         degrees = gyr_unit == "rad/s"
-        hint = ": it seems to be in deg/s; pass {argument}" if degrees else ""
+        others = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
+        hint = _advice("deg/s", others) if degrees else ""
         raise RecordingError(
             f"{name}: the gyroscope of {fastest} reaches {rates[fastest]:.4g} rad/s (99th percentile, given as "
             f"{gyr_unit}), but nothing worn while walking exceeds {FASTEST:g} rad/s{hint}",
-            argument="gyr_unit" if degrees else "",
+            argument="gyr_unit" if degrees and not others else "",
             value="deg/s",
         )
-    for placement, imu in sensors.items():
-        if imu.acc is not None:
-            _check_gravity(imu, placement, acc_unit, name)
+    _check_gravity(sensors, acc_unit, name)
     if gyr_unit == "deg/s" and rates[fastest] < SLOWEST_WALK and _moves(sensors):
         raise RecordingError(
             f"{name}: no gyroscope exceeds {rates[fastest]:.4g} rad/s ({np.rad2deg(rates[fastest]):.4g} deg/s, 99th "
@@ -82,11 +84,27 @@ def calm_force(acc: np.ndarray, rate_hz: float) -> float:
     return float(np.median(cut[calm].mean(axis=1)))
 
 
-def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
-    force = calm_force(np.asarray(imu.acc)[np.asarray(imu.mask)], 1.0 / float(np.median(np.diff(imu.time))))
+def _advice(unit: str, others: Sequence[str]) -> str:
+    """What to do about a sensor that seems to be in another unit than the stated one, which fits the others."""
+    shown = unit.replace("^2", "²")
+    if not others:
+        return f": it seems to be in {shown}; pass {{argument}}"
+    rest = f"{others[0]} is" if len(others) == 1 else f"{len(others)} other sensors are"
+    return f": it seems to be in {shown}, but {rest} not; convert the columns of this sensor in the file"
+
+
+def _check_gravity(sensors: Mapping[str, Imu], acc_unit: str, name: str) -> None:
+    """Refuse an accelerometer that does not measure gravity where it is calm."""
+    forces = {
+        placement: calm_force(np.asarray(imu.acc)[np.asarray(imu.mask)], 1.0 / float(np.median(np.diff(imu.time))))
+        for placement, imu in sensors.items() if imu.acc is not None
+    }  # fmt: skip
     low, high = (bound * GRAVITY for bound in GRAVITY_RANGE)
-    if low <= force <= high:
+    right = [placement for placement, force in forces.items() if low <= force <= high]
+    wrong = next((placement for placement in forces if placement not in right), None)
+    if wrong is None:
         return
+    force = forces[wrong]
     if acc_unit == "m/s^2" and GRAVITY_RANGE[0] <= force <= GRAVITY_RANGE[1]:
         unit = "g"
     elif acc_unit == "g" and low <= force / GRAVITY <= high:
@@ -96,15 +114,15 @@ def _check_gravity(imu: Imu, placement: str, acc_unit: str, name: str) -> None:
     else:
         unit = ""
     if unit:
-        hint = f"it seems to be in {unit.replace('^2', '²')}; pass {{argument}}"
+        hint = _advice(unit, right)
     elif force < 0.3 * GRAVITY:
-        hint = "gravity seems to have been taken off; the raw specific force is needed"
+        hint = ": gravity seems to have been taken off; the raw specific force is needed"
     else:
-        hint = "check the unit"
+        hint = ": check the unit"
     raise RecordingError(
-        f"{name}: the accelerometer of {placement} reads {force:.4g} m/s² where it is calm (given as {acc_unit}), "
-        f"but gravity alone is {GRAVITY:.4g} m/s²: {hint}",
-        argument="acc_unit" if unit else "",
+        f"{name}: the accelerometer of {wrong} reads {force:.4g} m/s² where it is calm (given as {acc_unit}), "
+        f"but gravity alone is {GRAVITY:.4g} m/s²{hint}",
+        argument="acc_unit" if unit and not right else "",
         value=unit,
     )
 
@@ -138,11 +156,17 @@ def check_range(distance: AnyArray, unit: str, name: str) -> None:
     )
 
 
-def quality_notes(recording: Recording) -> tuple[Note, ...]:
-    """Notes about doubtful signals of a structurally sound recording: missing samples, clipped or constant channels."""
+def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None = None) -> tuple[Note, ...]:
+    """Notes about doubtful signals of a structurally sound recording: missing samples, clipped or constant channels.
+
+    Args:
+        recording: the recording.
+        noted: placement → (T,) bool, missing samples that other notes report.
+    """
     notes: list[Note] = []
     for placement, imu in recording.sensors.items():
-        notes += _missing_notes(placement, imu, recording.sampling_rate_hz)
+        present = np.asarray(imu.mask) | (False if noted is None else noted[placement])
+        notes += _missing_notes(placement, present, imu, recording.sampling_rate_hz)
         for kind, signal, unit in (("gyr", imu.gyr, "rad/s"), ("acc", imu.acc, "m/s²")):
             if signal is None:
                 continue
@@ -153,15 +177,16 @@ def quality_notes(recording: Recording) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _missing_notes(placement: str, imu: Imu, rate_hz: float) -> list[Note]:
-    mask = np.asarray(imu.mask)
-    if mask.all():
-        return []
-    notes = [SAMPLES_MISSING(placement=placement, missing=(~mask).sum(), samples=len(mask))]
-    for start, end in true_runs(~mask):
-        if end - start > LONG_GAP_S * rate_hz:
-            begin = float(imu.time[start] - imu.time[0])
-            notes.append(STRETCH_MISSING(placement=placement, seconds=(end - start) / rate_hz, begin_s=begin))
+def _missing_notes(placement: str, present: np.ndarray, imu: Imu, rate_hz: float) -> list[Note]:
+    """Notes about long stretches of samples that are not present, and about their number if there are others."""
+    missing = int((~present).sum())
+    long = [(start, end) for start, end in true_runs(~present) if end - start > LONG_GAP_S * rate_hz]
+    notes = []
+    if missing > sum(end - start for start, end in long):
+        notes.append(SAMPLES_MISSING(placement=placement, missing=missing, samples=len(present)))
+    for start, end in long:
+        begin = float(imu.time[start] - imu.time[0])
+        notes.append(STRETCH_MISSING(placement=placement, seconds=(end - start) / rate_hz, begin_s=begin))
     return notes
 
 

@@ -13,7 +13,7 @@ LONGEST_STEP_S = 0.5  # [s] longest sample time: longer steps in s are in fact m
 SHORTEST_STEP_S = 1e-4  # [s] shortest sample time: shorter steps are in the other unit
 LONGEST_GAP_S = 10.0
 MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
-TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 
 RATE_DEDUCED = Kind("sampling_rate_deduced", "info", "sampling rate {rate_hz:.4g} Hz, from the time stamps", DEDUCED)
@@ -49,11 +49,11 @@ def make_clock(
     """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
-    that is not stated ('s' or 'ms') is deduced from the size of the steps, and noted.
+    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted.
 
     Raises:
         RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat, decrease,
-            are in neither unit, or contradict the sampling rate.
+            are in none of these units, or contradict the sampling rate.
     """
     if samples < MIN_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {MIN_SAMPLES} are needed")
@@ -64,7 +64,7 @@ def make_clock(
     if time is None:
         if sampling_rate_hz is None:
             raise RecordingError(
-                f"{name} has no column called 'time', so {{argument}} is needed; got neither",
+                f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given",
                 argument="sampling_rate_hz",
             )
         return SampleTimes(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
@@ -72,8 +72,9 @@ def make_clock(
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
     check_order(stamps, name)
-    scale, notes = _scale(stamps, time_unit, name)
-    seconds = (stamps - stamps[0]) * scale
+    unit = unit_of_time(stamps, time_unit, name)
+    notes = [] if time_unit else [TIME_UNIT_DEDUCED(unit=unit, step=float(np.median(np.diff(stamps))))]
+    seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
     step = float(np.median(np.diff(seconds)))
     # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
     steps = np.diff(seconds)
@@ -125,28 +126,26 @@ def check_order(stamps: np.ndarray, name: str) -> None:
         )
 
 
-def _scale(stamps: np.ndarray, time_unit: str | None, name: str) -> tuple[float, list[Note]]:
-    """Seconds per unit of the time stamps."""
+def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
+    """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest.
+
+    Raises:
+        RecordingError: for an unknown unit, and for one in which no sensor samples.
+    """
     step = float(np.median(np.diff(stamps)))
-    notes: list[Note] = []
-    if time_unit is None:
-        time_unit = "ms" if step > LONGEST_STEP_S else "s"
-        notes.append(TIME_UNIT_DEDUCED(unit=time_unit, step=step))
-    elif time_unit not in TIME_UNITS:
-        raise RecordingError(f"{name}: time_unit must be 's' or 'ms'; got {time_unit!r}")
-    scale = TIME_UNITS[time_unit]
-    if step * scale > LONGEST_STEP_S:
-        hint = "; it seems to be in ms" if time_unit == "s" and step * 1e-3 <= LONGEST_STEP_S else ""
-        raise RecordingError(
-            f"{name}: with time in {time_unit}, samples are {step * scale:.4g} s apart; "
-            f"walking needs at most {LONGEST_STEP_S} s{hint}"
-        )
-    if step * scale < SHORTEST_STEP_S:
-        hint = "; it seems to be in s" if time_unit == "ms" and step >= SHORTEST_STEP_S else ""
-        raise RecordingError(
-            f"{name}: with time in {time_unit}, samples are {step * scale:.4g} s apart, faster than 10 kHz{hint}"
-        )
-    return scale, notes
+    unit = stated or next((unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S), "us")
+    if unit not in TIME_UNITS:
+        raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
+    length = step * TIME_UNITS[unit]
+    if SHORTEST_STEP_S <= length <= LONGEST_STEP_S:
+        return unit
+    fits = [unit for unit, scale in TIME_UNITS.items() if SHORTEST_STEP_S <= step * scale <= LONGEST_STEP_S]
+    hint = f"; it seems to be in {' or '.join(fits)}: correct {{argument}}" if fits else ""
+    wrong = f"; walking needs at most {LONGEST_STEP_S} s" if length > LONGEST_STEP_S else ", faster than 10 kHz"
+    raise RecordingError(
+        f"{name}: with time in {unit}, samples are {length:.4g} s apart{wrong}{hint}",
+        argument="time_unit" if fits else "",
+    )
 
 
 def _fill_gaps(seconds: np.ndarray, step: float, name: str, notes: list[Note]) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,9 @@ TIMES = (
     "t",
     "times",
     "timems",
+    "timeus",
+    "timestampms",
+    "timestampus",
     "seconds",
     "zeit",
     "temps",
@@ -100,9 +103,12 @@ def column_of(name: str) -> str | None:
     return None
 
 
-def states_milliseconds(name: str) -> bool:
-    """Whether the name of a time column ends with ms, such as "Time (ms)", "time_ms" or "TimeMs"."""
-    return re.search(r"(?:[^A-Za-z]|(?<=[a-z])(?=M))m(?:s|sec|illiseconds)\W*$", name, re.IGNORECASE) is not None
+def unit_in_name(name: str) -> str | None:
+    """The unit with which the name of a time column ends, "ms" or "us": "Time (ms)", "time_us", "TimeMs"; else None."""
+    for unit, words in (("ms", "ms|msec|milliseconds"), ("us", "us|µs|μs|usec|microseconds")):
+        if re.search(rf"(?:[^A-Za-z]|(?<=[a-z])(?=[MU])|(?i:^\s*time(?:stamp)?))(?i:{words})\W*$", name):
+            return unit
+    return None
 
 
 def _without(words: list[str], taken: str) -> list[str] | None:

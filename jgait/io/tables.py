@@ -1,9 +1,7 @@
 """Convert a user's CSV file or table to a `Recording` in SI units."""
 
 import difflib
-import itertools
 import os
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,8 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.arrays import recording_from_arrays
-from jgait.io.files import check_columns, check_width, reading
-from jgait.io.names import CHANNELS, recognised, states_milliseconds
+from jgait.io.files import reading
+from jgait.io.names import CHANNELS, recognised, unit_in_name
+from jgait.io.rows import read_table
 from jgait.notes import DEDUCED, LEFT_OUT, LOSSES, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -27,10 +26,6 @@ CELLS_WITHOUT_NUMBER = Kind(
 )  # fmt: skip
 
 
-SHORT_CELLS = 1_000_000
-"""Number of cells that rows of a table may lack."""
-
-
 class Columns(NamedTuple):
     """The signals in the columns of a table, in the table's units.
 
@@ -41,7 +36,7 @@ class Columns(NamedTuple):
         others: names of columns that are not used.
         matched: the table's name and jgait's name of each column with a lab's name.
         odd: notes about cells without a number.
-        milliseconds: whether the name of the time column states ms.
+        time_unit: unit that the name of the time column states, "ms" or "us"; None: it states none of them.
     """
 
     sensors: dict[str, dict[str, np.ndarray]]
@@ -50,7 +45,7 @@ class Columns(NamedTuple):
     others: tuple[str, ...]
     matched: tuple[tuple[str, str], ...] = ()
     odd: tuple[Note, ...] = ()
-    milliseconds: bool = False
+    time_unit: str | None = None
 
 
 def recording_from_dataframe(
@@ -98,12 +93,19 @@ def recording_from_dataframe(
             names) or contain no numbers, or if the recording is unusable.
     """
     content = columns_of(table, columns=columns, placement=placement, needs=needs, name=name)
+    if content.time is None and sampling_rate_hz is None:
+        rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
+        raise RecordingError(
+            f"{name} has {len(table)} rows and no column called 'time', so {{argument}} is needed; it was not "
+            f"given{rest}",
+            argument="sampling_rate_hz",
+        )
     recording = recording_from_arrays(
         content.sensors,
         time=content.time,
         feet_range=content.feet_range,
         sampling_rate_hz=sampling_rate_hz,
-        time_unit="ms" if time_unit is None and content.milliseconds else time_unit,
+        time_unit=time_unit or content.time_unit,
         gyr_unit=gyr_unit,
         acc_unit=acc_unit,
         range_unit=range_unit,
@@ -149,8 +151,8 @@ def columns_of(
         apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
     others = tuple(column for index, column in enumerate(given) if index not in used)
     matched = tuple((given[index], renamed[index]) for index in sorted(used & set(ours)))
-    milliseconds = "time" in position and states_milliseconds(given[position["time"]])
-    return Columns(sensors, time, apart, others, matched, odd, milliseconds)
+    unit = unit_in_name(given[position["time"]]) if "time" in position else None
+    return Columns(sensors, time, apart, others, matched, odd, unit)
 
 
 def about(content: Columns) -> tuple[Note, ...]:
@@ -267,12 +269,14 @@ def read_csv(
     Raises:
         FileNotFoundError: if there is no such file.
         ValueError: for an unknown unit.
-        RecordingError: if the file is empty, no text, has no rows, lacks columns, or its recording is unusable.
+        RecordingError: if the file is empty, no text, has no rows, lacks columns, or its recording is unusable. A last
+            row that is cut off is left out, and noted.
     """
     file = Path(path)
     with reading(file, "a table"):
-        return recording_from_dataframe(
-            read_table(file),
+        table, notes = read_table(file)
+        recording = recording_from_dataframe(
+            table,
             columns=columns,
             placement=placement,
             needs=needs,
@@ -285,49 +289,4 @@ def read_csv(
             subject=subject,
             check_sizes=check_sizes,
         )
-
-
-def read_table(file: Path) -> "pd.DataFrame":
-    """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
-
-    Raises:
-        FileNotFoundError: if there is no such file.
-        RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.
-    """
-    import pandas as pd
-
-    try:
-        with file.open(encoding="utf-8-sig") as stream:
-            lines = list(itertools.islice((line for line in stream if line.strip()), 2))
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{file.name} is no text file in UTF-8: {error}") from error
-    if not lines:
-        raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
-    separator = max((",", ";", "\t"), key=lines[0].count)
-    for line in lines:
-        check_width(line, separator, file.name)
-    _check_rows(file, lines[0].count(separator) + 1)
-    decimal = "," if separator != "," and "," in lines[-1] else "."
-    try:
-        with warnings.catch_warnings():
-            # Without index_col=False, rows that are longer than the header would shift all columns by one, silently.
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            table = pd.read_csv(
-                file, sep=separator, decimal=decimal, encoding="utf-8-sig", skipinitialspace=True, index_col=False
-            )
-    except pd.errors.ParserWarning as error:
-        raise RecordingError(f"{file.name} has rows with more values than the header has columns") from error
-    except (pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{file.name} is no table: {error}") from error
-    check_columns([str(column) for column in table.columns], file.name)
-    if not len(table):
-        raise RecordingError(f"{file.name} has a header and no rows; its columns are {list(table.columns)}")
-    return table
-
-
-def _check_rows(file: Path, columns: int) -> None:
-    """Refuse a file of more rows than it can have cells: each cell or its separator is a byte."""
-    with file.open("rb") as stream:
-        rows = sum(block.count(b"\n") for block in iter(lambda: stream.read(2**20), b""))
-    if rows * columns > file.stat().st_size + SHORT_CELLS:
-        raise RecordingError(f"{file.name} has {columns} columns and {rows} rows, most of which are cut off or empty")
+        return recording._replace(notes=(*notes, *recording.notes))

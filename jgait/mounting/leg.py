@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.notes import WRONG_PLACE, Kind
 from jgait.types import Imu, RecordingError, as_float
 
 WALKING_RATE = 0.6
@@ -23,6 +24,11 @@ SWAPPED = 1.25
 THIGH_LEAD = 0.16
 """[s] Time by which the forward swing of the thigh precedes that of the shank: with it, the correlation of the rates
 is .7 to .9 on every leg of `walking5m`, without it near 0."""
+
+SIDES_EXCHANGED = Kind(
+    "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they swing half a stride before or "
+    "after {others}", WRONG_PLACE,
+)  # fmt: skip
 
 
 class LegMounting(NamedTuple):

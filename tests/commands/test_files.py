@@ -110,7 +110,7 @@ def gone(path):
         (empty, "walk.csv is empty"),
         (header_alone, "has a header and no rows"),
         (torn, "Expected 13 fields in line 6, saw 16"),
-        (cut_off, "7 samples; at least 10 are needed"),
+        (cut_off, "6 samples; at least 10 are needed"),
         (binary, "walk.csv is in no format that jgait reads"),
         (a_folder, "walk.csv is in no format that jgait reads"),
         (gone, "No such file"),

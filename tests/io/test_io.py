@@ -169,7 +169,7 @@ def test_standing_still_is_no_wrong_unit():
     [
         ({"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s'; got 'degrees'"),
         ({"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
-        ({"time_unit": "us"}, "time_unit must be 's' or 'ms'; got 'us'"),
+        ({"time_unit": "ns"}, "time_unit must be one of 's', 'ms', 'us'; got 'ns'"),
     ],
 )
 def test_unknown_units(option, message):
@@ -251,7 +251,8 @@ REFUSED = {
         r"60.0 s are missing after row 299 \(the first row is 0\), more than 10 s; split the recording there",
     ),
     "no clock": (
-        lambda t: table(time=False), {}, "no column called 'time', so sampling_rate_hz is needed; got neither",
+        lambda t: table(time=False).assign(stamp=1.0), {},
+        "has 600 rows and no column called 'time', so sampling_rate_hz is needed; .* not of sensors: stamp",
     ),
     "two clocks": (lambda t: t, {"sampling_rate_hz": 50.0}, "time stamps run at 100 Hz, but sampling_rate_hz is 50"),
     "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
@@ -260,7 +261,8 @@ REFUSED = {
         "samples are 10 s apart; walking needs at most 0.5 s; it seems to be in ms",
     ),
     "seconds": (
-        lambda t: t, {"time_unit": "ms"}, "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s",
+        lambda t: t, {"time_unit": "ms"},
+        "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
     ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
     "placement": (

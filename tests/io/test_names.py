@@ -23,6 +23,7 @@ from jgait.types import RecordingError
         ("Acc_X", "acc_x"),
         ("gyrX", "gyr_x"),
         ("Time (ms)", "time"),
+        ("time_us", "time"),
         ("timestamp", "time"),
     ],
 )

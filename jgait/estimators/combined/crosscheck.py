@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.leg import SWAPPED
+from jgait.mounting.leg import SIDES_EXCHANGED, SWAPPED
 from jgait.mounting.shank import LABELS_EXCHANGED
-from jgait.notes import WRONG_PLACE, Kind, Note
+from jgait.notes import Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
 
 WRONG_UNIT = (
@@ -37,10 +37,6 @@ TURNED_OVER = Kind(
     "upside_down", "info", "{placement} seems to be upside down: its axis that looks down looks up in {other}",
     "The estimators compute the sensor's axes from the walk, so no result is worse for it, unless the sensor is not "
     "where its label says.",
-)  # fmt: skip
-SIDES_EXCHANGED = Kind(
-    "sides_exchanged", "check", "the right and left {kind} sensors seem exchanged: they swing half a stride before or "
-    "after {others}", WRONG_PLACE,
 )  # fmt: skip
 CLOCK_OFF = Kind(
     "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "
@@ -82,8 +78,11 @@ LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
 """[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
 movement; a sensor with less does not take part in the comparison of phases."""
 
-FEWEST_STRIDES = 4
+FEWEST_STRIDES = 3
 """[1] Least number of strides for a comparison of phases."""
+
+LOST = 0.1
+"""[1] Largest share of lost samples in a stride that is compared."""
 
 STRIDE_S = (0.7, 2.2)
 """[s] Shortest and longest stride."""
@@ -132,10 +131,16 @@ def crosscheck(recording: Recording) -> Findings:
     sensors = {name: imu for name, imu in recording.sensors.items() if name not in unusable}
     notes += _upside_down(sensors)
     notes += _segments(sensors)
-    doubtful: set[str] = set()
-    for found, placements in (_phases(sensors), _trunk(sensors)):
-        notes += found
-        doubtful |= placements
+    late, doubtful = _phases(sensors)
+    off, of_trunk = _trunk(sensors)
+    exchanged = {
+        f"{kind}_{side}"
+        for note in recording.notes if note.code == SIDES_EXCHANGED.code
+        for kind in str(note.values["kind"]).split(" or ") for side in SIDES
+    }  # fmt: skip
+    # the reader's note of exchanged sensors explains when they swing
+    notes += [*([] if exchanged else late), *off]
+    doubtful |= of_trunk | (exchanged & set(sensors))
     return Findings(tuple(notes), frozenset(unusable), frozenset(doubtful))
 
 
@@ -254,10 +259,16 @@ def _swings(imu: Imu) -> np.ndarray:
 
 
 def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Phase:
-    """The phase of the stride frequency in a sensor's squared rate, over strides of another sensor [s]."""
+    """The phase of the stride frequency in a sensor's squared rate, over strides of another sensor [s].
+
+    Strides of which this sensor has lost more than `LOST` do not count.
+    """
     time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
     grid = (np.arange(64) + 0.5) / 64.0
     at = begins[:, None] + (ends - begins)[:, None] * grid
+    at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= LOST]
+    if len(at) < FEWEST_STRIDES:
+        return _Phase(0.0, 0.0, 0.0)
     values = np.interp(at, time, power)
     values = values - values.mean(axis=1, keepdims=True)
     size = np.maximum(np.abs(values).sum(axis=1), 1e-12)
@@ -281,7 +292,7 @@ def _phases(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     swings = _swings(sensors[legs[0]])
     lasts = np.diff(swings)
     whole = (lasts > STRIDE_S[0]) & (lasts < STRIDE_S[1])
-    if whole.sum() < FEWEST_STRIDES:
+    if not whole.any():
         return [], set()
     stride = float(np.median(lasts[whole]))
     whole &= np.abs(lasts / stride - 1.0) < 0.3

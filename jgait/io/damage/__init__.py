@@ -1,7 +1,8 @@
 """Damage of signals: what is masked or corrected before any estimator sees a recording, and what is flagged."""
 
-from jgait.io.damage.agreement import agreement_notes
+from jgait.io.damage.agreement import GYROSCOPE_SLOW, SIDES_DIFFER, agreement_notes
 from jgait.io.damage.delays import delay_notes
+from jgait.io.damage.gaps import bridged
 from jgait.io.damage.paces import pace_notes
 from jgait.io.damage.samples import without_damage
 from jgait.io.damage.splices import splice_notes
@@ -18,14 +19,20 @@ SLOWEST_HZ = 10.0
 
 def damage_notes(recording: Recording) -> tuple[Note, ...]:
     """Notes about sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps."""
-    sensors, rate_hz = recording.sensors, recording.sampling_rate_hz
+    rate_hz = recording.sampling_rate_hz
     if rate_hz < SLOWEST_HZ:
         return ()
+    sensors = {placement: bridged(imu, rate_hz) for placement, imu in recording.sensors.items()}
+    agreement, tilts = agreement_notes(sensors, rate_hz), tilt_notes(sensors, rate_hz)
+    # a gyroscope that hardly turns contradicts every other sensor: its note explains that
+    slow = {note.values["placement"] for note in agreement if note.code == GYROSCOPE_SLOW.code}
+    itself = [note for note in (*agreement, *tilts) if note.code != SIDES_DIFFER.code]
+    turns = turn_notes(sensors, rate_hz, {str(note.values["placement"]) for note in itself})
     return (
-        *agreement_notes(sensors, rate_hz),
+        *agreement,
         *delay_notes(sensors, rate_hz),
         *splice_notes(sensors, rate_hz),
-        *turn_notes(sensors, rate_hz),
-        *tilt_notes(sensors, rate_hz),
-        *pace_notes(sensors, rate_hz),
+        *(note for note in turns if note.values["placement"] not in slow),
+        *tilts,
+        *pace_notes({placement: imu for placement, imu in sensors.items() if placement not in slow}, rate_hz),
     )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.io.damage.gaps import in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
 
@@ -98,11 +99,13 @@ class Averaged(NamedTuple):
     Attributes:
         gyr: (n, 3) [rad/s].
         acc: (n, 3) [m/s²].
+        lost: (n,) bool, means of samples in a long gap.
         step: time between them [s].
     """
 
     gyr: np.ndarray
     acc: np.ndarray
+    lost: np.ndarray
     step: float
 
 
@@ -116,7 +119,8 @@ def averaged(imu: Imu, rate_hz: float) -> Averaged | None:
         return None
     cut = slice(0, length * count)
     gyr, acc = (np.asarray(part)[cut].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
-    return Averaged(gyr, acc, count / rate_hz)
+    lost = in_long_gaps(imu, rate_hz)[cut].reshape(length, count).any(axis=1)
+    return Averaged(gyr, acc, lost, count / rate_hz)
 
 
 def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -155,10 +159,10 @@ def turned_mean(one: Averaged, factors: np.ndarray) -> np.ndarray:
 
 
 def walking_windows(one: Averaged, fastest: float = FASTEST_WINDOW) -> np.ndarray:
-    """(windows,) bool, those in which the sensor turns fast enough, beyond a rate [rad/s]."""
+    """(windows,) bool, those without a long gap in which the sensor turns fast enough, beyond a rate [rad/s]."""
     samples = round(WINDOW_S / one.step)
     rows = np.arange(0, len(one.gyr) - samples + 1, samples // 2)[:, None] + np.arange(samples)
-    square = np.sum(one.gyr[rows] ** 2, axis=2).mean(axis=1)
+    square = np.where(one.lost[rows].any(axis=1), 0.0, np.sum(one.gyr[rows] ** 2, axis=2).mean(axis=1))
     return (square > ACTIVE * square.max()) & (square > fastest**2)
 
 
@@ -181,7 +185,7 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, .
     """Notes about sensors of the legs whose gyroscope disagrees with the accelerometer, or with the other sensors.
 
     Args:
-        sensors: placement → sensor; samples of the gyroscope that are missing are 0.
+        sensors: placement → sensor; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
     """
     notes: list[Note] = []
@@ -194,16 +198,15 @@ def agreement_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, .
         size = np.sqrt(np.sum(gyr * gyr, axis=1))
         if len(imu.time) < 2.0 * WINDOW_S * rate_hz:
             continue
-        rates[placement] = float(np.sqrt(np.mean(size * size)))
         one = averaged(imu, rate_hz)
-        if one is None:
-            continue
         fast = float(np.percentile(size, 99.0))
-        shaken = float(np.sqrt(np.sum(np.asarray(imu.acc)[np.asarray(imu.mask)] ** 2, axis=1)).std())
-        if segment not in TRUNK and fast < SLOWEST and shaken > SHAKEN:
-            notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast))
-            continue
-        note = _gravity_note(placement, one)
+        if one is not None and segment not in TRUNK and fast < SLOWEST:
+            shaken = float(np.sqrt(np.sum(np.asarray(imu.acc)[np.asarray(imu.mask)] ** 2, axis=1)).std())
+            if shaken > SHAKEN:
+                notes.append(GYROSCOPE_SLOW(placement=placement, rate=fast))
+                continue
+        rates[placement] = float(np.sqrt(np.mean(size * size)))
+        note = None if one is None else _gravity_note(placement, one)
         if note is not None:
             notes.append(note)
     for segment in AGREEING:

@@ -1,9 +1,14 @@
-"""Delays between gyroscope and accelerometer of a sensor, and between the sensors of a leg, by what shakes them all."""
+"""Delays between gyroscope and accelerometer of a sensor, and between the sensors of a leg, by what shakes them all.
+
+Impacts pass through one leg and hardly reach the other. If the right and left sensors of a segment are exchanged, each
+is shaken like the sensors of the other leg: that is no delay.
+"""
 
 from collections.abc import Mapping
 
 import numpy as np
 
+from jgait.mounting.leg import SIDES_EXCHANGED
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
 
@@ -31,6 +36,14 @@ recordings it is −0.025 to 0.02 at the foot, −0.039 to 0.02 at the shank, �
 
 BETWEEN = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}
 """[s] Largest delay between two sensors of a leg. Impacts pass a leg within 0.05 s in undamaged recordings."""
+
+MORE_ALIKE = 0.08
+"""[1] Least gain of both correlations with the sensors of the other leg over both with those of the own leg, if two
+sensors are exchanged. In undamaged recordings it is −0.35 or less between thigh and shank, −0.04 between shank and
+foot."""
+
+SHARED = "shank"
+"""The segment that every pair of `BETWEEN` has."""
 
 DRIFT_S = 0.085
 """[s] Largest change of that delay from the first to the last third of a walk; undamaged ones reach 0.06."""
@@ -101,7 +114,7 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
     """Notes about delays within and between the sensors of each leg.
 
     Args:
-        sensors: placement → sensor.
+        sensors: placement → sensor; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
     """
     notes: list[Note] = []
@@ -114,28 +127,68 @@ def delay_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
         gyr, acc = (np.asarray(part)[:longest] for part in (imu.gyr, imu.acc))
         delay, alike = _late(_changes(gyr, step), _changes(acc, step), rate_hz)
         low, high = IN_SENSOR[segment]
-        if not low <= delay <= high and alike > LEAST_ALIKE:
+        # below 40 Hz, a delay by one sample is longer than the range
+        if not min(low, -1.0 / rate_hz) <= delay <= max(high, 1.0 / rate_hz) and alike > LEAST_ALIKE:
             notes.append(ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * delay))
-    samples = max(round(CALM_S * rate_hz), 3)
-    shaken: dict[str, np.ndarray] = {}
+    return (*notes, *_in_legs(long, rate_hz))
+
+
+def _in_legs(sensors: Mapping[str, Imu], rate_hz: float) -> list[Note]:
+    """Notes about exchanged sensors, and about delays between the others of each leg."""
+    samples, longest = max(round(CALM_S * rate_hz), 3), int(LONGEST_S * rate_hz)
+    segments = dict.fromkeys(segment for pair in BETWEEN for segment in pair)
+    shaken = {
+        name: _shaking(np.asarray(sensors[name].acc)[:longest], samples)
+        for segment in segments for side in SIDES if (name := f"{segment}_{side}") in sensors
+    }  # fmt: skip
+    if len({len(signal) for signal in shaken.values()}) > 1:
+        return []
+    crossed = {pair: _crossed(shaken, pair, farthest, rate_hz) for pair, farthest in BETWEEN.items()}
+    notes = _exchanged(crossed)
     for (upper, lower), farthest in BETWEEN.items():
+        if notes and crossed[upper, lower] is not False:
+            continue
         for side in SIDES:
             names = f"{upper}_{side}", f"{lower}_{side}"
-            if any(name not in long for name in names):
-                continue
-            for name in names:
-                if name not in shaken:
-                    shaken[name] = _shaking(np.asarray(long[name].acc)[:longest], samples)
-            notes += _between(*names, shaken[names[0]], shaken[names[1]], farthest, rate_hz)
-    return tuple(notes)
+            if all(name in shaken for name in names):
+                notes += _between(*names, shaken[names[0]], shaken[names[1]], farthest, rate_hz)
+    return notes
+
+
+def _crossed(shaken: Mapping[str, np.ndarray], pair: tuple[str, str], farthest: float, rate_hz: float) -> bool | None:
+    """Whether the sensors of a segment are shaken like those of another segment on the other leg; None if unclear."""
+    if not all(f"{segment}_{side}" in shaken for segment in pair for side in SIDES):
+        return None
+    own, other = (
+        [_late(shaken[f"{pair[0]}_{a}"], shaken[f"{pair[1]}_{b}"], rate_hz) for a, b in zip(SIDES, sides, strict=True)]
+        for sides in (SIDES, SIDES[::-1])
+    )
+    for answer, like, unlike in ((True, other, own), (False, own, other)):
+        least = max(LEAST_ALIKE, *(alike + MORE_ALIKE for _, alike in unlike))
+        if all(abs(delay) <= farthest and alike > least for delay, alike in like):
+            return answer
+    return None
+
+
+def _exchanged(crossed: Mapping[tuple[str, str], bool | None]) -> list[Note]:
+    """Notes about exchanged sensors: of the segments that contradict each other, the fewer ones."""
+    away, here = (
+        {segment for pair, found in crossed.items() if found is answer for segment in pair if segment != SHARED}
+        for answer in (True, False)
+    )
+    if not away:
+        return []
+    few, many = sorted((away, here | {SHARED}), key=len)
+    if len(few) == len(many):
+        return [SIDES_EXCHANGED(kind=" or ".join(sorted(few | many)), others="the other sensors")]
+    others = ", ".join(f"{segment}_{side}" for segment in sorted(many) for side in SIDES)
+    return [SIDES_EXCHANGED(kind=segment, others=others) for segment in sorted(few)]
 
 
 def _between(
     upper: str, lower: str, first: np.ndarray, second: np.ndarray, farthest: float, rate_hz: float
 ) -> list[Note]:
     """Notes about two sensors of a leg."""
-    if len(first) != len(second):
-        return []
     notes = []
     delay, alike = _late(first, second, rate_hz)
     if abs(delay) > farthest and alike > LEAST_ALIKE:

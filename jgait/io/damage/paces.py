@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.io.damage.gaps import in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Imu
 
@@ -32,6 +33,9 @@ largest one from which on a shorter duration is taken."""
 LEAST = 0.15, 0.3
 """[rad/s], [m/s²] Least root mean square rate and standard deviation of the size of the specific force of a leg that
 walks; undamaged ones have 0.6 and 1.1."""
+
+FEWEST_STRIDES = 3.0
+"""[1] Least time of walking over the duration of a stride. In shorter walks, two strides look like one."""
 
 TOGETHER = 0.1
 """[1] Largest difference of a sensor's stride from the median of all, as a share of it."""
@@ -88,13 +92,13 @@ class Stepping(NamedTuple):
 
 
 def pace_of(imu: Imu, rate_hz: float, segment: str) -> Stepping | None:
-    """The pace of a sensor with an accelerometer; None if it does not repeat itself."""
+    """The pace of a sensor with an accelerometer; None if it does not repeat itself, or not often enough."""
     samples = min(len(imu.time), int(LONGEST_S * rate_hz))
     gyr, acc = (np.asarray(part)[:samples] for part in (imu.gyr, imu.acc))
     square = np.sum(gyr * gyr, axis=1)
     width = int(WINDOW_S * rate_hz)
     mean = np.convolve(square, np.ones(width) / width, "same")
-    walks = mean > ACTIVE * mean.max()
+    walks = (mean > ACTIVE * mean.max()) & ~in_long_gaps(imu, rate_hz)[:samples]
     if not walks.any():
         return None
     moves, shakes = float(np.sqrt(square[walks].mean())), float(np.linalg.norm(acc, axis=1)[walks].std())
@@ -117,6 +121,8 @@ def pace_of(imu: Imu, rate_hz: float, segment: str) -> Stepping | None:
         return None
     stride = int(peaks[alike[peaks] > NEARLY * alike[peaks].max()][0])
     seconds = stride / rate_hz
+    if FEWEST_STRIDES * stride > walks.sum():
+        return None
     turn, size = USUAL[segment]
     return Stepping(seconds, float(alike[stride]), moves * seconds / turn, shakes * seconds**2 / size)
 
@@ -135,7 +141,7 @@ def pace_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
     """Notes about legs that do not move as in walking, and about feet that are not half a stride apart.
 
     Args:
-        sensors: placement → sensor; samples of the gyroscope that are missing are 0.
+        sensors: placement → sensor; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
     """
     paces = {}

@@ -95,8 +95,8 @@ SPIKES = Kind(
 FROZEN = Kind(
     "samples_frozen",
     "check",
-    "{placement}: the {signal} repeats one reading for {seconds:.2f} s from {begin_s:.2f} s while the person moves; "
-    "masked",
+    "{placement}: one reading of {signals} is repeated for {seconds:.2f} s from {begin_s:.2f} s while the person "
+    "moves; masked",
     LOSSES,
 )
 WRAPPED = Kind(
@@ -134,6 +134,7 @@ def without_damage(placement: str, signals: dict[str, np.ndarray], scales: dict[
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
     notes: list[Note] = []
+    frozen: dict[tuple[int, int], list[str]] = {}
     with np.errstate(invalid="ignore"):
         _impossible(placement, signals, rate_hz, notes)
         _placeholders(placement, signals, scales, rate_hz, notes)
@@ -141,8 +142,15 @@ def without_damage(placement: str, signals: dict[str, np.ndarray], scales: dict[
             change = np.diff(values, axis=0)
             notes += _wraps(placement, kind, values, change)
             spikes = _spikes(placement, kind, values, change, signals["gyr"], rate_hz, notes)
-            frozen = _frozen(placement, kind, values, change, signals["gyr"], rate_hz, notes)
-            values[spikes | frozen] = np.nan
+            runs = _frozen(placement, kind, values, change, signals["gyr"], rate_hz, notes)
+            values[spikes] = np.nan
+            for start, end in runs:
+                values[start + 1 : end + 1] = np.nan
+                frozen.setdefault((start, end), []).append(kind)
+        for (start, end), kinds in sorted(frozen.items()):
+            words = " and ".join(f"the {SIGNALS[kind][0]}" for kind in kinds)
+            seconds = (end - start + 1) / rate_hz
+            notes.append(FROZEN(placement=placement, signals=words, seconds=seconds, begin_s=start / rate_hz))
     return Masked(signals, tuple(notes))
 
 
@@ -212,7 +220,7 @@ def _spikes(
     for row, axis in np.argwhere(odd):
         around = steps[max(row - AROUND, 0) : row + AROUND, axis]
         turns = np.abs(np.diff(gyr[max(row - AROUND // 2, 0) : row + AROUND // 2 + 1], axis=0))
-        struck = kind == "acc" and not np.nanmax(turns) < IMPACT * away[row, axis]
+        struck = kind == "acc" and (np.isnan(turns).all() or np.nanmax(turns) >= IMPACT * away[row, axis])
         if not struck and away[row, axis] > CALM_AROUND * around.max(initial=1e-9):
             spikes[row] = True
             size = max(size, float(away[row, axis]))
@@ -252,9 +260,8 @@ def _wraps(placement: str, kind: str, values: np.ndarray, change: np.ndarray) ->
 
 def _frozen(
     placement: str, kind: str, values: np.ndarray, change: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
-) -> np.ndarray:
-    """(T,) bool, stretches in which the sensor repeats one reading and then jumps."""
-    frozen = np.zeros(len(values), bool)
+) -> list[tuple[int, int]]:
+    """First and last samples of stretches in which the sensor repeats one reading and then jumps."""
     same = ~change.any(axis=1)
     share = float(same.mean()) if len(same) else 0.0
     runs = [(start, end) for start, end in true_runs(same) if end - start >= max(FROZEN_RUN, FROZEN_S * rate)]
@@ -263,7 +270,8 @@ def _frozen(
     if kind == "gyr" and share - long / max(len(same), 1) > REPEATS:
         notes.append(SLOWER(placement=placement, signal=signal, percent=100.0 * share))
     if not runs:
-        return frozen
+        return []
+    found = []
     steps = np.abs(change)
     steps[~(steps > 0.0)] = np.inf
     resolution = steps.min(axis=0)
@@ -276,10 +284,8 @@ def _frozen(
         ends = [np.abs(change[k]) for k in (start - 1, end) if 0 <= k < len(change)]
         moved = [(step > FROZEN_STEPS * resolution) & (step > FROZEN_CHANGE[kind]) for step in ends]
         # a coarse accelerometer repeats its reading whenever it does not turn
-        turning = kind == "gyr" or not np.nanmean(np.abs(gyr[start : end + 1])) < TURNING
+        rates = np.abs(gyr[start : end + 1])
+        turning = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= TURNING
         if turning and any(jump.any() for jump in moved):
-            frozen[start + 1 : end + 1] = True
-            notes.append(
-                FROZEN(placement=placement, signal=signal, seconds=(end - start + 1) / rate, begin_s=start / rate)
-            )
-    return frozen
+            found.append((start, end))
+    return found

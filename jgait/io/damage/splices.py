@@ -67,7 +67,7 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
     """A note if all sensors jump at the same time, more than around it, or often turn by two steps in one.
 
     Args:
-        sensors: placement → sensor, on one clock.
+        sensors: placement → sensor, on one clock; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
     """
     masks = [np.asarray(imu.mask) for imu in sensors.values()]
@@ -76,14 +76,10 @@ def splice_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]
     gaps, longest = np.zeros(len(masks[0]), bool), int(LONGEST_S * rate_hz)
     total, changes = np.zeros(len(masks[0]) - 1), []
     for imu, mask in zip(sensors.values(), masks, strict=True):
-        gyr = np.asarray(imu.gyr)
-        if not mask.all():
-            row, known = np.arange(len(mask)), np.flatnonzero(mask)
-            gyr = np.stack([np.interp(row, known, column[known]) for column in gyr.T], axis=1)
-            for start, end in true_runs(~mask):
-                if end - start >= LONG_GAP:
-                    gaps[max(start - AROUND - 1, 0) : end + AROUND + 1] = True
-        change = np.diff(gyr, axis=0)
+        for start, end in true_runs(~mask):
+            if end - start >= LONG_GAP:
+                gaps[max(start - AROUND - 1, 0) : end + AROUND + 1] = True
+        change = np.diff(np.asarray(imu.gyr), axis=0)
         changes.append(change[:longest])
         if len(masks) >= FEWEST_SENSORS:
             total += _jump(change)

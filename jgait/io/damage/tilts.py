@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from jgait.io.damage.agreement import product
+from jgait.io.damage.gaps import in_long_gaps
 from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu
@@ -53,9 +54,6 @@ FARTHEST_DEG = {
 """[deg] Largest angle between both means, the least of all times of standing, by segment. Undamaged recordings, public
 and simulated, reach 13.3 at the foot, 6.5 at the shank, 7.2 at the thigh and 9.6 at the trunk."""
 
-LONG_GAP_S = 0.1
-"""[s] A longer gap ends what is examined."""
-
 TILTS_APART = Kind(
     "tilts_apart",
     "check",
@@ -69,7 +67,7 @@ def tilt_notes(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[Note, ...]:
     """Notes about sensors whose gyroscope and accelerometer disagree on the tilt between standing and walking.
 
     Args:
-        sensors: placement → sensor; samples of the gyroscope that are missing are 0.
+        sensors: placement → sensor; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
     """
     notes: list[Note] = []
@@ -87,7 +85,7 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
     """Angle between the mean forces of standing and walking for each time of standing [deg].
 
     Args:
-        imu: a sensor with an accelerometer.
+        imu: a sensor with an accelerometer; short gaps of the gyroscope are bridged.
         rate_hz: sampling rate [Hz].
         moving: least root mean square rate of a window of walking [rad/s].
     """
@@ -97,18 +95,9 @@ def tilts(imu: Imu, rate_hz: float, moving: float) -> list[float]:
     window, stand = round(WINDOW_S / step), round(STANDING_S / step)
     if length < window + stand:
         return []
-    mask = np.asarray(imu.mask)[: length * count]
-    gyr = np.asarray(imu.gyr)[: length * count]
-    if not mask.all():
-        row, known = np.arange(len(mask)), np.flatnonzero(mask)
-        if known.size < window:
-            return []
-        gyr = np.stack([np.interp(row, known, column[known]) for column in gyr.T], axis=1)
-    lost = np.zeros(length, bool)
-    for start, end in true_runs(~mask):
-        if end - start > LONG_GAP_S * rate_hz:
-            lost[start // count : -(-end // count)] = True
-    gyr, acc = (part[: length * count].reshape(length, count, 3).mean(axis=1) for part in (gyr, np.asarray(imu.acc)))
+    cut = slice(0, length * count)
+    lost = in_long_gaps(imu, rate_hz)[cut].reshape(length, count).any(axis=1)
+    gyr, acc = (np.asarray(part)[cut].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
     weight = np.hanning(window + 2)[1:-1]
     found = []
     for bias, down, rates, forces in _beside_standing(gyr, acc, lost, stand, round(BESIDE_S / step)):

@@ -6,8 +6,8 @@ a folder; or gaitmap's two rows of names (`left_sensor`, `acc_x`); or mobgap's b
 `acc_pa`).
 
 *Units*: gaitmap's and mobgap's are stated by their documentation (m/s², deg/s). The others' are not stated, but deduced
-from the signals. *Clock*: `time` in s or ms, told from its steps, or the sampling rate, which must be said. *Axes*:
-gaitmap's and mobgap's sensor frame by their documentation, else not known.
+from the signals. *Clock*: `time` in s, ms or us, as its name states or its steps suggest, or the sampling rate, which
+must be given. *Axes*: gaitmap's and mobgap's sensor frame by their documentation, else not known.
 """
 
 import itertools
@@ -15,18 +15,17 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jgait.io.apart import apart, largest
-from jgait.io.clock import LONGEST_STEP_S, TIME_UNITS
+from jgait.io.clock import TIME_UNITS, check_order, unit_of_time
 from jgait.io.files import check_columns, check_file
 from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import check_lengths
 from jgait.io.names import CHANNELS, placement_of
-from jgait.io.tables import Columns, about, columns_of, read_table
+from jgait.io.rows import read_table
+from jgait.io.tables import about, columns_of
 from jgait.io.write import PARQUET
-from jgait.notes import DEDUCED, ORIGIN, Kind
+from jgait.notes import DEDUCED, ORIGIN, Kind, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no table that is called by a placement, such as foot_left.csv")
         return joined([measured(file) for file in files], path.name)
     check_file(path, EXPECTED)
-    table = _table(path)
+    table, cut = _table(path)
     if table.columns.nlevels == 2:
         frame = "body" if set(BODY_GAITMAP) <= set(table.columns.unique(1)) else "sensor"
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, frame, path.name)
@@ -69,31 +68,24 @@ def measured(path: Path) -> Measured:
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
         part = mobgap_part(table.set_axis(plain, axis=1), "body", path.name)
-        return Measured([part], path.stem, notes=(DIALECT(names="mobgap's names of axes", library="mobgap"),))
+        return Measured([part], path.stem, notes=(*cut, DIALECT(names="mobgap's names of axes", library="mobgap")))
     if set(CHANNELS[:3]) <= set(plain):
         # The table does not state the placement: any placement can be used to get the columns.
         columns = columns_of(table, placement="waist", name=path.name)
-        parts = _parts(columns, {"waist": path.stem})
+        labels = {"waist": path.stem}
     else:
-        columns = columns_of(table, name=path.name)
-        parts = _parts(columns, {})
-    notes = list(about(columns))
-    if columns.time is not None:
-        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=_time_unit(columns.time)))
-    return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)
-
-
-def _parts(columns: Columns, labels: dict[str, str]) -> list[Part]:
-    time = None if columns.time is None else TIME_UNITS[_time_unit(columns.time)] * columns.time
-    return [
+        columns, labels = columns_of(table, name=path.name), {}
+    notes, time = [*cut, *about(columns)], columns.time
+    if time is not None and len(time) > 1:
+        check_order(time, path.name)
+        unit = unit_of_time(time, columns.time_unit, path.name)
+        notes.append(TIME_UNIT_OF_FILE(file=path.name, unit=unit))
+        time = TIME_UNITS[unit] * time
+    parts = [
         Part(labels.get(where, where), signals["gyr"], signals.get("acc"), time)
         for where, signals in columns.sensors.items()
     ]
-
-
-def _time_unit(stamps: np.ndarray) -> str:
-    steps = np.diff(stamps[np.isfinite(stamps)])
-    return "ms" if len(steps) and float(np.median(steps)) > LONGEST_STEP_S else "s"
+    return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)
 
 
 def foreign(path: Path) -> bool:
@@ -105,14 +97,15 @@ def foreign(path: Path) -> bool:
     return gaitmap or (bool(rows) and set(BODY_MOBGAP) <= rows[0])
 
 
-def _table(path: Path) -> "pd.DataFrame":
+def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
+    """The table of a file, and the note about a last row that is cut off."""
     import pandas as pd
 
     if path.suffix.lower() in PARQUET:
         table = apart(_parquet, path, EXPECTED, "pyarrow.parquet")
         check_columns([str(column) for column in table.columns], path.name)
-        return table
-    table = read_table(path)
+        return table, ()
+    table, notes = read_table(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     rows = [row for row, line in enumerate(lines) if line.strip()]
     separator = max((",", ";", "\t"), key=lines[rows[0]].count)
@@ -127,7 +120,7 @@ def _table(path: Path) -> "pd.DataFrame":
     if not any('"' in line for line in lines):
         body = [lines[row] for row in rows[1:]]
         check_lengths(body, separator, lines[rows[0]].count(separator) + 1, rows[1] + 1, path.name)
-    return table
+    return table, notes
 
 
 def _parquet(path: Path) -> "pd.DataFrame":

@@ -1,0 +1,157 @@
+"""What the commands say: which file a message is about, what to do, and each finding once."""
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from made.command import run
+from rich.table import Table
+
+from jgait import cli, io
+from jgait.commands import jobs
+from jgait.estimators.notes import STRIDES_UNCERTAIN, without_repeats
+from jgait.io.clock import GAPS_FILLED
+from jgait.io.damage.samples import IMPOSSIBLE
+from jgait.simulate import protocols
+from jgait.types import RecordingError, reason_of
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return protocols.bennett(jax.random.key(4), placements=("thigh_right", "shank_right"))[0].recording
+
+
+@pytest.fixture
+def without_estimates(monkeypatch):
+    """`jgait estimate` reads the files and prints their notes; the function that computes can be replaced."""
+
+    def replaced(compute=lambda recording: recording):
+        job = jobs.EstimateJob(
+            "all", Table(), "", lambda name: [f"{name}.csv"], compute, lambda made: made.notes,
+            lambda made, out, name: [], lambda made, name: [], lambda made, files: {},
+        )  # fmt: skip
+        monkeypatch.setattr(jobs, "all_sensors", lambda person, ending: job)
+
+    replaced()
+    return replaced
+
+
+def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_estimates):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    files = [io.write_csv(recording, tmp_path / name) for name in ("a/walk.csv", "b/walk.csv", "b/other.csv")]
+    code, said = run("estimate", *files, "--out", tmp_path / "out")
+    assert code == 0
+    for begin in ("a/walk.csv: sampling rate", "b/walk.csv: sampling rate", " other.csv: sampling rate"):
+        assert said.count(begin) == 1
+    assert " walk.csv:" not in said
+
+
+def test_one_file_is_called_by_its_name(recording, tmp_path, without_estimates):
+    _, said = run("estimate", io.write_csv(recording, tmp_path / "walk.csv"), "--out", tmp_path / "out")
+    assert " walk.csv: sampling rate" in said
+
+
+@pytest.mark.parametrize(
+    "kind, factor, unit", [("acc", 1.0 / 9.80665, "--acc-unit g"), ("gyr", 57.3, "--gyr-unit deg/s")]
+)
+def test_a_unit_is_advised_only_if_it_is_right_for_all_sensors(
+    recording, tmp_path, without_estimates, kind, factor, unit
+):
+    path = io.write_csv(recording, tmp_path / "walk.csv")
+    table = pd.read_csv(path)
+    if kind == "gyr":
+        turns = [name for name in table if "_gyr_" in name]
+        table[turns] = np.deg2rad(table[turns])
+    options = ("--gyr-unit", "rad/s") if kind == "gyr" else ()
+    signals = [name for name in table if f"_{kind}_" in name]
+    one = [name for name in signals if name.startswith("shank")]
+    for columns in (signals, one):
+        changed = table.copy()
+        changed[columns] *= factor
+        changed.to_csv(path, index=False)
+        code, said = run("estimate", path, *options, "--out", tmp_path / "out")
+        assert code == 2
+        if columns is signals:
+            assert f"pass {unit}" in said
+        else:
+            assert "--" not in said.split("walk.csv:", 1)[1].split("recordings", 1)[0]
+            assert (
+                f"it seems to be in {unit.split()[1]}, but thigh_right is not; convert the columns of this sensor"
+                in said
+            )
+
+
+def test_a_file_without_time_says_what_came(recording, tmp_path, without_estimates):
+    path = io.write_csv(recording, tmp_path / "walk.csv")
+    pd.read_csv(path).rename(columns={"time": "clock"}).to_csv(path, index=False)
+    _, said = run("estimate", path, "--out", tmp_path / "out")
+    rows = len(recording.sensors["thigh_right"].time)
+    assert f"walk has {rows} rows and no column called 'time', so --rate is needed; it was not given" in said
+    assert "columns that are not of sensors: clock" in said
+    with pytest.raises(RecordingError, match=r"walk has 20 samples without time stamps, so sampling_rate_hz is needed"):
+        io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
+
+
+def test_a_wrong_unit_in_the_header_is_named(recording, tmp_path, without_estimates):
+    path = io.write_csv(recording, tmp_path / "walk.csv")
+    pd.read_csv(path).rename(columns={"time": "Time (us)"}).to_csv(path, index=False)
+    code, said = run("estimate", path, "--out", tmp_path / "out")
+    assert code == 2
+    assert "with time in us, samples are" in said
+    assert "it seems to be in s: correct the unit in the name of the time column" in said
+
+
+# --- compiled programs ---
+
+BROKEN = jax.errors.JaxRuntimeError("INTERNAL: Symbols not found: [ fusion.1 ]")
+
+
+def test_a_compiled_program_that_fails_points_to_the_cache(recording, tmp_path, without_estimates):
+    def fail(_):
+        raise BROKEN
+
+    without_estimates(fail)
+    code, said = run("estimate", io.write_csv(recording, tmp_path / "walk.csv"), "--out", tmp_path / "out")
+    assert code == 2
+    assert "Symbols not found" in said and "`jgait cache --clear`" in said
+
+
+def test_other_errors_do_not_point_to_the_cache():
+    for error in (
+        ValueError("no"),
+        RuntimeError("no"),
+        jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory"),
+    ):
+        assert "jgait cache" not in reason_of(error)
+
+
+def test_a_command_that_ends_in_a_compiled_program_points_to_the_cache(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for name in ("JAX_ENABLE_X64", "JAX_COMPILATION_CACHE_DIR", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"):
+        monkeypatch.setenv(name, "1")
+
+    def fail():
+        raise BROKEN
+
+    monkeypatch.setattr(cli, "_kept", [])
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert "`jgait cache --clear`" in capsys.readouterr().err
+    monkeypatch.setattr(cli, "app", lambda: [][0])
+    with pytest.raises(IndexError):
+        cli.main()
+
+
+# --- each finding once ---
+
+
+def test_lost_samples_that_the_reader_noted_are_not_counted_again():
+    lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}") for side in ("left", "right"))
+    masked = IMPOSSIBLE(placement="foot_left", samples=3, value=1e6, unit="m/s²", begin_s=2.0)
+    filled = GAPS_FILLED(gaps=1, longest_s=1.0, begin_s=2.0, inserted=3)
+    assert without_repeats((lost, other)) == (lost, other)
+    assert without_repeats((masked, lost, other, other)) == (masked, other)
+    assert without_repeats((lost, other, filled)) == (filled,)

@@ -1,0 +1,74 @@
+"""A file that ends within a row: what came is stated, and half a number is not taken for a whole one."""
+
+import numpy as np
+import pytest
+from made.frames import table
+
+from jgait import io
+
+
+def written(tmp_path, text):
+    path = tmp_path / "walk.csv"
+    path.write_text(text)
+    return io.read_csv(path)
+
+
+def cut_notes(recording):
+    return [note for note in recording.notes if note.code == "row_cut_off"]
+
+
+def text_of(frame=None, **options):
+    return (table() if frame is None else frame).to_csv(index=False, float_format="%.5f", **options)
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\r\n\n"])
+def test_a_last_row_with_fewer_cells_is_left_out_and_noted(tmp_path, end):
+    whole = text_of()
+    lines = whole.splitlines()
+    last = lines[-1].split(",")
+    recording = written(tmp_path, "\n".join([*lines[:-1], ",".join([*last[:4], last[4][:3]])]) + end)
+    (note,) = cut_notes(recording)
+    assert note.values["line"] == 601 and note.values["rows"] == 599
+    assert f"line 601 has 5 of 13 values, the last of them '{last[4][:3]}'; this row is left out" in note.text
+    assert not [one for one in recording.notes if "missing" in one.code]
+    assert all(imu.mask.all() and len(imu.time) == 599 for imu in recording.sensors.values())
+    expected = written(tmp_path, "\n".join(lines[:-1]) + "\n")
+    assert cut_notes(expected) == []
+    np.testing.assert_array_equal(recording.sensors["shank_right"].acc, expected.sensors["shank_right"].acc)
+
+
+@pytest.mark.parametrize("left", ["-", "0.", "", "1.2"])
+def test_half_a_number_at_the_end_is_left_out(tmp_path, left):
+    text = text_of().rstrip("\n")
+    recording = written(tmp_path, text[: text.rindex(",") + 1] + left)
+    (note,) = cut_notes(recording)
+    assert f"line 601 has 13 of 13 values, the last of them '{left}'" in note.text
+    assert len(recording.sensors["shank_right"].time) == 599
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_whole_files_are_not_noted(tmp_path, separator):
+    text = text_of(sep=separator)
+    for same in (text, text.rstrip("\n"), text + "\n\n"):
+        recording = written(tmp_path, same)
+        assert cut_notes(recording) == [] and len(recording.sensors["shank_right"].time) == 600
+    ranged = table().assign(feet_range=np.where(np.arange(600) % 7 == 0, 0.2, np.nan))
+    assert cut_notes(written(tmp_path, ranged.to_csv(index=False, sep=separator).rstrip("\n"))) == []
+
+
+def test_quoted_names_and_long_files(tmp_path):
+    """The end that is searched begins within a row."""
+    text = table(20_000).rename(columns=lambda name: f'"{name}"').to_csv(index=False, quoting=3, escapechar="\\")
+    text = text.replace('\\"', '"')
+    assert len(text) > 2 * io.rows.TAIL
+    assert cut_notes(written(tmp_path, text)) == []
+    (note,) = cut_notes(written(tmp_path, text.rstrip("\n").rsplit(",", 3)[0]))
+    assert note.values["line"] == 20_001 and note.values["rows"] == 19_999
+
+
+def test_the_reader_of_other_names_notes_half_a_number(tmp_path):
+    path = tmp_path / "foot_left.csv"
+    frame = table(placements=("shank_right",)).rename(columns=lambda name: name.removeprefix("shank_right_"))
+    text = text_of(frame).rstrip("\n")
+    path.write_text(text[: text.rindex(",") + 3])
+    assert len(cut_notes(io.read(path))) == 1
