@@ -96,7 +96,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
 
 ACCUSED = (
     "gyroscope_disagrees", "gyroscope_slow", "sides_differ", "accelerometer_late", "channel_wrapped", "tilts_apart",
-    "turns_apart",
+    "turns_apart", "one_turns_apart",
 )  # fmt: skip
 """Codes of readers' notes by which the signals of a whole sensor are wrong, not some samples; where a note names two
 sensors, either may be the wrong one."""
