@@ -82,7 +82,7 @@ def all_sensors(person: Mapping[str, PyTree], ending: str) -> EstimateJob:
         "all", table,
         "± one standard deviation, of one stride or of the distance; length, speed, steps and stance: medians over "
         "whole strides; angles: smallest … largest flexion; whole tables in the files",
-        _planned_of(ending), partial(analyse, person=person), lambda made: without_repeats(made.notes),
+        _planned_of(ending), partial(analyse, person=person), lambda made: made.notes,
         partial(_written, ending=ending), _rows, _numbers,
     )  # fmt: skip
 
@@ -175,7 +175,7 @@ def _numbers(made: PyTree, files: list[Path]) -> dict[str, PyTree]:
         "distance_m": None if distance is None else distance.value,
         "distance_std_m": None if distance is None else distance.stddev,
         "person": made.person,
-        "notes": [note.to_dict() for note in without_repeats(made.notes)],
+        "notes": [note.to_dict() for note in made.notes],
         "files": [str(path) for path in files],
         **rows,
     }

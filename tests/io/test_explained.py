@@ -202,3 +202,12 @@ def test_lost_rows_are_no_delay_within_a_sensor(rows):
     found = checks(damaged(rows, "5 % of rows missing, with stamps", "shank_left"))
     assert delays.ACCELEROMETER_LATE.code not in codes(found)
     assert codes(found) == ["gaps_filled"]
+
+
+@pytest.mark.parametrize(("samples", "named"), [(2, False), (3, True)])
+def test_at_25_hz_a_delay_by_one_sample_is_none(rows, samples, named):
+    """Without a shift, the accelerometer is one of these samples early."""
+    shank = {kind: values[::4] for kind, values in rows.sensors["shank_right"].items()}
+    shank["acc"] = np.roll(shank["acc"], samples, axis=0)
+    late = codes(checks(rows._replace(sensors={"shank_right": shank}, time=rows.time[::4])))
+    assert (delays.ACCELEROMETER_LATE.code in late) == named

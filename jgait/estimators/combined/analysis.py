@@ -18,6 +18,7 @@ from jgait.estimators.combined.compare import (
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.notes import without_repeats
 from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, STRIDES_IMPLAUSIBLE
 from jgait.notes import SEVERITIES, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, as_float
@@ -87,7 +88,7 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
     every = [*findings.notes, *differ, *recording.notes, *notes]
     every += [note for source in found for note in source.estimate.diagnostics["notes"]]
-    order = sorted(dict.fromkeys(every), key=lambda note: SEVERITIES.index(note.severity))
+    order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     estimate = _assembled(found, strides, total)
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": tuple(order)})
     rows = comparisons(found, strides, ways, total)

@@ -172,6 +172,8 @@ def test_what_a_gap_hides_is_in_the_deviation_of_the_distance(walked):
     assert missed < 2.0 * told["shanks"].stddev
     assert abs(told["combined"].value / true - 1.0) < 0.03
     assert told["combined"].stddev < 0.4
+    losses = [note.code for note in found.notes if "shank_right" in note.text]
+    assert "stretch_missing" in losses and "samples_lost" not in losses
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
