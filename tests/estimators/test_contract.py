@@ -1,7 +1,7 @@
 """Laws that every registered estimator keeps, on two short walks of its own (`made.estimators`).
 
-Most of the time goes into compiling, so the laws share programs: that of every recording, one of a batch of shorter
-inputs, one in single precision, and one of an estimate with its derivative along a direction of the parameters.
+Most of the time goes into compiling, so the laws share programs: that of every recording, one in single precision, and
+one of a batch of shorter inputs with the derivative along a direction of the parameters, in two where that takes less.
 """
 
 import functools
@@ -65,6 +65,10 @@ def estimates(name: str) -> tuple[Any, ...]:
 def batch(name: str) -> Any:
     """The estimates of both walks side by side, with less padding behind them."""
     case, run = case_of(name), run_of(name)
+    if case.light == case.options:  # the program of the derivatives computes them beside
+        _, values, _ = parameters(name)
+        rows = np.tile(values, (2, 1))
+        return derivatives(name, rows, 0.0 * rows, np.arange(2))[2]
     stacked = jax.tree.map(lambda *v: np.stack(v), *case.inputs)
     return jax.jit(jax.vmap(lambda inputs: run(case.params, inputs, case.options)))(stacked)
 
@@ -226,17 +230,18 @@ def test_single_precision_stays_single_and_is_near_to_double(name):
 
 @functools.cache
 def derivative_program(name: str) -> Callable[..., Any]:
-    """Rows of parameters and directions (K, n) → an estimate and its derivative for each row."""
+    """Rows of parameters, directions (K, n) and inputs → numbers, their derivative and the estimate for each row."""
     case, run = case_of(name), run_of(name)
     tree = jax.tree.structure(case.params)
 
-    def f(v: Any, i: Any) -> dict[str, Any]:
-        return numbers(run(jax.tree.unflatten(tree, list(v)), i, case.light))
+    def f(v: Any, i: Any) -> tuple[dict[str, Any], Any]:
+        result = run(jax.tree.unflatten(tree, list(v)), i, case.light)
+        return numbers(result), result
 
     def slope(v: Any, w: Any, i: Any) -> Any:
-        return jax.jvp(lambda x: f(x, i), (v,), (w,))
+        return jax.jvp(lambda x: f(x, i), (v,), (w,), has_aux=True)
 
-    return jax.jit(jax.vmap(slope, (0, 0, None)))
+    return jax.jit(jax.vmap(slope))
 
 
 def numbers(result: Any) -> dict[str, Any]:
@@ -265,13 +270,19 @@ ROWS = 8
 """Rows that the program of the derivatives computes at once."""
 
 
-def along(name: str, values: np.ndarray, ways: np.ndarray, number: int = 0) -> tuple[dict[str, np.ndarray], ...]:
-    """An estimate and its derivative, a row for each row of parameters and directions."""
-    program, inputs, found = derivative_program(name), case_of(name).inputs[number], []
+def derivatives(name: str, values: np.ndarray, ways: np.ndarray, walks: np.ndarray) -> tuple[Any, ...]:
+    """Numbers, derivatives and estimates: a row for each row of parameters, directions and numbers of walks."""
+    program, inputs, found = derivative_program(name), case_of(name).inputs, []
     for first in range(0, len(values), ROWS):
         rows = np.minimum(first + np.arange(ROWS), len(values) - 1)
-        found.append(jax.tree.map(np.asarray, program(values[rows], ways[rows], inputs)))
+        stacked = jax.tree.map(lambda *v: np.stack(v), *(inputs[walk] for walk in walks[rows]))
+        found.append(jax.tree.map(np.asarray, program(values[rows], ways[rows], stacked)))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[: len(values)], *found)
+
+
+def along(name: str, values: np.ndarray, ways: np.ndarray, number: int = 0) -> tuple[dict[str, np.ndarray], ...]:
+    """Numbers of an estimate and their derivatives, a row for each row of parameters and directions."""
+    return derivatives(name, values, ways, np.full(len(values), number))[:2]
 
 
 @functools.cache
