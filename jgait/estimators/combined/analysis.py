@@ -8,18 +8,15 @@ from jaxtyping import PyTree
 
 from jgait.estimators.combined.compare import (
     Comparison,
-    WalkedDistance,
     comparisons,
-    distances,
     length_notes,
     side_notes,
-    walked,
 )
 from jgait.estimators.combined.crosscheck import crosscheck
+from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, STRIDES_IMPLAUSIBLE
 from jgait.notes import SEVERITIES, Note
 from jgait.types import Estimate, Legs, Recording, RecordingError, as_float
 
@@ -76,17 +73,11 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
     found, notes = sources(usable, body)
     wrong, late = _named(recording, ACCUSED), _named(recording, CLOCKS)
     strides = joined(found, findings.doubtful | wrong | late)
-    ways = distances(found, usable, body)
-    unsure = frozenset(
-        source.name
-        for source in found
-        if (findings.doubtful | wrong | (late if source.name == "legs" else set())).intersection(source.placements)
-        or not _sound(source.estimate)
-    )
-    total, differ = walked(ways, unsure)
+    ways, one_sided = distances(found, usable, body, findings.doubtful | wrong, late)
+    total, differ = walked(ways)
     if strides is not None:
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
-    every = [*findings.notes, *differ, *recording.notes, *notes]
+    every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
     every += [note for source in found for note in source.estimate.diagnostics["notes"]]
     order = sorted(without_repeats(every), key=lambda note: SEVERITIES.index(note.severity))
     estimate = _assembled(found, strides, total)
@@ -116,12 +107,6 @@ def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
         for name in ("placement", "other", "channel")
     ]
     return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in said))
-
-
-def _sound(estimate: Estimate) -> bool:
-    """Whether the distance of an estimate can be used by its own notes: no stop, no stride or speed of no person."""
-    implausible = {STRIDES_IMPLAUSIBLE.code, SPEED_IMPLAUSIBLE.code}
-    return not any(note.severity == "stop" or note.code in implausible for note in estimate.diagnostics["notes"])
 
 
 def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None) -> Estimate:

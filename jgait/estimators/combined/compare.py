@@ -6,16 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.checks import lost_between
+from jgait.estimators.combined.distance import WalkedDistance
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides, combined, correlation
-from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
-from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.plausible import impossible
-from jgait.estimators.proportions import SHARE_SD, SHARES
+from jgait.estimators.combined.strides import CONSISTENT, JoinedStrides
 from jgait.notes import WRONG_PLACE, Kind, Note
-from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, as_float
+from jgait.types import SIDES, as_float
 
 LENGTHS_DIFFER = Kind(
     "lengths_differ", "check", "stride length: {source} says {length:.2f} m, {other} {other_length:.2f} m (medians of "
@@ -23,25 +18,12 @@ LENGTHS_DIFFER = Kind(
     "At least one of the two is wrong: a measure of the person, a sensor's place, its range or its label. Both are in "
     "the table of sources; the combined table has the more certain one.",
 )  # fmt: skip
-DISTANCES_DIFFER = Kind(
-    "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
-    "than their deviations allow",
-    "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources. "
-    "The combined distance is from the sources that no other note puts in doubt; of these, the more certain ones.",
-)  # fmt: skip
 FEET_OF_CONTACTS_DIFFER = Kind(
     "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of "
     "{contacts} contacts: the labels of the right and left sensors seem exchanged, or the waist's sensor faces "
     "the other way",
     WRONG_PLACE,
 )  # fmt: skip
-
-LEG_DISTANCE_SD = 0.06
-"""[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
-learned on the person; errors on people left out by `experiments/unseen`."""
-
-USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
-"""[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
 
 SAME_CONTACT = 0.25
 """[s] Largest difference of the times of one contact in two sources."""
@@ -69,106 +51,6 @@ class Comparison(NamedTuple):
     value: float
     stddev: float | None
     strides: int
-
-
-class WalkedDistance(NamedTuple):
-    """Distance of the whole walk (T,) [m], with the time [s], and the standard deviation at the end [m]."""
-
-    source: str
-    time: np.ndarray
-    distance: np.ndarray
-    stddev: float
-
-
-def distances(
-    sources: Sequence[SourceEstimate], recording: Recording, person: dict[str, float]
-) -> list[WalkedDistance]:
-    """The distance of every source that has one, the most certain first.
-
-    Errors of a source's strides are taken to have one cause, so that they add up. The part of the walk that it did not
-    see, because samples are lost, counts in its deviation.
-    """
-    found = []
-    for source in sources:
-        estimate = source.estimate
-        if estimate.distance is None or source.name == "width":
-            continue
-        total = float(estimate.distance[-1])
-        told = estimate.diagnostics.get("distance_stddev")
-        if told is not None and source.name != "legs":
-            sd = float(np.ravel(told)[-1])
-        elif estimate.strides is not None and estimate.strides_stddev is not None:
-            lengths = float(np.nansum(as_float(estimate.strides.length)))
-            sd = total * float(np.nansum(as_float(estimate.strides_stddev.length))) / max(lengths, 1e-6)
-        else:
-            share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
-            sd = total * float(np.hypot(LEG_DISTANCE_SD, share))
-        sd = float(np.hypot(sd, _not_known(source, recording)))
-        if total > 0.0 and sd > 0.0:
-            found.append(WalkedDistance(source.name, as_float(estimate.time), as_float(estimate.distance), sd))
-    return sorted(found, key=lambda one: one.stddev)
-
-
-def _not_known(source: SourceEstimate, recording: Recording) -> float:
-    """Length [m] of what a source did not see of a walk, or of strides that no person walks; mean of its sides."""
-    strides = source.estimate.strides
-    if strides is None:
-        notes = source.estimate.diagnostics["notes"]
-        return USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes if note.code == NOT_ESTIMATED.code)
-    length, beyond = as_float(strides.length), impossible(strides)
-    unknown = []
-    for number, side in enumerate(SIDES):
-        worn = [name for name in source.placements if name.endswith(side)]
-        own = np.asarray(strides.side) == number
-        if worn:
-            seen = own & ~beyond
-            seconds = _not_seen(recording.sensors[worn[0]], as_float(strides.start)[seen], as_float(strides.end)[seen])
-            unknown.append(USUAL_SPEED * seconds + float(np.nansum(length[own & beyond])))
-    if unknown:
-        return float(np.mean(unknown))
-    trunk = recording.sensors[source.placements[0]]
-    time = as_float(trunk.time)
-    gone = [time[end - 1] - time[begin] for begin, end in true_runs(~np.asarray(trunk.mask, bool))]
-    return USUAL_SPEED * float(sum(seconds for seconds in gone if seconds > LONGEST_LOSS))
-
-
-def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
-    """Duration [s] between strides, given by start and end [s], where so much is lost that strides can be missing."""
-    time = as_float(imu.time)
-    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in ([time[0], *end], [*start, time[-1]])]
-    lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
-    total = 0.0
-    for after, before, gone in zip([time[0], *end], [*start, time[-1]], lost, strict=True):
-        if gone > LONGEST_LOSS:
-            total += float(min(before - after, gone + 2.0 * USUAL_STRIDE_S))
-    return total
-
-
-def walked(found: Sequence[WalkedDistance], doubtful: frozenset[str]) -> tuple[WalkedDistance | None, list[Note]]:
-    """The distances of several sources combined by their variances, and a note for each that contradicts the first.
-
-    The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
-    half of the difference between them is part of the deviation.
-    """
-    sure = [one for one in found if one.source not in doubtful]
-    apart = 0.0
-    if not sure:
-        sure = list(found)
-        apart = 0.5 * float(np.ptp([one.distance[-1] for one in sure])) if sure else 0.0
-    if not sure:
-        return None, []
-    ends = np.array([one.distance[-1] for one in sure])
-    shared = correlation([one.source for one in sure])
-    value, sd, kept = combined(ends, np.array([one.stddev for one in sure]), shared)
-    best = next(one for one, keeps in zip(sure, kept, strict=True) if keeps)
-    own = best.distance[-1]
-    notes = [
-        DISTANCES_DIFFER(source=best.source, distance=own, other=one.source, other_distance=one.distance[-1])
-        for one in found
-        if abs(one.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(one.stddev, best.stddev))
-    ]  # fmt: skip
-    used = "+".join(one.source for one, keeps in zip(sure, kept, strict=True) if keeps)
-    return WalkedDistance(used, best.time, best.distance * value / best.distance[-1], float(np.hypot(sd, apart))), notes
 
 
 def comparisons(

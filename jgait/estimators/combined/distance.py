@@ -1,0 +1,206 @@
+"""The distance of a walk by each source and by all together; what is in doubt counts only if there is no other."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jgait.estimators.checks import lost_between
+from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
+from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED
+from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.plausible import SPEED_IMPLAUSIBLE, impossible
+from jgait.estimators.proportions import SHARE_SD, SHARES
+from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.signal.windows import true_runs
+from jgait.types import SIDES, Imu, Recording, as_float
+
+DISTANCES_DIFFER = Kind(
+    "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
+    "than their deviations allow",
+    "At least one of the two is wrong, or some strides are missing in one of them. Both are in the table of sources. "
+    "The combined distance is from the sources that no other note puts in doubt; of these, the more certain ones.",
+)  # fmt: skip
+DISTANCE_OF_ONE_SIDE = Kind(
+    "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
+    "other side is in doubt or lost samples", LEFT_OUT,
+)  # fmt: skip
+
+LEG_DISTANCE_SD = 0.06
+"""[1] Standard deviation of the distance of `leg_ekf` over the distance, with measured segments and without a scale
+learned on the person; errors on people left out by `experiments/unseen`."""
+
+USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
+"""[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
+
+ALIKE = 0.5
+"""[m] Largest difference of what the two sides did not see, with which both count in the distance."""
+
+
+ONE_SIDE = 0.03
+"""[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
+`walking5m` (root mean square), 0.01 on `tripod`."""
+
+
+class WalkedDistance(NamedTuple):
+    """Distance of a whole walk.
+
+    Attributes:
+        source: name of the source, or of the sources that are combined.
+        time: (T,) [s].
+        distance: (T,) [m].
+        stddev: standard deviation at the end [m].
+        doubtful: whether its sensors are in doubt, so that it counts only if there is no other.
+    """
+
+    source: str
+    time: np.ndarray
+    distance: np.ndarray
+    stddev: float
+    doubtful: bool
+
+
+class _Side(NamedTuple):
+    """What the sensor of one side says: sum of stride lengths [m], what it did not see [m], whether it is in doubt."""
+
+    name: str
+    length: float
+    unknown: float
+    doubtful: bool
+
+
+def distances(
+    sources: Sequence[SourceEstimate], recording: Recording, person: dict[str, float], wrong: frozenset[str],
+    late: frozenset[str],
+) -> tuple[list[WalkedDistance], list[Note]]:  # fmt: skip
+    """The distance of every source that has one, the most certain first, and notes about sides that do not count.
+
+    Errors of a source's strides are taken to have one cause, so that they add up. The part of the walk that a source
+    did not see, because samples are lost, and strides that no person walks count in its deviation. Of two sides the
+    distance is the mean, unless one is in doubt or saw less.
+
+    Args:
+        sources: the sources.
+        recording: the signals.
+        person: measures of the person.
+        wrong: placements whose signals, label or unit are in doubt.
+        late: placements whose clock is; the strides of a single sensor hold nevertheless.
+    """
+    found, notes = [], []
+    for source in sources:
+        estimate = source.estimate
+        if estimate.distance is None or source.name == "width":
+            continue
+        total = float(estimate.distance[-1])
+        told = estimate.diagnostics.get("distance_stddev")
+        if told is not None and source.name != "legs":
+            sd = float(np.ravel(told)[-1])
+        elif estimate.strides is not None and estimate.strides_stddev is not None:
+            lengths = float(np.nansum(as_float(estimate.strides.length)))
+            sd = total * float(np.nansum(as_float(estimate.strides_stddev.length))) / max(lengths, 1e-6)
+        else:
+            share = SHARE_SD / SHARES["thigh_length"] if "height" in person else 0.0
+            sd = total * float(np.hypot(LEG_DISTANCE_SD, share))
+        doubted = _stopped(source) | (wrong if source.name != "legs" else wrong | late)
+        sides = _sides(source, recording, doubted)
+        used = _best(sides)
+        if used and len(used) < len(sides):
+            scale = float(np.mean([one.length for one in used]) / max(np.mean([one.length for one in sides]), 1e-6))
+            notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
+            unknown, doubtful = float(np.hypot(used[0].unknown, ONE_SIDE * scale * total)), used[0].doubtful
+        else:
+            scale = 1.0
+            unknown = float(np.mean([one.unknown for one in sides])) if sides else _not_measured(source, recording)
+            doubtful = bool(doubted.intersection(source.placements)) or _too_fast(source)
+        if total > 0.0 and sd > 0.0:
+            way = scale * as_float(estimate.distance)
+            spread = float(np.hypot(scale * sd, unknown))
+            found.append(WalkedDistance(source.name, as_float(estimate.time), way, spread, doubtful))
+    return sorted(found, key=lambda one: one.stddev), notes
+
+
+def _stopped(source: SourceEstimate) -> frozenset[str]:
+    """Placements of a source whose numbers are not to be used by the source's own notes."""
+    stops = [note for note in source.estimate.diagnostics["notes"] if note.severity == "stop"]
+    return frozenset(name for note in stops for name in source.placements if note.values.get("placement", name) == name)
+
+
+def _too_fast(source: SourceEstimate) -> bool:
+    return any(note.code == SPEED_IMPLAUSIBLE.code for note in source.estimate.diagnostics["notes"])
+
+
+def _best(sides: list[_Side]) -> list[_Side]:
+    """The sides that are not in doubt, if there are any; of these, those that saw the most of the walk."""
+    sound = [one for one in sides if not one.doubtful] or sides
+    least = min((one.unknown for one in sound), default=0.0)
+    return [one for one in sound if one.unknown <= least + ALIKE]
+
+
+def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
+    """The sides of a source whose strides are measured by one sensor each; none of other sources."""
+    strides = source.estimate.strides
+    found: list[_Side] = []
+    if strides is None:
+        return found
+    length, beyond = as_float(strides.length), impossible(strides)
+    for number, side in enumerate(SIDES):
+        own = (np.asarray(strides.side) == number) & np.asarray(strides.valid, bool)
+        for name in source.placements:
+            if name.endswith(side):
+                start, end = (as_float(part)[own & ~beyond] for part in (strides.start, strides.end))
+                unknown = USUAL_SPEED * _not_seen(recording.sensors[name], start, end)
+                unknown += float(np.nansum(length[own & beyond]))
+                found.append(_Side(side, float(np.nansum(length[own])), unknown, name in doubted))
+    return found
+
+
+def _not_measured(source: SourceEstimate, recording: Recording) -> float:
+    """Length [m] of what a source without a sensor for each side did not see of a walk."""
+    notes = source.estimate.diagnostics["notes"]
+    if source.estimate.strides is None:
+        return USUAL_SPEED * sum(float(note.values["seconds"]) for note in notes if note.code == NOT_ESTIMATED.code)
+    trunk = recording.sensors[source.placements[0]]
+    time = as_float(trunk.time)
+    gone = [time[end - 1] - time[begin] for begin, end in true_runs(~np.asarray(trunk.mask, bool))]
+    return USUAL_SPEED * float(sum(seconds for seconds in gone if seconds > LONGEST_LOSS))
+
+
+def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray) -> float:
+    """Duration [s] between strides, given by start and end [s], where so much is lost that strides can be missing."""
+    time = as_float(imu.time)
+    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in ([time[0], *end], [*start, time[-1]])]
+    lost = lost_between(~np.asarray(imu.mask, bool), time, *edges)
+    total = 0.0
+    for after, before, gone in zip([time[0], *end], [*start, time[-1]], lost, strict=True):
+        if gone > LONGEST_LOSS:
+            total += float(min(before - after, gone + 2.0 * USUAL_STRIDE_S))
+    return total
+
+
+def walked(found: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, list[Note]]:
+    """The distances of several sources combined by their variances, and a note for each that contradicts the first.
+
+    The combined distance follows the most certain source in time. Doubtful sources count if there are no others; then
+    half of the difference between them is part of the deviation.
+    """
+    sure = [one for one in found if not one.doubtful]
+    apart = 0.0
+    if not sure:
+        sure = list(found)
+        apart = 0.5 * float(np.ptp([one.distance[-1] for one in sure])) if sure else 0.0
+    if not sure:
+        return None, []
+    ends = np.array([one.distance[-1] for one in sure])
+    shared = correlation([one.source for one in sure])
+    value, sd, kept = combined(ends, np.array([one.stddev for one in sure]), shared)
+    best = next(one for one, keeps in zip(sure, kept, strict=True) if keeps)
+    own = best.distance[-1]
+    notes = [
+        DISTANCES_DIFFER(source=best.source, distance=own, other=one.source, other_distance=one.distance[-1])
+        for one in found
+        if abs(one.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(one.stddev, best.stddev))
+    ]  # fmt: skip
+    used = "+".join(one.source for one, keeps in zip(sure, kept, strict=True) if keeps)
+    way = best.distance * value / best.distance[-1]
+    return WalkedDistance(used, best.time, way, float(np.hypot(sd, apart)), best.doubtful), notes
