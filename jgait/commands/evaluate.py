@@ -15,6 +15,7 @@ from jgait.commands.console import Bar, console, count, note, progress, say_fail
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, losses_of
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of
+from jgait.commands.warnings import say_warnings
 from jgait.report.cohort import DRAWN
 from jgait.report.recording import CURVES, readable
 
@@ -110,6 +111,7 @@ def evaluate(
     _show(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}", results, agreement)
     if judged is not None:
         _show_losses(judged, names)
+    say_warnings(results.recordings[["recording", "notes"]].itertuples(index=False, name=None), out)
     wrote(files)
     if failures:
         console.print(f"{len(failures)} of {len(failures) + len(results.recordings)} recordings could not be used")

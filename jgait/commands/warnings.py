@@ -1,0 +1,59 @@
+"""The warnings that `jgait evaluate` prints: what the notes of a cohort's recordings say, gravest first."""
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from jgait.commands.console import count, note
+from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, SEVERITIES, Note, from_json, printable
+
+ADVICE = {"stop": "do not use the result", "check": "check"}
+"""Severity that is printed → what to do."""
+
+USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE)
+"""Meanings of notes that most cohorts have without any fault; of one severity they come last."""
+
+MOST_KINDS = 5
+"""Largest number of kinds that are printed."""
+
+LONGEST_EXAMPLE = 200
+"""[characters] Longest sentence that is printed of a kind."""
+
+
+def say_warnings(recordings: Iterable[tuple[str, str]], folder: Path) -> None:
+    """Print how many recordings have notes of the severities in `ADVICE`, their kinds, and where all notes are.
+
+    Nothing is printed if there are none.
+
+    Args:
+        recordings: name, and notes in JSON as in recordings.csv.
+        folder: folder of the results.
+    """
+    kinds: Counter[tuple[str, str]] = Counter()
+    example: dict[tuple[str, str], tuple[str, Note]] = {}
+    doubted = unusable = whole = 0
+    for name, text in recordings:
+        grave = {(one.severity, one.code): (name, one) for one in from_json(text) if one.severity in ADVICE}
+        kinds.update(grave.keys())
+        example = grave | example
+        whole += 1
+        doubted += bool(grave)
+        unusable += any(severity == "stop" for severity, _ in grave)
+    if not kinds:
+        return
+
+    def rank(kind: tuple[str, str]) -> tuple[int, bool, int]:
+        _, one = example[kind]
+        return SEVERITIES.index(one.severity), one.meaning in USUAL, -kinds[kind]
+
+    more = f"; the results of {unusable} should not be used" if unusable else ""
+    verb = "has" if doubted == 1 else "have"
+    note(f"\n{doubted} of {count(whole, 'recording', 'recordings')} {verb} warnings{more}:")
+    ordered = sorted(kinds, key=rank)
+    for kind in ordered[:MOST_KINDS]:
+        name, one = example[kind]
+        sentence = printable(" ".join(one.text.split()), LONGEST_EXAMPLE)
+        note(f"  {ADVICE[one.severity]}, {count(kinds[kind], 'recording', 'recordings')}, such as {name}: {sentence}")
+    left = len(ordered) - MOST_KINDS
+    rest = f"{count(left, 'more kind', 'more kinds')}, and all sentences" if left > 0 else "all sentences"
+    note(f"{rest}: column notes of {folder / 'recordings.csv'}, or jgait report {folder}")
