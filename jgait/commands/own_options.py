@@ -12,6 +12,9 @@ from jgait import estimators
 from jgait.commands.console import stop
 from jgait.estimators.about import About, BodyMeasure, CommandOption
 
+SMALLER = {"cm": 100.0, "mm": 1000.0}
+"""Unit of length that may have been meant → how many are a metre."""
+
 
 class OwnOption(NamedTuple):
     """An option, and the names of the estimators that have it."""
@@ -73,13 +76,38 @@ def with_own_options(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
+def outside(name: str, value: float, low: float, high: float) -> str:
+    """The sentence about a measure in metres outside its range, with the unit that may have been meant; else ""."""
+    if low <= value <= high:
+        return ""
+    meant = [f"in {unit}? then {value / many:g}" for unit, many in SMALLER.items() if low <= value / many <= high]
+    hint = f" ({meant[0]})" if meant else ""
+    return f"{name} must be between {low:g} and {high:g} m; got {value:g}{hint}"
+
+
 def _parameter(known: OwnOption) -> inspect.Parameter:
     kind, low, high = known.option.kind, known.option.low, known.option.high
     text = f"{', '.join(known.estimators)}: {known.option.help}"
-    declared = typer.Option(known.option.name, min=low, max=high, help=text)
+    if low is not None and high is not None and "[m]" in known.option.help:
+        text += f" From {low:g} to {high:g}."
+        declared = typer.Option(known.option.name, callback=_in_metres(known.variable, low, high), help=text)
+    else:
+        declared = typer.Option(known.option.name, min=low, max=high, help=text)
     return inspect.Parameter(
         known.variable, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, declared]
     )
+
+
+def _in_metres(variable: str, low: float, high: float) -> Callable[[float | None], float | None]:
+    """The check of an option in metres, for typer."""
+
+    def checked(value: float | None) -> float | None:
+        wrong = "" if value is None else outside(variable.replace("_", " "), value, low, high)
+        if wrong:
+            raise typer.BadParameter(wrong)
+        return value
+
+    return checked
 
 
 def _line(name: str) -> str:

@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 
 from jgait import estimators
 from jgait.commands.console import stop
-from jgait.commands.own_options import own_options
+from jgait.commands.own_options import outside, own_options
 
 PersonFile = Annotated[
     Path | None,
@@ -34,8 +34,10 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
             stop(f"--person {file}: a person has {', '.join(sorted(known))}; got {name!r}")
         numbers = value if isinstance(value, list) else [value]
         low, high = known[name]
-        if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) and low <= v <= high for v in numbers):
+        if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
             stop(f"--person {file}: {name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")
+        for wrong in filter(None, (outside(name, number, low, high) for number in numbers)):
+            stop(f"--person {file}: {wrong}")
     return {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
 
 
