@@ -47,7 +47,7 @@ STANCES_RARE = Kind(
     "stop",
     "{placement}: no stance for so long that a stride is known to {deviation_m:.1f} m only",
     "The position is integrated from stance to stance, and drifts by metres without stances. Do not use positions and "
-    "lengths; a kneeling, crawling or carried foot does not stand.",
+    "lengths. Stances are missing where samples are lost; a kneeling, crawling or carried foot does not stand.",
 )
 
 DOUBTS = (INCONSISTENT.code, STRIDES_DOUBTFUL.code, STANCES_RARE.code)

@@ -17,8 +17,16 @@ from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources
 from jgait.estimators.combined.strides import JoinedStrides, joined
 from jgait.estimators.notes import without_repeats
-from jgait.notes import SEVERITIES, Note
-from jgait.types import Estimate, Legs, Recording, RecordingError, as_float
+from jgait.notes import SEVERITIES, Kind, Note
+from jgait.types import SIDES, Estimate, Legs, Recording, RecordingError, as_float
+
+ANGLES_DOUBTFUL = Kind(
+    "angles_doubtful",
+    "stop",
+    "hip and knee angles of the {sides} leg are not usable, because {sensors} is in doubt",
+    "Wrong axes, labels or clocks of a thigh or shank sensor shift the angles or turn them upside down, the hip's too. "
+    "Their stated deviations do not contain that.",
+)
 
 
 class Analysis(NamedTuple):
@@ -71,10 +79,12 @@ def analyse(recording: Recording, person: Mapping[str, PyTree] | None = None) ->
         raise RecordingError("; ".join(str(note) for note in findings.notes))
     usable = recording._replace(sensors=kept, notes=())
     found, notes = sources(usable, body)
-    wrong, late = _named(recording, ACCUSED), _named(recording, CLOCKS)
-    strides = joined(found, findings.doubtful | wrong | late)
-    ways, one_sided = distances(found, usable, body, findings.doubtful | wrong, late)
+    wrong = findings.doubtful | _named(recording, ACCUSED)
+    strides = joined(found, wrong | _named(recording, CLOCKS), wrong)
+    late = _apart(recording, found)
+    ways, one_sided = distances(found, usable, body, wrong, late)
     total, differ = walked(ways)
+    differ += _angles(found, findings.doubtful | _named(recording, AXES) | late)
     if strides is not None:
         differ = [*length_notes(found, strides), *differ, *side_notes(found, strides)]
     every = [*findings.notes, *differ, *recording.notes, *notes, *one_sided]
@@ -93,6 +103,9 @@ ACCUSED = (
 """Codes of readers' notes by which the signals of a whole sensor are wrong, not some samples; where a note names two
 sensors, either may be the wrong one."""
 
+AXES = tuple(code for code in ACCUSED if code != "sides_differ")
+"""Those of them by which joint angles are wrong; a leg that is spared also differs from the other one."""
+
 CLOCKS = ("sensor_late", "clocks_drift", "sides_out_of_step")
 """Codes of readers' notes by which a sensor's clock is wrong: its strides do not meet those of other sensors, but their
 lengths hold."""
@@ -107,6 +120,24 @@ def _named(recording: Recording, codes: Collection[str]) -> frozenset[str]:
         for name in ("placement", "other", "channel")
     ]
     return frozenset(name for name in recording.sensors if any(f"{word}_".startswith(f"{name}_") for word in said))
+
+
+def _apart(recording: Recording, found: list[SourceEstimate]) -> frozenset[str]:
+    """Sensors of thighs and shanks whose clocks differ from one another by a reader's notes."""
+    worn = {name for source in found if source.name == "legs" for name in source.placements}
+    pairs = [
+        {str(note.values.get("placement")), str(note.values.get("other"))}
+        for note in recording.notes
+        if note.code in ("sensor_late", "clocks_drift")
+    ]
+    return frozenset(name for pair in pairs if pair <= worn for name in pair)
+
+
+def _angles(found: list[SourceEstimate], wrong: frozenset[str]) -> list[Note]:
+    """A note if a sensor from which joint angles are computed is in doubt."""
+    names = [name for source in found if source.name == "legs" for name in source.placements if name in wrong]
+    sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
+    return [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
 
 
 def _assembled(found: list[SourceEstimate], strides: JoinedStrides | None, total: WalkedDistance | None) -> Estimate:

@@ -81,9 +81,9 @@ def comparisons(
 
 
 def regular(strides: JoinedStrides) -> np.ndarray:
-    """(n,) bool, strides that count in medians: no turns, stairs or half strides; all if there are none."""
+    """(n,) bool, strides that count in medians: no turns, stairs, half or doubtful ones; all if none is left."""
     usual = np.ones(len(strides.first), bool)
-    for name in ("turning", "stairs", "half"):
+    for name in ("turning", "stairs", "half", "doubtful"):
         usual &= ~strides.flags.get(name, np.zeros(len(usual), bool))
     return usual if usual.any() else np.ones(len(usual), bool)
 

@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.plausible import impossible
-from jgait.estimators.stride_flags import CLIPPED, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
+from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNSURE
 from jgait.types import SIDES, Flags, Strides, as_float
 
 SAME = 0.5
@@ -19,6 +19,9 @@ ALONE = 0.3
 
 CONSISTENT = 3.0
 """[1] Values of a stride are combined if they differ by less than so many standard deviations of their difference."""
+
+BRIEF = 0.6
+"""[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
 
 SAME_END = 0.1
 """[s] Largest difference between the ends of a stride of the feet and the same stride with a width."""
@@ -59,12 +62,15 @@ class JoinedStrides(NamedTuple):
     contradicts: np.ndarray
 
 
-def joined(sources: Sequence[SourceEstimate], doubtful: frozenset[str] = frozenset()) -> JoinedStrides | None:
+def joined(
+    sources: Sequence[SourceEstimate], doubtful: frozenset[str] = frozenset(), wrong: frozenset[str] = frozenset()
+) -> JoinedStrides | None:
     """The strides of all sources as one table; None if no source has a table of strides.
 
     Args:
         sources: in the order in which times are preferred.
         doubtful: placements whose strides are not combined with those of other sources, unless nothing else is left.
+        wrong: those of them whose strides are in doubt themselves, and not only their times.
     """
     having = [source for source in sources if source.estimate.strides is not None and source.name != "width"]
     if not having:
@@ -80,7 +86,8 @@ def joined(sources: Sequence[SourceEstimate], doubtful: frozenset[str] = frozens
             if trusted[source.name, side] or alone or not of_side:
                 _add(of_side, source, number)
         groups += [group for *_, group in of_side]
-    return _table(having, groups, trusted, next((s for s in sources if s.name == "width"), None))
+    doubts = {source.name: _doubted(source, wrong) for source in having}
+    return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
 
 
 def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> bool:
@@ -108,11 +115,10 @@ def _add(groups: list[tuple[float, float, dict[str, int]]], source: SourceEstima
 
 def _table(
     sources: Sequence[SourceEstimate], groups: list[dict[str, int]], trusted: Mapping[tuple[str, str], bool],
-    width: SourceEstimate | None,
+    doubts: Mapping[str, np.ndarray], width: SourceEstimate | None,
 ) -> JoinedStrides:  # fmt: skip
     by_name = {source.name: source for source in sources}
     marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
-    doubts = {name: _doubted(source) for name, source in by_name.items()}
     told = [_told(by_name, group, trusted, doubts, marks) for group in groups]
     told.sort(key=lambda one: one.values["start"])
     n = len(told)
@@ -123,6 +129,7 @@ def _table(
     flags = {name: np.array([one.flags[name] for one in told], bool) for name in FLAGS}
     stated = {flag for own in marks.values() for flag, column in own.items() if column is not None}
     flags = {name: flag for name, flag in flags.items() if name in stated}
+    flags[DOUBTFUL.name] = np.array([one.doubtful for one in told], bool)
     if width is not None:
         flags["width_valid"] = _widths(values, spread, side, width)
     return JoinedStrides(
@@ -133,11 +140,20 @@ def _table(
     )  # fmt: skip
 
 
-def _doubted(source: SourceEstimate) -> np.ndarray:
-    """(n,) bool, strides of a source that contradict its model, or that nobody walks."""
-    beyond = impossible(source.estimate.strides)
-    doubted = source.estimate.diagnostics.get("doubtful")
-    return beyond if doubted is None else beyond | np.asarray(doubted, bool)
+def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
+    """(n,) bool, strides that contradict the source's model, that nobody walks, or of a sensor that is wrong."""
+    strides = source.estimate.strides
+    found = impossible(strides)
+    stated = source.estimate.diagnostics.get("doubtful")
+    if stated is not None:
+        found = found | np.asarray(stated, bool)
+    if strides.start is not None and strides.end is not None and len(found):
+        lasts = as_float(strides.end) - as_float(strides.start)
+        half = HALF.read(source.estimate)
+        found = found | ((lasts < BRIEF * np.median(lasts)) & ~(np.zeros(len(found), bool) if half is None else half))
+    for number, side in enumerate(SIDES):
+        found = found | ((np.asarray(strides.side) == number) & (not _trusted(source, side, wrong)))
+    return np.asarray(found)
 
 
 class _Told(NamedTuple):
@@ -151,6 +167,7 @@ class _Told(NamedTuple):
     flags: dict[str, bool]
     used: frozenset[str]
     contradicts: bool
+    doubtful: bool
 
 
 def _told(
@@ -188,7 +205,7 @@ def _told(
     if length_sd > 0.0:
         spread["speed"] = _of(own, "speed", row, spread=True) * spread["length"] / length_sd
     flags = {flag: any(marks[n][flag] is not None and bool(marks[n][flag][group[n]]) for n in names) for flag in FLAGS}
-    return _Told(first, side, group, values, spread, flags, used, contradicts)
+    return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[first][group[first]]))
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:

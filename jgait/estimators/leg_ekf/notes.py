@@ -18,14 +18,14 @@ NOT_ESTIMATED = Kind(
 )
 
 SEGMENT_ALONE = Kind(
-    "segment_alone", "info", "{placement} is worn without the {other} of that leg, which is left out", LEFT_OUT
+    "segment_alone", "info", "{placement} is left out, because it is worn without the {other} of that leg", LEFT_OUT
 )
 
 ONE_LEG = Kind(
     "one_leg",
     "check",
-    "only the {side} leg is worn: distances come out some 10 % short in simulation, unless distance_scale was learned "
-    "with one leg too",
+    "leg_ekf measures the {side} leg only: its distances come out some 10 % short in simulation, unless distance_scale "
+    "was learned with one leg too",
     "The steps of the other leg are not measured; the distance is the less certain for it.",
 )
 

@@ -8,6 +8,7 @@ import pytest
 import jgait
 from jgait import io, simulate
 from jgait.estimators.combined.analysis import ACCUSED, CLOCKS
+from jgait.estimators.combined.compare import regular
 from jgait.estimators.combined.strides import combined
 from jgait.io.damage import agreement, delays, paces, samples, tilts, turns
 from jgait.notes import Kind
@@ -103,7 +104,10 @@ def test_exchanged_shanks_are_named_and_not_combined(walked):
     sensors = recording.sensors
     exchanged = {"shank_right": sensors["shank_left"], "shank_left": sensors["shank_right"]}
     found = jgait.analyse(recording._replace(sensors={**sensors, **exchanged}), PERSON)
-    assert "the right and left shank sensors seem exchanged" in str(found.notes[0])
+    (note,) = (note for note in found.notes if note.code == "sides_exchanged")
+    assert "the right and left shank sensors seem exchanged" in str(note)
+    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    assert note.values["sides"] == "right and left"
     assert not found.strides.used["shanks"].any()
     assert errors(found.estimate.strides, truth).mean() < 0.02
 
@@ -160,6 +164,25 @@ def test_a_sensor_that_a_reader_accuses_is_left_out_of_the_combined_distance(wal
     assert abs(told["combined"].value / true - 1.0) < 0.03
     right = np.asarray(found.strides.strides.side) == 0
     assert not found.strides.used["shanks"][right].any()
+    assert not found.strides.flags["doubtful"][right & (found.strides.rows["feet"] >= 0)].any()
+    (note,) = (note for note in found.notes if note.code == "angles_doubtful")
+    assert note.values == {"sides": "right", "sensors": "shank_right"}
+
+
+def test_strides_that_only_a_wrong_sensor_measured_do_not_count_in_means(walked):
+    recording, _ = walked
+
+    def turned(sensor):
+        sensor["gyr"] *= -1.0
+
+    walk = read_again(recording, "foot_right", turned)
+    feet = {name: walk.sensors[name] for name in ("foot_right", "foot_left")}
+    found = jgait.analyse(walk._replace(sensors=feet), PERSON)
+    right = np.asarray(found.strides.strides.side) == 0
+    assert found.strides.flags["doubtful"][right].all()
+    told = next(c for c in found.comparisons if (c.quantity, c.source) == ("stride_length", "combined"))
+    left = found.estimate.strides.length[~right & regular(found.strides)]
+    assert (told.value, told.strides) == (pytest.approx(np.median(left)), left.size)
 
 
 def test_what_a_gap_hides_is_in_the_deviation_of_the_distance(walked):

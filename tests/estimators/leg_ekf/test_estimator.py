@@ -434,5 +434,5 @@ def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
     alone = leg_ekf.prepared(
         recording._replace(sensors={**one, "shank_left": imu}), DEFAULT._replace(distance="stance")
     )
-    assert any(note.startswith("only the right leg is worn") for note in texts(alone.notes))
-    assert "shank_left is worn without the thigh of that leg, which is left out" in texts(alone.notes)
+    assert any(note.startswith("leg_ekf measures the right leg only") for note in texts(alone.notes))
+    assert "shank_left is left out, because it is worn without the thigh of that leg" in texts(alone.notes)
